@@ -1,8 +1,8 @@
-//! Several cases at once: the equations of motion of four rods, each in a SIMD lane, solved by one Newton's method.
+//! Batched steps: the equations of motion of four similar cases, each in a SIMD lane (AVX2), solved by one Newton iteration.
 //!
-//! A [`Batch`] makes the next step of each stepper ahead, from guess to reading; the stepper then goes on as it always does, and
-//! finds the step made. What does it is the same source as for one rod, generic over its number, so the results have the same bits. A case whose step does not converge at once is not solved ahead: its stepper
-//! does the step alone, from its beginning.
+//! A [`Batch`] solves the next step of each stepper in advance, from the initial guess to the measurements; the stepper then accepts it
+//! instead of solving it. The source is the same as for one rod, generic over its number type, so the results are bit-identical. If a
+//! case does not converge at once, its stepper solves the step alone, from the beginning.
 
 #[cfg(target_arch = "x86_64")]
 mod forces;
@@ -11,15 +11,12 @@ mod kernel;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) use kernel::Measured;
-
 use crate::stepper::Stepper;
 
-/// Cases that a batch takes.
+/// Number of cases in a batch.
 pub const WIDTH: usize = 4;
 
-/// Steppers' cases that may be solved together, see [`Batch::of`].
+/// Steppers whose steps are solved together, see [`Batch::of`].
 #[derive(Debug)]
 pub struct Batch {
     #[cfg(target_arch = "x86_64")]
@@ -28,9 +25,9 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// For at most [`WIDTH`] steppers at work on rods of as many nodes by the same method, in positions, in a uniform medium or in none,
-    /// under the same local drag law, with the water that the rod accelerates or without.
-    /// `None` for others, for fewer than two, and on a processor without AVX2.
+    /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, the integrator, nodal positions as unknowns, and the local
+    /// drag law, with or without the reactive force, in a uniform medium or none. `None` for others, for fewer than two steppers, and on
+    /// a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
         return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });
@@ -41,24 +38,24 @@ impl Batch {
         }
     }
 
-    /// True where there are steppers beside which it takes this one.
+    /// True if this stepper can be batched with others like it.
     pub fn takes(stepper: &Stepper) -> bool {
         Self::of(&[stepper; 2]).is_some()
     }
 
-    /// Solves the next internal step of every one of `steppers`, those that the batch is [of](Self::of) or some of them in the same
-    /// places. They are at the end of that step already with all that depends on the time alone: each has to do the step before
+    /// Solves the next internal step of each of `steppers`: all that the batch was [made of](Self::of), or some of them in the same
+    /// places. All that depends on time alone is then already at the end of that step, so each stepper must take the step before
     /// anything is read from it.
-    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) {
+    pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) {
         #[cfg(target_arch = "x86_64")]
         {
-            self.steps += self.kernel.solve_ahead(steppers);
+            self.steps += self.kernel.presolve(steppers);
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = steppers;
     }
 
-    /// The steps that it has solved so far, of all cases together.
+    /// Number of steps solved so far, of all cases.
     pub fn steps(&self) -> u64 {
         self.steps
     }

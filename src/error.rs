@@ -76,7 +76,7 @@ pub enum Error {
         /// What is wrong with it and what to do.
         problem: String,
     },
-    /// Work that was sent from elsewhere cannot be done.
+    /// A worker cannot do the work that it was sent, or a result that it returned is damaged.
     #[error("what was sent cannot be done: {problem}")]
     Parcel {
         /// What is wrong with it.

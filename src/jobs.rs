@@ -1,8 +1,9 @@
-//! Many independent runs: on all cores, each result on disk, whole, the moment it is done, and taken up again where they
-//! were after any end, `kill -9` and power cuts included.
+//! Resumable jobs: many independent runs on all cores, with each result on disk as soon as it is finished. A job resumes after any
+//! end, including `kill -9` and power cuts.
 //!
-//! A [`Journal`] is one file of lines, `checksum json`: first what the job is, then one line for each result in the
-//! order in which they came. [`run`] works through indices on several threads.
+//! A [`Journal`] is one file of lines `checksum json`: first the identity of the job, then one line per result in the order in
+//! which they finished. [`run`] works through indices on several threads; a [`Shard`] is a part of a job for one of several
+//! programs.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -21,42 +22,43 @@ use serde::{Deserialize, Serialize};
 use twox_hash::{XxHash3_64, XxHash3_128};
 
 use crate::error::{Error, Result};
+use crate::files::write_error;
 
-/// A cut of power costs at most the results of about this time.
-const SYNC_EVERY: Duration = Duration::from_secs(1);
+/// A power cut costs at most the results of about this time.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Version and build of this program: results of two builds are not continued as one.
+/// Version and build of this program: results of different builds are not mixed.
 pub const BUILD: &str = env!("CAUDAL_BUILD");
 
-/// The hash (XXH3, 128 bits, in hexadecimal) that says whether two texts are the same.
+/// XXH3 hash, 128 bits in hexadecimal.
 pub fn hash(text: &[u8]) -> String {
     format!("{:032x}", XxHash3_128::oneshot(text))
 }
 
-/// What the results of a journal belong to; two journals of the same job have the same.
+/// The identity of a job: journals of the same job are equal in it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Job {
-    /// What kind of work it is, and its name.
+    /// Kind and name of the work.
     pub name: String,
-    /// Hash of everything that the results depend on, see [`hash`].
+    /// Hash of all inputs of the results, see [`hash`].
     pub hash: String,
     /// Version and build of the program, see [`BUILD`].
     pub caudal_version: String,
     /// Number of results of the whole job.
     pub size: usize,
-    /// What of each result is kept, in words.
+    /// Description of what is recorded per result.
     #[serde(default)]
     pub kept: String,
 }
 
 impl Job {
-    /// The job `name` of this program with `size` results that depend on `inputs` alone.
+    /// The job `name` of this build with `size` results that depend on `inputs` alone.
     pub fn new(name: &str, inputs: &[u8], size: usize) -> Self {
         let caudal_version = BUILD.to_string();
         Self { name: name.to_string(), hash: hash(inputs), caudal_version, size, kept: String::new() }
     }
 
-    /// How `other` differs, in words; `None` where it is the same.
+    /// A description of how `other` differs; `None` if it is the same.
     pub fn difference(&self, other: &Self) -> Option<String> {
         let differs = |what: &str, mine: &str, its: &str| (mine != its).then(|| format!("{what} {its}, now {mine}"));
         differs("of", &self.name, &other.name)
@@ -67,36 +69,36 @@ impl Job {
     }
 }
 
-/// A result as it stands in a line.
+/// A result in a line.
 #[derive(Serialize, Deserialize)]
-struct Entry<T> {
+struct JournalEntry<T> {
     index: usize,
     result: T,
 }
 
-/// What the first line of a file says.
+/// The first line of a file.
 #[derive(Debug, PartialEq)]
-enum Start {
+enum FirstLine {
     Job(Job),
-    /// There is none, or it was not finished.
+    /// Missing or incomplete.
     Torn,
-    /// Something else.
+    /// Not that of a journal.
     Other,
 }
 
-/// The descriptors of the journals that this process holds.
+/// File descriptors of the journals that this process has locked.
 #[cfg(unix)]
 static HELD: Mutex<Vec<i32>> = Mutex::new(Vec::new());
 
-/// The descriptors of the journals that this process holds locked. A process that is forked from it shares the locks, which last until
-/// every copy is closed: it puts other files in their places.
+/// File descriptors of the journals that this process has locked. A forked process shares the locks, which last until all copies
+/// are closed, so it must replace these descriptors.
 #[cfg(unix)]
 pub fn held_descriptors() -> Vec<i32> {
     // Whoever held the list when the process was forked is not there to release it.
     HELD.try_lock().map(|held| held.clone()).unwrap_or_default()
 }
 
-/// Notes that `file` is held locked, or not any more.
+/// Records that `file` is locked, or no longer.
 fn note_held(file: &File, held: bool) {
     #[cfg(unix)]
     {
@@ -110,7 +112,7 @@ fn note_held(file: &File, held: bool) {
     let _ = (file, held);
 }
 
-/// The refusal of a journal at `path` that another program holds, with the processes that have it open, where the system tells.
+/// The error for a journal at `path` that another program has locked, with its process IDs if the system reports them.
 fn held_by_others(path: &Path) -> Error {
     let own = std::process::id();
     let path_of = |pid: u32| PathBuf::from(format!("/proc/{pid}"));
@@ -132,7 +134,7 @@ fn held_by_others(path: &Path) -> Error {
         (1, _) => format!("process {} is at work on it", holders[0]),
         _ => format!("the processes {} are at work on it", holders.join(", ")),
     };
-    refused(path, format!("{who}; wait for the end, or end what was left behind"))
+    journal_error(path, format!("{who}; wait for the end, or end what was left behind"))
 }
 
 /// Results on disk; at most one program at a time has it open for writing.
@@ -141,17 +143,17 @@ pub struct Journal {
     path: PathBuf,
     file: File,
     job: Job,
-    /// Where the line of each result begins.
+    /// Offset of the line of each result.
     lines: BTreeMap<usize, u64>,
     end: u64,
     synced: Instant,
 }
 
 impl Journal {
-    /// Opens the journal of `job` at `path` to go on with it, or begins it; what a kill left half-written is cut off.
+    /// Opens or creates the journal of `job` at `path`. A line that was left incomplete is removed.
     ///
     /// # Errors
-    /// [`Error::Journal`] where it belongs to another job or another program is at work on it; [`Error::Write`].
+    /// [`Error::Journal`] if it belongs to another job or is locked by another program; [`Error::Write`].
     pub fn open(path: &Path, job: &Job) -> Result<Self> {
         let failed = |e: std::io::Error| write_error(path, &e);
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(failed)?;
@@ -170,25 +172,28 @@ impl Journal {
             synced: Instant::now(),
         };
         let found = journal.scan()?;
-        if found == Start::Torn {
+        if found == FirstLine::Torn {
             journal.file.set_len(0).map_err(failed)?; // nothing is lost by beginning again
         }
         match found {
-            Start::Job(found) => {
+            FirstLine::Job(found) => {
                 if let Some(difference) = job.difference(&found) {
                     let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
-                    return Err(refused(path, format!("it holds the results of another job: {difference}; {remedy}")));
+                    return Err(journal_error(
+                        path,
+                        format!("it holds the results of another job: {difference}; {remedy}"),
+                    ));
                 }
             }
-            Start::Torn => {
+            FirstLine::Torn => {
                 if let Err(error) = journal.line(&job.clone()) {
                     let _ = std::fs::remove_file(path); // it is empty
                     return Err(error);
                 }
             }
-            Start::Other => {
+            FirstLine::Other => {
                 let problem = "it is no journal of results, or its beginning is damaged; --restart begins anew";
-                return Err(refused(path, problem.to_string()));
+                return Err(journal_error(path, problem.to_string()));
             }
         }
         let end = journal.end;
@@ -196,11 +201,10 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Removes the journal at `path`, damaged or not, so that the next one begins anew.
+    /// Removes the journal at `path`, damaged or not.
     ///
     /// # Errors
-    /// [`Error::Journal`] where it is another kind of file or another program is at work on it; [`Error::Read`],
-    /// [`Error::Write`].
+    /// [`Error::Journal`] if it is another kind of file or is locked by another program; [`Error::Read`], [`Error::Write`].
     pub fn clear(path: &Path) -> Result<()> {
         let failed = |e: std::io::Error| Error::Read { path: path.to_path_buf(), reason: e.to_string() };
         let file = File::open(path).map_err(failed)?;
@@ -211,23 +215,24 @@ impl Journal {
         let empty = lines.peek().is_none();
         // Of a damaged journal some line is whole, or the only one begins as one does.
         let known = |line: std::io::Result<Vec<u8>>| {
-            line.is_ok_and(|line| whole(&line).is_some() || line.get(16..18) == Some(b" {"))
+            line.is_ok_and(|line| checked_json(&line).is_some() || line.get(16..18) == Some(b" {"))
         };
         if !empty && !lines.any(known) {
-            return Err(refused(path, "it is no journal of results, and is not removed".to_string()));
+            return Err(journal_error(path, "it is no journal of results, and is not removed".to_string()));
         }
         std::fs::remove_file(path).map_err(|e| write_error(path, &e))
     }
 
-    /// Opens a finished or unfinished journal to read its results.
+    /// Opens a journal for reading.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Journal`] where it is none.
+    /// [`Error::Read`]; [`Error::Journal`] if it is not a journal.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::read_begun(path)?.ok_or_else(|| refused(path, "it is only begun, and has no results yet".to_string()))
+        Self::read_begun(path)?
+            .ok_or_else(|| journal_error(path, "it is only begun, and has no results yet".to_string()))
     }
 
-    /// The same; none where it is empty, or its first line is not written to its end yet.
+    /// The same; `None` if it is empty or its first line is incomplete.
     ///
     /// # Errors
     /// Those of [`read`](Self::read).
@@ -237,28 +242,30 @@ impl Journal {
         let mut journal =
             Self { path: path.to_path_buf(), file, job, lines: BTreeMap::new(), end: 0, synced: Instant::now() };
         journal.job = match journal.scan()? {
-            Start::Job(job) => job,
-            Start::Torn => return Ok(None),
-            Start::Other => return Err(refused(path, "it is no journal of results".to_string())),
+            FirstLine::Job(job) => job,
+            FirstLine::Torn => return Ok(None),
+            FirstLine::Other => return Err(journal_error(path, "it is no journal of results".to_string())),
         };
         Ok(Some(journal))
     }
 
-    /// Finds all whole lines; returns what the first one says. A line that is not whole counts as not there.
-    fn scan(&mut self) -> Result<Start> {
+    /// Finds all complete lines; returns the first one. Incomplete lines are ignored.
+    fn scan(&mut self) -> Result<FirstLine> {
         let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
         let mut reader = BufReader::new(&self.file);
         reader.rewind().map_err(failed)?;
-        let (mut line, mut at, mut job) = (Vec::new(), 0, Start::Torn);
+        let (mut line, mut at, mut job) = (Vec::new(), 0, FirstLine::Torn);
         while reader.read_until(b'\n', &mut line).map_err(failed)? > 0 {
-            let whole = content(&line);
+            let json = line_json(&line);
             if at == 0 {
-                let Some(first) = whole.and_then(|json| serde_json::from_slice::<Job>(json).ok()) else {
+                let Some(first) = json.and_then(|json| serde_json::from_slice::<Job>(json).ok()) else {
                     let torn = !line.ends_with(b"\n") && line.iter().take(16).all(u8::is_ascii_hexdigit);
-                    return Ok(if torn { Start::Torn } else { Start::Other });
+                    return Ok(if torn { FirstLine::Torn } else { FirstLine::Other });
                 };
-                job = Start::Job(first);
-            } else if let Some(entry) = whole.and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok()) {
+                job = FirstLine::Job(first);
+            } else if let Some(entry) =
+                json.and_then(|json| serde_json::from_slice::<JournalEntry<IgnoredAny>>(json).ok())
+            {
                 self.lines.entry(entry.index).or_insert(at);
             }
             if line.ends_with(b"\n") {
@@ -270,35 +277,35 @@ impl Journal {
         Ok(job)
     }
 
-    /// True where a program has it open for writing.
+    /// True if a program has it open for writing.
     pub fn is_held(&self) -> bool {
         matches!(self.file.try_lock(), Err(TryLockError::WouldBlock))
     }
 
-    /// What it is a journal of.
+    /// The job that it belongs to.
     pub fn job(&self) -> &Job {
         &self.job
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// True where it has the result of `index`.
+    /// True if it has the result of `index`.
     pub fn has(&self, index: usize) -> bool {
         self.lines.contains_key(&index)
     }
 
-    /// The indices of its results, rising.
+    /// The indices of its results, in increasing order.
     pub fn indices(&self) -> impl Iterator<Item = usize> {
         self.lines.keys().copied()
     }
 
-    /// The result of `index`, if it is there.
+    /// The result of `index`, if any.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Journal`] where its line has changed on disk or is no such result.
+    /// [`Error::Read`]; [`Error::Journal`] if its line is damaged or of another type.
     pub fn get<T: DeserializeOwned>(&self, index: usize) -> Result<Option<T>> {
         let Some(at) = self.lines.get(&index) else { return Ok(None) };
         let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
@@ -306,31 +313,33 @@ impl Journal {
         reader.seek(SeekFrom::Start(*at)).map_err(failed)?;
         let mut line = Vec::new();
         reader.by_ref().read_until(b'\n', &mut line).map_err(failed)?;
-        let entry = content(&line).and_then(|json| serde_json::from_slice::<Entry<T>>(json).ok());
-        let entry = entry.ok_or_else(|| refused(&self.path, format!("the result of {index} cannot be read back")))?;
+        let entry = line_json(&line).and_then(|json| serde_json::from_slice::<JournalEntry<T>>(json).ok());
+        let entry =
+            entry.ok_or_else(|| journal_error(&self.path, format!("the result of {index} cannot be read back")))?;
         Ok(Some(entry.result))
     }
 
-    /// Adds a result: it is on disk, whole, when this returns.
+    /// Appends a result; it is in the file when this returns.
     ///
     /// # Errors
-    /// [`Error::Write`]; the results before it stay.
+    /// [`Error::Write`]; earlier results remain.
     pub fn add<T: Serialize>(&mut self, index: usize, result: T) -> Result<()> {
         let at = self.end;
-        self.line(&Entry { index, result })?;
+        self.line(&JournalEntry { index, result })?;
         self.lines.insert(index, at);
         Ok(())
     }
 
-    /// Adds the result in a `line` that another program made by [`line()`]; returns its index, and false where the result of
-    /// that index is there already, which stays.
+    /// Appends the result in a `line` that another program made with [`line()`]. Returns its index, and false if there was a result
+    /// of that index, which remains.
     ///
     /// # Errors
-    /// [`Error::Journal`] where the line is damaged or of no result of this job; [`Error::Write`].
+    /// [`Error::Journal`] for a damaged line or one that is not of this job; [`Error::Write`].
     pub fn add_line(&mut self, line: &[u8]) -> Result<(usize, bool)> {
-        let entry = content(line).and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok());
+        let entry = line_json(line).and_then(|json| serde_json::from_slice::<JournalEntry<IgnoredAny>>(json).ok());
         let index = entry.map(|entry| entry.index).filter(|index| *index < self.job.size);
-        let index = index.ok_or_else(|| refused(&self.path, "a line that was sent to it is damaged".to_string()))?;
+        let index =
+            index.ok_or_else(|| journal_error(&self.path, "a line that was sent to it is damaged".to_string()))?;
         if self.has(index) {
             return Ok((index, false));
         }
@@ -352,13 +361,13 @@ impl Journal {
             return Err(failed(&error));
         }
         self.end += line.len() as u64;
-        if self.synced.elapsed() > SYNC_EVERY {
+        if self.synced.elapsed() > SYNC_INTERVAL {
             self.sync()?;
         }
         Ok(())
     }
 
-    /// Waits until the disk itself has everything.
+    /// Flushes the file to disk.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -370,25 +379,25 @@ impl Journal {
 }
 
 impl Drop for Journal {
-    /// Lets others at it, though a process that was forked meanwhile may have it open still.
+    /// Unlocks the file, even if a process that was forked meanwhile still has it open.
     fn drop(&mut self) {
         note_held(&self.file, false);
         let _ = self.file.unlock();
     }
 }
 
-/// The line of a result in a journal, for [`Journal::add_line`] of another program; `None` where it cannot be told as JSON.
+/// The line of a result, for [`Journal::add_line`] of another program; `None` if it cannot be serialised as JSON.
 pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
-    line_of(&Entry { index, result }).ok()
+    line_of(&JournalEntry { index, result }).ok()
 }
 
-/// The index and the result of a [`line()`] that another program made; `None` where it is damaged.
+/// The index and the result in a [`line()`]; `None` if it is damaged.
 pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
-    let entry: Entry<T> = serde_json::from_slice(content(line)?).ok()?;
+    let entry: JournalEntry<T> = serde_json::from_slice(line_json(line)?).ok()?;
     Some((entry.index, entry.result))
 }
 
-/// A line with its checksum and end.
+/// A line with checksum and newline.
 fn line_of(content: &impl Serialize) -> std::result::Result<Vec<u8>, String> {
     let json = serde_json::to_vec(content).map_err(|e| e.to_string())?;
     let mut line = format!("{:016x} ", XxHash3_64::oneshot(&json)).into_bytes();
@@ -397,46 +406,42 @@ fn line_of(content: &impl Serialize) -> std::result::Result<Vec<u8>, String> {
     Ok(line)
 }
 
-/// The JSON of a line that was finished.
-fn content(line: &[u8]) -> Option<&[u8]> {
-    whole(line.strip_suffix(b"\n")?)
+/// The JSON of a complete line.
+fn line_json(line: &[u8]) -> Option<&[u8]> {
+    checked_json(line.strip_suffix(b"\n")?)
 }
 
-/// The JSON of a line, without its end, whose checksum is right.
-fn whole(line: &[u8]) -> Option<&[u8]> {
+/// The JSON of a line without newline, if its checksum is right.
+fn checked_json(line: &[u8]) -> Option<&[u8]> {
     let (checksum, json) = line.split_at_checked(16)?;
     let json = json.strip_prefix(b" ")?;
     let checksum = u64::from_str_radix(std::str::from_utf8(checksum).ok()?, 16).ok()?;
     (checksum == XxHash3_64::oneshot(json)).then_some(json)
 }
 
-fn write_error(path: &Path, error: &std::io::Error) -> Error {
-    Error::Write { path: path.to_path_buf(), reason: error.to_string() }
-}
-
-fn refused(path: &Path, problem: String) -> Error {
+fn journal_error(path: &Path, problem: String) -> Error {
     Error::Journal { path: path.to_path_buf(), problem }
 }
 
-/// The numbers below `size` in an order that looks random and never changes, so that any part of it is a fair one.
+/// A fixed pseudo-random permutation of the numbers below `size`, so that any part of it is representative.
 pub fn shuffled(size: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..size).collect();
     order.sort_by_cached_key(|index| XxHash3_64::oneshot(&(*index as u64).to_le_bytes()));
     order
 }
 
-/// One of several equal parts of a job, each for a program of its own.
+/// One of several equal parts of a job, for a program of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    /// Which, from 1.
+    /// Its number, from 1.
     pub number: usize,
-    /// Of how many.
+    /// The number of shards.
     pub of: usize,
 }
 
 impl Shard {
-    /// Its indices of a job of `size`, rising. Shards are disjoint and together whole, none has two more than another,
-    /// and dear and cheap indices are spread over them by chance.
+    /// Its indices of a job of `size`, in increasing order. Shards are disjoint and complete, their sizes differ by at most one,
+    /// and cheap and expensive indices are spread at random.
     pub fn indices(self, size: usize) -> Vec<usize> {
         let mut own: Vec<usize> = shuffled(size).into_iter().skip(self.number - 1).step_by(self.of).collect();
         own.sort_unstable();
@@ -447,7 +452,7 @@ impl Shard {
 impl FromStr for Shard {
     type Err = String;
 
-    /// From `2/8`.
+    /// Parses `2/8`.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
         match parts {
@@ -457,46 +462,46 @@ impl FromStr for Shard {
     }
 }
 
-/// The stack of a thread, B, and what must be free before it is made: the stack, and room for what goes with it.
+/// Stack size of a thread, B, and the free memory that is required before it is started: the stack, and what the runtime allocates.
 const STACK: usize = 2 << 20;
-const ROOM: usize = STACK + (4 << 20);
+const MIN_FREE_MEMORY: usize = STACK + (4 << 20);
 
-/// The number of threads that this machine's cores are for.
+/// Number of cores of this machine.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Does `work` for every index of `todo` as [`run_together`] does, for one at once.
+/// Runs `work` for each index of `todo`, see [`run_chunks`].
 ///
 /// # Errors
-/// Those of [`run_together`].
+/// Those of [`run_chunks`].
 pub fn run<T: Send>(
     todo: &[usize],
     threads: usize,
     work: impl Fn(usize) -> T + Sync,
     done: impl FnMut(usize, T) -> Result<ControlFlow<()>>,
 ) -> Result<()> {
-    run_together(todo, threads, 1, |indices| indices.iter().map(|index| work(*index)).collect(), done)
+    run_chunks(todo, threads, 1, |indices| indices.iter().map(|index| work(*index)).collect(), done)
 }
 
-/// Begins `work` on a thread of its own; `Err` says why the system gives none.
+/// Starts `work` on a thread; `Err` has the reason if the system refuses.
 pub(crate) fn spawn<'scope>(
     scope: &'scope Scope<'scope, '_>,
     work: impl FnOnce() + Send + 'scope,
 ) -> std::result::Result<(), String> {
     // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
-    Vec::<u8>::new().try_reserve_exact(ROOM).map_err(|error| error.to_string())?;
+    Vec::<u8>::new().try_reserve_exact(MIN_FREE_MEMORY).map_err(|error| error.to_string())?;
     let builder = std::thread::Builder::new().stack_size(STACK);
     builder.spawn_scoped(scope, work).map(drop).map_err(|error| error.to_string())
 }
 
-/// Does `work` for every index of `todo`, in this order, on `threads` threads, for at most `together` of them at once; it returns as
-/// many results. `done` sees every result on the calling thread, in the order in which they come. Once it breaks or fails no more
-/// work is begun, and what is under way is dropped when it ends: `work` should look at the same sign that made `done` break.
+/// Runs `work` on chunks of at most `together` indices of `todo`, in this order, on `threads` threads; it returns one result per
+/// index. `done` receives each result on the calling thread, in the order in which they finish. After it breaks or fails, no
+/// further work starts, and the results of running work are dropped: `work` should check the same flag as `done`.
 ///
 /// # Errors
-/// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.
-pub fn run_together<T: Send>(
+/// Those of `done`; [`Error::Threads`] if the system does not provide that many threads, before any work starts.
+pub fn run_chunks<T: Send>(
     todo: &[usize],
     threads: usize,
     together: usize,
@@ -627,7 +632,7 @@ mod tests {
         let todo: Vec<usize> = (0..1000).rev().collect();
         for threads in [1, 2, 7] {
             let mut seen = Vec::new();
-            run_together(
+            run_chunks(
                 &todo,
                 threads,
                 3,

@@ -72,8 +72,9 @@
 
 pub use nalgebra;
 
-// From the ground up: each module imports only what stands above it.
+// From the ground up: each module imports only from those above it.
 pub mod error;
+pub mod files;
 pub mod linear;
 pub mod system;
 pub mod words;
@@ -107,20 +108,28 @@ pub mod variable;
 
 pub mod stepper;
 
-pub mod sensitivity;
-
-pub mod jobs;
-#[cfg(feature = "report")]
-pub mod parts;
-
+#[cfg(feature = "faer")]
+pub mod assessment;
 #[cfg(feature = "report")]
 pub mod batch;
 #[cfg(feature = "faer")]
-pub mod check;
-pub mod fmu;
+mod diagnostics;
+pub mod verification;
+
+pub mod sensitivity;
+
+pub mod jobs;
+
 #[cfg(feature = "report")]
 pub mod report;
+
+pub mod fmu;
+
+#[cfg(feature = "report")]
+pub mod distributed;
+
 pub mod run;
+
 #[cfg(feature = "report")]
 pub mod study;
 

@@ -5,19 +5,29 @@ use std::f64::consts::PI;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-#[cfg(all(feature = "report", target_arch = "x86_64"))]
-use crate::batch::Measured;
 use crate::error::{Error, Result};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
 use crate::fluid::{Fluid, Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
+#[cfg(all(feature = "report", target_arch = "x86_64"))]
+use crate::linear::Real;
 use crate::model::{Dynamics, Mechanics};
 use crate::regime;
 use crate::rod::sums::{Moving, Sums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
+
+/// What a batched step measured: the sums over a rod, of one case or of all lanes.
+#[cfg(all(feature = "report", target_arch = "x86_64"))]
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured<T: Real = f64> {
+    /// Sums over the rod.
+    pub sums: Sums<T>,
+    /// The force that a held head must exert, N; zero for a free one.
+    pub held: Vector2<T>,
+}
 
 /// Energies, J.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! Forces on rods in lanes: those that know each edge by itself, and what leaves the tail.
+//! Forces in SIMD lanes: local drag laws, the reactive force (added mass) on edges, and the wake at the tip.
 
 use std::any::Any;
 use std::fmt::Debug;
@@ -9,8 +9,7 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::kernel::{against, two};
-use super::lanes::{Lanes, Two};
+use super::lanes::{Lanes, PairLanes, two};
 use crate::fluid::force::{self, OnTip, PowerSums, Powers};
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
 use crate::fluid::laws::weak_inertia::WeakInertia;
@@ -23,18 +22,18 @@ use crate::rod::Edge;
 use crate::rod::around::OnEdge;
 use crate::system::Direction;
 
-/// What acts on the rods beside a drag in proportion to the velocity.
+/// All forces on the rods other than a drag that is linear in velocity.
 #[derive(Debug)]
-pub struct Others {
-    /// Those on edges, with their places.
-    forces: Vec<(usize, Box<dyn InLanes>)>,
-    /// The places of those that act on the tip.
+pub struct BatchedForces {
+    /// The forces on edges, with their indices.
+    forces: Vec<(usize, Box<dyn BatchedForce>)>,
+    /// The indices of forces on the tip.
     tips: Vec<usize>,
 }
 
-/// How rods in lanes move.
+/// The motion of rods in lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct Motions<'a> {
+pub struct LaneMotion<'a> {
     /// Edges.
     pub edges: &'a [Edge<Lanes>],
     /// Positions, velocities and accelerations.
@@ -42,48 +41,48 @@ pub struct Motions<'a> {
     pub v: &'a [[Lanes; 2]],
     pub a: &'a [[Lanes; 2]],
     /// Velocity of the flow, which does not accelerate.
-    pub flow: Two,
+    pub flow: PairLanes,
 }
 
-/// A force in lanes.
-trait InLanes: Debug + Send {
-    /// Adds what opposes the edges to `sums`, where it is not the `first` that does.
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
+/// A force on edges, in lanes.
+trait BatchedForce: Debug + Send {
+    /// Adds its opposing forces to `sums`, or sets `sums` if it is the `first` force.
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
 
-    /// What it comes to on the whole rods.
-    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole;
+    /// Its totals over the rods.
+    fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals;
 }
 
-/// What a force on whole rods comes to.
+/// Totals of a force over the rods.
 #[derive(Debug, Clone, Copy)]
-pub struct Whole {
-    /// What its powers are summed up from.
+pub struct ForceTotals {
+    /// Sums from which its powers follow.
     pub sums: PowerSums<Lanes>,
     /// Energy (J) and momentum (N s) that it stores.
     pub stored: (Lanes, [Lanes; 2]),
-    /// What it opposes the first node with, N.
-    pub first: Two,
+    /// Its opposing force on the first node, N.
+    pub first: PairLanes,
 }
 
-impl Whole {
-    /// Nothing yet.
+impl ForceTotals {
+    /// All zero.
     #[inline(always)]
     pub fn none(zero: Lanes) -> Self {
-        Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: Two::new([zero; 2]) }
+        Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: PairLanes::new([zero; 2]) }
     }
 
-    /// That of a case in a `flow`: powers, and what is stored.
+    /// Powers of a case in a `flow`, and stored energy and momentum.
     fn of_case(&self, lane: usize, flow: Vector2<f64>) -> (Powers, (f64, Vector2<f64>)) {
         let one = |x: Lanes| x.get(lane);
-        let two = |pair: Two| f64x2::new(pair.to_array().map(one));
+        let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
         let Self { sums: PowerSums { opposing, against_fluid }, stored: (energy, momentum), .. } = *self;
         let sums = PowerSums { opposing: two(opposing), against_fluid: two(against_fluid) };
         (sums.powers(flow), (one(energy), momentum.map(one).into()))
     }
 }
 
-impl Others {
-    /// The forces of `models`, in steady flows, but for the one at the place `but`; `None` where one of them cannot be in lanes.
+impl BatchedForces {
+    /// The forces of `models`, in steady flows, except force `but`. `None` if one of them cannot be batched.
     pub fn of(simd: Avx2, models: [&Model; WIDTH], but: Option<usize>) -> Option<Self> {
         let mut others = Self { forces: Vec::new(), tips: Vec::new() };
         for i in (0..models[0].forces.0.len()).filter(|i| but != Some(*i)) {
@@ -104,34 +103,34 @@ impl Others {
         Some(others)
     }
 
-    /// True where there are none.
+    /// True if there are none.
     pub fn are_none(&self) -> bool {
         self.forces.is_empty() && self.tips.is_empty()
     }
 
-    /// How many act on the tip.
+    /// Number of forces on the tip.
     pub fn tips(&self) -> usize {
         self.tips.len()
     }
 
-    /// True where any act on edges.
+    /// True if any act on edges.
     pub fn are_on_edges(&self) -> bool {
         !self.forces.is_empty()
     }
 
-    /// Writes what opposes the edges to `sums`.
-    pub fn on_edges(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
+    /// Writes the opposing forces on the edges to `sums`.
+    pub fn on_edges(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
         for (i, (_, force)) in self.forces.iter().enumerate() {
             force.add(simd, rods, direction, i == 0, sums);
         }
     }
 
-    /// Visits what of the `forces` of the case in `lane`, which is in `fluid`, opposes the last node.
+    /// Visits the `forces` on the last node of the case in `lane`, which is in `fluid`.
     pub fn on_tip(
         &self,
         forces: &Forces,
         lane: usize,
-        rods: &Motions<'_>,
+        rods: &LaneMotion<'_>,
         fluid: Fluid,
         direction: Direction,
         visit: impl FnMut(OnTip),
@@ -143,22 +142,22 @@ impl Others {
         }
     }
 
-    /// Writes what each force on edges comes to at its place in `all`.
-    pub fn measure(&self, simd: Avx2, rods: &Motions<'_>, all: &mut [Whole]) {
+    /// Writes the totals of each force on edges to its place in `all`.
+    pub fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>, all: &mut [ForceTotals]) {
         for (i, force) in &self.forces {
             all[*i] = force.measure(simd, rods);
         }
     }
 
-    /// The powers of the `force` at place `i` on the case in `lane`, which is in `fluid`, and energy (J) and momentum (N s) that it stores;
-    /// `all` is what was [measured](Self::measure).
+    /// Powers of force `i` on the case in `lane`, which is in `fluid`, and the energy (J) and momentum (N s) that it stores; `all` are
+    /// the [measured](Self::measure) totals.
     pub fn of_case(
         &self,
         (i, force): (usize, &dyn Force),
         lane: usize,
-        rods: &Motions<'_>,
+        rods: &LaneMotion<'_>,
         fluid: Fluid,
-        all: &[Whole],
+        all: &[ForceTotals],
     ) -> (Powers, (f64, Vector2<f64>)) {
         if self.tips.contains(&i) {
             let powers = rods.at_end(lane, fluid, |end| force::powers(force, end)).unwrap_or_default();
@@ -168,10 +167,10 @@ impl Others {
     }
 }
 
-impl Motions<'_> {
-    /// Looks at the end of the rod of a case, which is all that a force on the tip may depend on.
+impl LaneMotion<'_> {
+    /// Evaluates `look` on the last edge of a case: a force on the tip depends on nothing else.
     fn at_end<R>(&self, lane: usize, fluid: Fluid, look: impl FnOnce(&Kinematics<'_>) -> R) -> Option<R> {
-        let Motions {
+        let LaneMotion {
             edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
         } = *self
         else {
@@ -188,14 +187,14 @@ impl Motions<'_> {
 }
 
 impl Edge<Lanes> {
-    /// That of one case.
+    /// The edge of one case.
     fn of_case(&self, lane: usize) -> Edge {
         let Self { t, length, per_length } = self;
         Edge { t: t.map(|x| x.get(lane)), length: length.get(lane), per_length: per_length.get(lane) }
     }
 }
 
-/// What `of` has of every case; none where one has none.
+/// The values of `of` for each case; `None` if one is missing.
 fn each<T: Copy>(of: impl Fn(usize) -> Option<T>) -> Option<[T; WIDTH]> {
     let first = of(0)?;
     let mut all = [first; WIDTH];
@@ -205,69 +204,79 @@ fn each<T: Copy>(of: impl Fn(usize) -> Option<T>) -> Option<[T; WIDTH]> {
     Some(all)
 }
 
-/// The forces as what they are, if all are that.
+/// The forces downcast to their type; `None` if they differ.
 fn all<F: Force>(cases: [&dyn Force; WIDTH]) -> Option<[&F; WIDTH]> {
     each(|lane| (cases[lane] as &dyn Any).downcast_ref())
 }
 
 /// A local law in lanes.
-trait LawInLanes: Law<Fluids = [f64x2; 3]> {
-    /// What it knows of both halves of an edge.
+trait BatchedLaw: Law<Fluids = [f64x2; 3]> {
+    /// Its coefficients on both halves of an edge.
     type Numbers: Debug + Copy + Send;
 
-    /// From what each case knows: `gather` puts pairs into lanes.
-    fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> Two) -> Self::Numbers;
+    /// Gathers the coefficients of each case into lanes.
+    fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> PairLanes) -> Self::Numbers;
 
     /// See [`Law::with_slopes`].
-    fn slopes(numbers: &Self::Numbers, fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>);
+    fn slopes(
+        numbers: &Self::Numbers,
+        fluids: [PairLanes; 3],
+        u: PairLanes,
+        w: PairLanes,
+    ) -> (Traction<Lanes>, TractionSlopes<Lanes>);
 }
 
-impl LawInLanes for CrossFlow {
-    type Numbers = Coefficients<Two>;
+impl BatchedLaw for CrossFlow {
+    type Numbers = Coefficients<PairLanes>;
 
-    fn numbers(gather: impl Fn(fn(&Coefficients) -> f64x2) -> Two) -> Coefficients<Two> {
+    fn numbers(gather: impl Fn(fn(&Coefficients) -> f64x2) -> PairLanes) -> Coefficients<PairLanes> {
         Coefficients::gathered(gather)
     }
 
     #[inline(always)]
     fn slopes(
-        numbers: &Coefficients<Two>,
-        fluids: [Two; 3],
-        u: Two,
-        w: Two,
+        numbers: &Coefficients<PairLanes>,
+        fluids: [PairLanes; 3],
+        u: PairLanes,
+        w: PairLanes,
     ) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
         numbers.with_slopes(fluids, u, w)
     }
 }
 
-impl LawInLanes for WeakInertia {
-    type Numbers = [Two; 2];
+impl BatchedLaw for WeakInertia {
+    type Numbers = [PairLanes; 2];
 
-    fn numbers(gather: impl Fn(fn(&[f64x2; 2]) -> f64x2) -> Two) -> [Two; 2] {
+    fn numbers(gather: impl Fn(fn(&[f64x2; 2]) -> f64x2) -> PairLanes) -> [PairLanes; 2] {
         [gather(|halves| halves[0]), gather(|halves| halves[1])]
     }
 
     #[inline(always)]
-    fn slopes(halves: &[Two; 2], fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
+    fn slopes(
+        halves: &[PairLanes; 2],
+        fluids: [PairLanes; 3],
+        u: PairLanes,
+        w: PairLanes,
+    ) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
         Self::slopes(*halves, fluids, u, w)
     }
 }
 
-/// A local law on every half of every edge of the rods.
+/// A local drag law, evaluated on both halves of each edge.
 #[derive(Debug)]
-struct Drag<L: LawInLanes> {
-    /// Lengths of the halves and what the law knows of them.
-    halves: Vec<(Two, L::Numbers)>,
-    fluids: [Two; 3],
+struct BatchedDrag<L: BatchedLaw> {
+    /// Lengths of the halves, and the law's coefficients.
+    halves: Vec<(PairLanes, L::Numbers)>,
+    fluids: [PairLanes; 3],
 }
 
-/// Drag by the law `L`, if that is what the forces are.
-fn drag<L: LawInLanes>(
+/// Drag by the law `L`, if all of the forces are that.
+fn drag<L: BatchedLaw>(
     simd: Avx2,
     cases: [&dyn Force; WIDTH],
     fluids: [Fluid; WIDTH],
     edges: usize,
-) -> Option<Box<dyn InLanes>> {
+) -> Option<Box<dyn BatchedForce>> {
     let drags = all::<LocalDrag<L>>(cases)?;
     let of_edge = |e: usize| {
         let halves = drags.map(|drag| drag.on_halves(e));
@@ -276,12 +285,12 @@ fn drag<L: LawInLanes>(
     };
     let in_fluids: [[f64x2; 3]; WIDTH] = std::array::from_fn(|lane| drags[lane].law().in_fluids([&fluids[lane]; 2]));
     let fluids = [0, 1, 2].map(|i| two(simd, |lane| in_fluids[lane][i].to_array()));
-    Some(Box::new(Drag::<L> { halves: (0..edges).map(of_edge).collect(), fluids }))
+    Some(Box::new(BatchedDrag::<L> { halves: (0..edges).map(of_edge).collect(), fluids }))
 }
 
-impl<L: LawInLanes> InLanes for Drag<L> {
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
-        let Motions { edges, v, flow, .. } = *rods;
+impl<L: BatchedLaw> BatchedForce for BatchedDrag<L> {
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+        let LaneMotion { edges, v, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
             || {
@@ -295,7 +304,7 @@ impl<L: LawInLanes> InLanes for Drag<L> {
         );
     }
 
-    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole {
+    fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals {
         simd.vectorize(
             #[inline(always)]
             || {
@@ -314,16 +323,22 @@ impl<L: LawInLanes> InLanes for Drag<L> {
     }
 }
 
-/// What drag comes to on the whole rods: `of` finds the traction on `halves` of given lengths, from what is known of them and the
-/// velocities along and across.
+/// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
+#[inline(always)]
+pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: PairLanes) -> [PairLanes; 2] {
+    edge.components([PairLanes::new(v[0]) - flow, PairLanes::new(v[1]) - flow])
+}
+
+/// The totals of drag over the rods. `of` returns the traction on `halves` of given lengths, from their coefficients and the velocities
+/// along and across.
 #[inline(always)]
 pub fn measure_drag<K>(
-    rods: &Motions<'_>,
-    halves: impl Iterator<Item = (Two, K)>,
-    of: impl Fn(K, Two, Two) -> Traction<Lanes>,
-) -> Whole {
-    let Motions { edges, v, flow, .. } = *rods;
-    let mut whole = Whole::none(edges[0].length.like(0.0));
+    rods: &LaneMotion<'_>,
+    halves: impl Iterator<Item = (PairLanes, K)>,
+    of: impl Fn(K, PairLanes, PairLanes) -> Traction<Lanes>,
+) -> ForceTotals {
+    let LaneMotion { edges, v, flow, .. } = *rods;
+    let mut whole = ForceTotals::none(edges[0].length.like(0.0));
     for (e, ((edge, v), (lengths, known))) in edges.iter().zip(v.windows(2)).zip(halves).enumerate() {
         let [u, w] = against(edge, v, flow);
         let traction = of(known, u, w);
@@ -335,20 +350,25 @@ pub fn measure_drag<K>(
     whole
 }
 
-/// The inertia of the water around the rods: c of both halves of every edge.
+/// The reactive force: the added mass c of both halves of each edge.
 #[derive(Debug)]
-struct Water(Vec<Two>);
+struct BatchedReactive(Vec<PairLanes>);
 
-/// That of [`Reactive`], if that is what the forces are.
-fn water(simd: Avx2, cases: [&dyn Force; WIDTH], fluids: [Fluid; WIDTH], edges: usize) -> Option<Box<dyn InLanes>> {
+/// The batched [`Reactive`] force, if all of the forces are that.
+fn water(
+    simd: Avx2,
+    cases: [&dyn Force; WIDTH],
+    fluids: [Fluid; WIDTH],
+    edges: usize,
+) -> Option<Box<dyn BatchedForce>> {
     let cases = all::<Reactive>(cases)?;
     let c = |e: usize| two(simd, |lane| cases[lane].inertia(e, [fluids[lane].density; 2]).to_array());
-    Some(Box::new(Water((0..edges).map(c).collect())))
+    Some(Box::new(BatchedReactive((0..edges).map(c).collect())))
 }
 
-impl InLanes for Water {
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
-        let Motions { edges, v, a, flow, .. } = *rods;
+impl BatchedForce for BatchedReactive {
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+        let LaneMotion { edges, v, a, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
             || {
@@ -360,19 +380,19 @@ impl InLanes for Water {
         );
     }
 
-    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole {
-        let Motions { edges, v, a, flow, .. } = *rods;
+    fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals {
+        let LaneMotion { edges, v, a, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
             || {
                 let zero = edges[0].length.like(0.0);
-                let (mut whole, mut stored) = (Whole::none(zero), Stored::none(zero));
+                let (mut whole, mut stored) = (ForceTotals::none(zero), Stored::none(zero));
                 let ends = v.windows(2).zip(a.windows(2));
                 for (e, ((edge, ends), c)) in edges.iter().zip(ends).zip(&self.0).enumerate() {
                     let moving = accelerating(edge, *c, ends, flow);
                     let forces = moving.force_on(edge);
                     for (force, v) in forces.into_iter().zip(ends.0) {
-                        whole.sums.add(force, Two::new(*v) - flow);
+                        whole.sums.add(force, PairLanes::new(*v) - flow);
                     }
                     stored.add(edge, *c, moving.velocity[1]);
                     if e == 0 {
@@ -386,20 +406,25 @@ impl InLanes for Water {
     }
 }
 
-/// How the water around `edge` is accelerated, whose ends have these velocities and accelerations.
+/// The acceleration of the water around `edge`, whose ends have these velocities and accelerations.
 #[inline(always)]
-fn accelerating(edge: &Edge<Lanes>, c: Two, (v, a): (&[[Lanes; 2]], &[[Lanes; 2]]), flow: Two) -> Accelerating<Lanes> {
+fn accelerating(
+    edge: &Edge<Lanes>,
+    c: PairLanes,
+    (v, a): (&[[Lanes; 2]], &[[Lanes; 2]]),
+    flow: PairLanes,
+) -> Accelerating<Lanes> {
     let opening = [v[1][0] - v[0][0], v[1][1] - v[0][1]];
     let (t, n) = (edge.t, edge.n());
     Accelerating {
         c,
         velocity: against(edge, v, flow),
-        acceleration: edge.components([Two::new(a[0]), Two::new(a[1])]),
+        acceleration: edge.components([PairLanes::new(a[0]), PairLanes::new(a[1])]),
         opening: [opening[0] * t.x + opening[1] * t.y, opening[0] * n.x + opening[1] * n.y],
     }
 }
 
-/// Makes `sum` what acts `first`, or adds to it.
+/// Sets `sum` to the `first` force, or adds to it.
 #[inline(always)]
 fn put(sum: &mut OnEdge<Lanes>, first: bool, on: OnEdge<Lanes>) {
     if first { *sum = on } else { sum.add(&on) }

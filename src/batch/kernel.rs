@@ -1,4 +1,4 @@
-//! Newton's method on four rods in lanes.
+//! Newton's method for four rods, each in a SIMD lane: assembly, block-tridiagonal elimination, convergence, measurements.
 
 use std::sync::Arc;
 
@@ -8,13 +8,14 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::forces::{Motions, Others, Whole, measure_drag};
-use super::lanes::{Lanes, Two};
+use super::forces::{BatchedForces, ForceTotals, LaneMotion, against, measure_drag};
+use super::lanes::{Lanes, PairLanes, two};
 use crate::fluid::force::{OnTip, Powers};
 use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{Rule, changes};
-use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
+use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Sizes, prescribe};
+use crate::metrics::Measured;
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
 use crate::rod::around::OnEdge;
@@ -26,98 +27,98 @@ use crate::stepper::Stepper;
 use crate::stepper::presolved_step::PresolvedStep;
 use crate::system::{Direction, State};
 
-/// Vectors of each case, one a node.
-type Nodes = Vec<[Lanes; 2]>;
+/// One vector per node, of each case.
+type NodalVectors = Vec<[Lanes; 2]>;
 
-/// The rods in lanes, with room to work in. Lanes without a case repeat another one.
+/// Four rods in SIMD lanes, with a workspace. Lanes without a case repeat another case.
 #[derive(Debug)]
 pub struct Kernel {
     simd: Avx2,
     models: [Arc<Model>; WIDTH],
-    rods: Rods,
-    others: Others,
-    at: Moment,
-    before: Before,
-    motion: Motion,
-    room: Room,
+    rods: BatchedRods,
+    others: BatchedForces,
+    at: TimeDependent,
+    before: StepStart,
+    motion: NodalMotion,
+    room: Workspace,
 }
 
-/// What of the rods does not change.
+/// Constant properties of the rods.
 #[derive(Debug)]
-struct Rods {
-    /// True where the heads are held.
+struct BatchedRods {
+    /// True if the heads are held.
     held: bool,
     cells: Alike<Cell<Lanes>>,
     mass: Vec<Lanes>,
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
-    /// Lengths of the halves of every edge and drag along and across them, see
-    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag, whose place among the forces is beside it.
-    drag: Vec<[Two; 3]>,
+    /// Lengths of the halves of each edge, and drag coefficients along and across them, see
+    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag. `in_pass` is the index of that drag among the forces.
+    drag: Vec<[PairLanes; 3]>,
     in_pass: Option<usize>,
-    /// The shortest and the longest that an edge may be.
+    /// Least and largest length of an edge.
     lengths: [Lanes; 2],
     total_mass: Lanes,
 }
 
-/// What depends on the time alone.
+/// Quantities that depend on time alone, at the end of the step.
 #[derive(Debug)]
-struct Moment {
+struct TimeDependent {
     natural: Vec<Lanes>,
     natural_rate: Vec<Lanes>,
     /// The tangent before the first joint of a held head.
     wall: Option<Vector2<Lanes>>,
-    /// The same where the steps begin.
+    /// The same at the start of the step.
     wall_before: Option<Vector2<Lanes>>,
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
-    loads: Vec<Nodes>,
+    loads: Vec<NodalVectors>,
     /// Position, velocity and acceleration of a held head.
     head: [[Lanes; 2]; 3],
 }
 
 #[derive(Debug)]
-struct Motion {
-    q: Nodes,
-    v: Nodes,
-    a: Nodes,
+struct NodalMotion {
+    q: NodalVectors,
+    v: NodalVectors,
+    a: NodalVectors,
 }
 
-/// What a step sets out from, with what its method remembers of accelerations.
+/// The state at the start of a step, and the accelerations that the integrator remembers.
 #[derive(Debug)]
-struct Before {
-    motion: Motion,
-    memory: Nodes,
+struct StepStart {
+    motion: NodalMotion,
+    memory: NodalVectors,
 }
 
 #[derive(Debug)]
-struct Room {
+struct Workspace {
     edges: Vec<Edge<Lanes>>,
-    /// What the other forces do on every edge; empty where there are none.
+    /// The other forces on each edge; empty if there are none.
     around: Vec<OnEdge<Lanes>>,
-    /// What each force comes to, at its place.
-    wholes: Vec<Whole>,
-    tips: Vec<Tip>,
+    /// Totals of each force.
+    wholes: Vec<ForceTotals>,
+    tips: Vec<TipForce>,
     joints: Vec<Joint<Lanes>>,
     kappa: Vec<Lanes>,
     /// Moments conjugate to the curvatures.
     moment: Vec<Lanes>,
     rows: Vec<BlockRow<Lanes>>,
-    residual: Nodes,
-    solution: Nodes,
+    residual: NodalVectors,
+    solution: NodalVectors,
     band: BlockBand<Lanes>,
 }
 
-/// What opposes the last node beyond its edge: a force, and what it adds to the first three blocks of the last row.
+/// A force on the last node, with what it adds to the first three blocks of the last row.
 #[derive(Debug, Clone, Copy)]
-struct Tip {
+struct TipForce {
     force: [Lanes; 2],
     blocks: [[Lanes; 4]; 3],
 }
 
-impl Tip {
-    /// Takes over that of one case.
+impl TipForce {
+    /// Sets the force of one case.
     fn set(&mut self, lane: usize, tip: &OnTip) {
         for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
             to.set(lane, *from);
@@ -146,7 +147,7 @@ impl Kernel {
             axial: pack(&|lane| rod(lane).cells[e].axial),
         };
         let in_pass = first.model().forces.in_pass().map(|(i, _)| i);
-        let others = Others::of(simd, std::array::from_fn(model), in_pass)?;
+        let others = BatchedForces::of(simd, std::array::from_fn(model), in_pass)?;
         let coefficients = |lane: usize, e: usize| {
             let model = model(lane);
             let (i, drag) = model.forces.in_pass()?;
@@ -168,12 +169,12 @@ impl Kernel {
         let (dragged, around) =
             [in_pass.is_some(), others.are_on_edges()].map(|any| if any { nodes - 1 } else { 0 }).into();
         let none = Block::diagonal(zero);
-        let nothing = OnEdge { force: [Two::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
-        let tip = Tip { force: [zero; 2], blocks: [[zero; 4]; 3] };
+        let nothing = OnEdge { force: [PairLanes::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
+        let tip = TipForce { force: [zero; 2], blocks: [[zero; 4]; 3] };
         Some(Self {
             simd,
             models: std::array::from_fn(|lane| dynamics(steppers.get(lane).unwrap_or(first)).model.clone()),
-            rods: Rods {
+            rods: BatchedRods {
                 held: first.model().head.is_some(),
                 cells: Alike::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
                 mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
@@ -183,7 +184,7 @@ impl Kernel {
                 lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
                 total_mass: pack(&|lane| rod(lane).total_mass()),
             },
-            at: Moment {
+            at: TimeDependent {
                 natural: vec![zero; nodes],
                 natural_rate: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
@@ -193,12 +194,12 @@ impl Kernel {
                 loads: vec![vectors(); loads],
                 head: [[zero; 2]; 3],
             },
-            before: Before { motion: Motion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
-            motion: Motion { q: vectors(), v: vectors(), a: vectors() },
-            room: Room {
+            before: StepStart { motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
+            motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() },
+            room: Workspace {
                 edges: vec![edge; nodes - 1],
                 around: vec![nothing; around],
-                wholes: vec![Whole::none(zero); first.model().forces.0.len()],
+                wholes: vec![ForceTotals::none(zero); first.model().forces.0.len()],
                 tips: vec![tip; others.tips()],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
                 kappa: vec![zero; nodes],
@@ -212,8 +213,8 @@ impl Kernel {
         })
     }
 
-    /// See [`Batch::solve_ahead`](super::Batch::solve_ahead); the number of steps that were solved.
-    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
+    /// See [`Batch::presolve`](super::Batch::presolve); returns the number of steps solved.
+    pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
         let mut steps: [Option<PresolvedStep>; WIDTH] = [None; WIDTH];
         for ((step, stepper), model) in steps.iter_mut().zip(steppers.iter_mut()).zip(&self.models) {
             let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, model));
@@ -273,7 +274,7 @@ impl Kernel {
         solved.iter().filter(|iterations| **iterations > 0).count() as u64
     }
 
-    /// Makes the guess of steps of this [kind](PresolvedStep::kind).
+    /// The initial guess of steps of this [kind](PresolvedStep::kind).
     fn guess(&mut self, kind: (f64, Rule, bool)) {
         let Self { simd, rods, at, before, motion, .. } = self;
         simd.vectorize(
@@ -282,12 +283,12 @@ impl Kernel {
         );
     }
 
-    /// Bends the rods where their steps end.
-    fn end(&mut self) -> Ended {
+    /// Evaluates the geometry of the rods at the end of their steps.
+    fn end(&mut self) -> StepChecks {
         let Self { simd, rods, at, before, motion, room, .. } = self;
         simd.vectorize(
             #[inline(always)]
-            || Ended {
+            || StepChecks {
                 least: bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
                 least_turn: {
                     let walls = at.wall_before.zip(at.wall).map(|(before, after)| [before, after]);
@@ -297,7 +298,7 @@ impl Kernel {
         )
     }
 
-    /// Measures the bent rods.
+    /// Measures the rods at the end of their steps.
     fn measure(&mut self) -> Measured<Lanes> {
         let Self { simd, rods, others, at, motion, room, .. } = self;
         let sums = simd.vectorize(
@@ -312,16 +313,16 @@ impl Kernel {
         Measured { sums, held }
     }
 
-    /// The powers of the `force` at place `i` on the case in `lane`, and energy (J) and momentum (N s) that it stores.
+    /// Powers of force `i` on the case in `lane`, and the energy (J) and momentum (N s) that it stores.
     fn of_force(&self, lane: usize, i: usize, force: &dyn Force) -> (Powers, (f64, Vector2<f64>)) {
         let Self { others, at, motion, room, .. } = self;
         let motions = motions(motion, &room.edges, at);
         others.of_case((i, force), lane, &motions, at.fluids[lane], &room.wholes)
     }
 
-    /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
+    /// Loads the start of a case's step, and what depends on the time of its end.
     fn load(&mut self, lane: usize, dynamics: &Dynamics, [from, to]: [&State; 2]) {
-        let Self { at, before: Before { motion: Motion { q, v, a }, memory }, .. } = self;
+        let Self { at, before: StepStart { motion: NodalMotion { q, v, a }, memory }, .. } = self;
         for (to, from) in [(q, &from.q), (v, &from.v), (a, &from.a), (memory, &from.memory)] {
             write(to, lane, from, 1.0);
         }
@@ -344,9 +345,9 @@ impl Kernel {
         }
     }
 
-    /// Writes the motion of a case to `state`.
+    /// Writes the solution of a case to `state`.
     fn unload(&self, lane: usize, state: &mut State) {
-        let Motion { q, v, a } = &self.motion;
+        let NodalMotion { q, v, a } = &self.motion;
         for (from, to) in [(q, &mut state.q), (v, &mut state.v), (a, &mut state.a)] {
             for (from, to) in from.iter().zip(to.as_chunks_mut().0) {
                 *to = [from[0].get(lane), from[1].get(lane)];
@@ -354,7 +355,7 @@ impl Kernel {
         }
     }
 
-    /// Writes curvatures, moments and tangents of a case.
+    /// Writes the curvatures, moments and tangents of a case.
     fn unload_shape(&self, lane: usize, kappa: &mut [f64], moment: &mut [f64], tangent: &mut [Vector2<f64>]) {
         for (from, to) in [(&self.room.kappa, kappa), (&self.room.moment, moment)] {
             from.iter().zip(to).for_each(|(from, to)| *to = from.get(lane));
@@ -364,8 +365,8 @@ impl Kernel {
         }
     }
 
-    /// One iteration of Newton's method; moves the cases that are `going`. `None` of a case whose rod has no meaning or whose system
-    /// is not solved to rounding.
+    /// One Newton iteration, applied to the cases that are `going`. `None` for a case whose rod is invalid (folded, or an edge without
+    /// length) or whose linear system is not solved to rounding.
     fn iterate(&mut self, direction: Direction, going: [bool; WIDTH]) -> [Option<Iteration>; WIDTH] {
         let Self { simd, models, rods, others, at, motion, room, .. } = self;
         let least = simd.vectorize(
@@ -400,24 +401,12 @@ impl Kernel {
     }
 }
 
-/// The model of a case in motion.
+/// The dynamics of a case.
 fn dynamics(case: &Stepper) -> &Dynamics {
     case.view().dynamics
 }
 
-/// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
-#[inline(always)]
-pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: Two) -> [Two; 2] {
-    edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow])
-}
-
-/// Pairs of every case.
-pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> Two {
-    let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
-    Two::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
-}
-
-/// Writes `factor` times the vectors of a case, two numbers each.
+/// Writes `factor` times the nodal vectors of a case.
 fn write(to: &mut [[Lanes; 2]], lane: usize, from: &[f64], factor: f64) {
     for (to, from) in to.iter_mut().zip(from.as_chunks::<2>().0) {
         to[0].set(lane, factor * from[0]);
@@ -430,35 +419,26 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
     to.y.set(lane, from.y);
 }
 
-/// What is measured of rods in motion.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Measured<T: Real = f64> {
-    /// Sums over the rod.
-    pub sums: Sums<T>,
-    /// The force that a held head must exert, N; none of a free one.
-    pub held: Vector2<T>,
-}
-
-/// How steps end.
-struct Ended {
-    /// By how much edges and joints are away from what has no meaning.
+/// Validity of the rods at the ends of steps.
+struct StepChecks {
+    /// Distances of edges and joints from invalid states.
     least: [Lanes; 3],
     /// See [`lengths::least_turn`].
     least_turn: Lanes,
 }
 
-impl Ended {
-    /// Of one case, whether its rod has a meaning, and whether it went through no state without.
+impl StepChecks {
+    /// For one case: is its rod valid, and was it valid throughout the step?
     fn of(&self, lane: usize) -> [bool; 2] {
         [self.least.iter().all(|least| least.get(lane) > 0.0), self.least_turn.get(lane) >= 0.0]
     }
 }
 
 impl Measured<Lanes> {
-    /// Of one case.
+    /// The measurements of one case.
     fn of(&self, lane: usize) -> Measured {
         let one = |number: Lanes| number.get(lane);
-        let two = |pair: Two| f64x2::new(pair.to_array().map(one));
+        let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
         let Self { sums, held } = self;
         Measured {
             sums: Sums {
@@ -475,12 +455,12 @@ impl Measured<Lanes> {
     }
 }
 
-/// Bends the rods; by how much edges and joints are away from what has no meaning.
+/// Evaluates the geometry of the rods; returns the distances of edges and joints from invalid states.
 #[inline(always)]
 fn bend(
-    rods: &Rods,
-    at: &Moment,
-    q: &Nodes,
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    q: &NodalVectors,
     edges: &mut [Edge<Lanes>],
     joints: &mut [Joint<Lanes>],
     kappa: &mut [Lanes],
@@ -505,13 +485,13 @@ fn bend(
     [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)]
 }
 
-/// Makes the guess of a step, see [`Stage::guess`](crate::integrator).
+/// The initial guess of a step, see [`Stage::guess`](crate::integrator).
 #[inline(always)]
 fn guess(
-    rods: &Rods,
-    at: &Moment,
-    Before { motion: before, memory }: &Before,
-    Motion { q, v, a }: &mut Motion,
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    StepStart { motion: before, memory }: &StepStart,
+    NodalMotion { q, v, a }: &mut NodalMotion,
     (h, rule, keeps_lengths): (f64, Rule, bool),
 ) {
     let (zero, direction) = (at.flow.x.like(0.0), rule.direction());
@@ -532,16 +512,20 @@ fn guess(
     }
 }
 
-/// How rods of these `edges` move.
+/// The motion of rods with these `edges`.
 #[inline(always)]
-fn motions<'a>(Motion { q, v, a }: &'a Motion, edges: &'a [Edge<Lanes>], at: &Moment) -> Motions<'a> {
-    Motions { edges, q, v, a, flow: Two::new(at.flow.into()) }
+fn motions<'a>(
+    NodalMotion { q, v, a }: &'a NodalMotion,
+    edges: &'a [Edge<Lanes>],
+    at: &TimeDependent,
+) -> LaneMotion<'a> {
+    LaneMotion { edges, q, v, a, flow: PairLanes::new(at.flow.into()) }
 }
 
-/// Measures bent rods, and what drag comes to on them.
+/// Measures the rods, and the drag on them.
 #[inline(always)]
-fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<Lanes> {
-    let (Room { edges, kappa, moment, wholes, .. }, Motion { q, v, .. }) = (room, motion);
+fn measure(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut Workspace) -> Sums<Lanes> {
+    let (Workspace { edges, kappa, moment, wholes, .. }, NodalMotion { q, v, .. }) = (room, motion);
     let zero = at.flow.x.like(0.0);
     bend::moments(&rods.stiffness, kappa, &at.natural, moment);
     let moving = Moving {
@@ -570,16 +554,21 @@ fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<L
     Sums::of(&moving, zero)
 }
 
-/// M a − F of node 0 of measured rods, where it is held.
+/// M a − F of a held node 0.
 #[inline(always)]
-fn held(rods: &Rods, at: &Moment, Motion { a, .. }: &Motion, room: &Room) -> Vector2<Lanes> {
-    let (Room { edges, joints, wholes, .. }, zero) = (room, at.flow.x.like(0.0));
+fn held(
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    NodalMotion { a, .. }: &NodalMotion,
+    room: &Workspace,
+) -> Vector2<Lanes> {
+    let (Workspace { edges, joints, wholes, .. }, zero) = (room, at.flow.x.like(0.0));
     if !rods.held {
         return Vector2::new(zero, zero);
     }
     let carried = elastic::force(&edges[0], rods.cells[0].tension(&edges[0]), &joints[0], &joints[1]);
     let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
-    let mut opposing = Two::new([zero; 2]);
+    let mut opposing = PairLanes::new([zero; 2]);
     for whole in wholes {
         opposing += whole.first;
     }
@@ -588,19 +577,19 @@ fn held(rods: &Rods, at: &Moment, Motion { a, .. }: &Motion, room: &Room) -> Vec
     Vector2::new(push(0), push(1))
 }
 
-/// Assembles, solves and moves bent rods.
+/// Assembles and solves the linear system, and applies the increment.
 #[inline(always)]
 fn solve(
-    rods: &Rods,
-    at: &Moment,
-    Motion { q, v, a }: &mut Motion,
-    Room { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Room,
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    NodalMotion { q, v, a }: &mut NodalMotion,
+    Workspace { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Workspace,
     direction: Direction,
     going: mask64x4<Avx2>,
-) -> Sizes<Two> {
+) -> Sizes<PairLanes> {
     let zero = at.flow.x.like(0.0);
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
-    let flow = Two::new(at.flow.into());
+    let flow = PairLanes::new(at.flow.into());
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
         |(e, (edge, v))| {

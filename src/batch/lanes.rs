@@ -1,4 +1,4 @@
-//! The numbers of four cases, each in a lane of AVX2.
+//! Number types for batches: one number, or a pair, of each of four cases in the SIMD lanes of AVX2.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
@@ -8,12 +8,12 @@ use fearless_simd::{Avx2, f64x4, mask64x4};
 use super::WIDTH;
 use crate::linear::{Number, Pair, Real};
 
-/// A number of each of several cases.
+/// A number of each case.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes(f64x4<Avx2>);
 
 impl Lanes {
-    /// From the number of each case.
+    /// The lanes with the number of each case.
     #[inline(always)]
     pub fn new(simd: Avx2, cases: [f64; WIDTH]) -> Self {
         Self(f64x4::simd_from(simd, cases))
@@ -31,13 +31,13 @@ impl Lanes {
         self.0[case]
     }
 
-    /// Changes the number of a case, in memory: numbers that are put together in a register wait for each other.
+    /// Sets the number of a case in memory, since inserting into a register would serialise them.
     #[inline(always)]
     pub fn set(&mut self, case: usize, x: f64) {
         self.0[case] = x;
     }
 
-    /// These numbers of the `chosen` cases, zero of the others.
+    /// The numbers of the `chosen` cases, and zero for the others.
     #[inline(always)]
     pub fn of(self, chosen: mask64x4<Avx2>) -> Self {
         Self(chosen.select(self.0, self.like(0.0).0))
@@ -72,7 +72,7 @@ macro_rules! operators {
 }
 
 operators!(Lanes, Add add +, Sub sub -, Mul mul *, Div div /);
-operators!(Two, Add add +, Sub sub -, Mul mul *, Div div /);
+operators!(PairLanes, Add add +, Sub sub -, Mul mul *, Div div /);
 
 impl Lanes {
     #[inline(always)]
@@ -125,21 +125,21 @@ impl Number for Lanes {
 }
 
 impl Real for Lanes {
-    type Pair = Two;
+    type Pair = PairLanes;
 }
 
-/// Two numbers of each case.
+/// A pair of numbers of each case.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Two([Lanes; 2]);
+pub struct PairLanes([Lanes; 2]);
 
-impl Two {
+impl PairLanes {
     #[inline(always)]
     fn with(self, other: Self, of: impl Fn(Lanes, Lanes) -> Lanes) -> Self {
         Self([of(self.0[0], other.0[0]), of(self.0[1], other.0[1])])
     }
 }
 
-impl Neg for Two {
+impl Neg for PairLanes {
     type Output = Self;
 
     #[inline(always)]
@@ -148,7 +148,7 @@ impl Neg for Two {
     }
 }
 
-impl Mul<Lanes> for Two {
+impl Mul<Lanes> for PairLanes {
     type Output = Self;
 
     #[inline(always)]
@@ -157,7 +157,7 @@ impl Mul<Lanes> for Two {
     }
 }
 
-impl Number for Two {
+impl Number for PairLanes {
     #[inline(always)]
     fn like(self, x: f64) -> Self {
         Self([self.0[0].like(x); 2])
@@ -194,7 +194,7 @@ impl Number for Two {
     }
 }
 
-impl Pair<Lanes> for Two {
+impl Pair<Lanes> for PairLanes {
     #[inline(always)]
     fn new(both: [Lanes; 2]) -> Self {
         Self(both)
@@ -209,4 +209,10 @@ impl Pair<Lanes> for Two {
     fn transpose([first, second]: [Self; 2]) -> [Self; 2] {
         [Self([first.0[0], second.0[0]]), Self([first.0[1], second.0[1]])]
     }
+}
+
+/// Gathers the pairs of all cases.
+pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> PairLanes {
+    let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
+    PairLanes::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
 }

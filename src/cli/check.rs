@@ -1,10 +1,10 @@
-//! `caudal check`.
+//! `caudal check`: prints the assessment of a scene.
 
 use std::process::ExitCode;
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::error::Result;
-use caudal::report::Output;
+use caudal::report::RunOutput;
 use serde_json::json;
 
 use super::{Prepared, SceneArguments, output_folder, print, refuse, say};
@@ -12,9 +12,10 @@ use super::{Prepared, SceneArguments, output_folder, print, refuse, say};
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
     let Prepared { document, scene, stepper, assessment } = arguments.prepare()?;
     let facts =
-        [&assessment.facts[..], &Assessment::fluids(&scene, &stepper), &Assessment::ladder(&scene, &stepper)?].concat();
+        [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
+            .concat();
     let refused =
-        assessment.refused(&document).or_else(|| Output::fits(&output_folder(&scene), &scene, &stepper).err());
+        assessment.refused(&document).or_else(|| RunOutput::fits(&output_folder(&scene), &scene, &stepper).err());
     if json {
         let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();
         let content = json!({

@@ -1,4 +1,4 @@
-//! `caudal design`.
+//! `caudal design`: solves the design problem of a scene and writes its results.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -36,11 +36,11 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
     }
     let whole = say_kept(&design.write(&folder)?, &folder);
     Ok(match &design.answer {
-        Answer::Found(found) if found.interrupted => {
+        Answer::Search(found) if found.interrupted => {
             complain("interrupted: the files hold the best design so far");
             ExitCode::from(exit::INTERRUPTED)
         }
-        Answer::Found(found) if !found.converged => {
+        Answer::Search(found) if !found.converged => {
             complain(&format!("the search did not converge: the files hold its best design; {}", design.advice()));
             ExitCode::from(exit::FAILED)
         }

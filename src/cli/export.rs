@@ -1,4 +1,4 @@
-//! `caudal export`.
+//! `caudal export`: converts results to PNG, PDF, VTK, GIF and MP4.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -6,9 +6,9 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use caudal::error::{Error, Result};
-use caudal::report::film::{Film, Motion};
-use caudal::report::picture::{self, Format};
-use caudal::report::trajectory::Trajectory;
+use caudal::report::film::{FilmSettings, RodMotion};
+use caudal::report::picture::{self, PictureFormat};
+use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
 use caudal::report::{Claim, Folder, Owner};
 use caudal::run::{Ending, run as run_scene};
@@ -53,10 +53,10 @@ pub struct Arguments {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     figures: Option<Vec<String>>,
     /// Pictures per second of a film
-    #[arg(long, value_name = "NUMBER", default_value_t = Film::default().per_second)]
+    #[arg(long, value_name = "NUMBER", default_value_t = FilmSettings::default().per_second)]
     fps: u32,
     /// Seconds of the run per second of a film
-    #[arg(long, value_name = "FACTOR", default_value_t = Film::default().speed)]
+    #[arg(long, value_name = "FACTOR", default_value_t = FilmSettings::default().speed)]
     speed: f64,
     /// First time of a film, s [default: that of the run]
     #[arg(long, value_name = "SECONDS")]
@@ -68,8 +68,8 @@ pub struct Arguments {
 
 impl Arguments {
     /// What the figures are turned into.
-    fn formats(&self) -> Vec<Format> {
-        let all = [(self.png, Format::Png), (self.pdf, Format::Pdf)];
+    fn formats(&self) -> Vec<PictureFormat> {
+        let all = [(self.png, PictureFormat::Png), (self.pdf, PictureFormat::Pdf)];
         all.into_iter().filter_map(|(wanted, format)| wanted.then_some(format)).collect()
     }
 
@@ -131,7 +131,7 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
         None if arguments.vtk => vtk::fields(&stepper),
         named => vtk::POSITIONS.map(str::to_string).into_iter().chain(named.iter().flatten().cloned()).collect(),
     };
-    let mut trajectory = Trajectory::start(&scene, &stepper, Some(&fields))?;
+    let mut trajectory = TrajectoryTable::start(&scene, &stepper, Some(&fields))?;
     let interrupted = watch_for_interrupts();
     let raised =
         || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
@@ -152,10 +152,10 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
         let found = trajectory.columns().iter().find(|column| column.variable.name == name);
         found.map_or(&[][..], |column| &column.values[..])
     };
-    let motion = Motion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
-    let Film { sharpness, window: [first, last], .. } = Film::default();
+    let motion = RodMotion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
+    let FilmSettings { sharpness, window: [first, last], .. } = FilmSettings::default();
     let window = [arguments.from.unwrap_or(first), arguments.until.unwrap_or(last)];
-    let film = Film { per_second: arguments.fps, speed: arguments.speed, sharpness, window };
+    let film = FilmSettings { per_second: arguments.fps, speed: arguments.speed, sharpness, window };
     for ending in arguments.films() {
         let name = format!("{}.{ending}", scene.name);
         let place = arguments.out.as_ref().unwrap_or(&own);

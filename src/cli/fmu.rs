@@ -1,10 +1,10 @@
-//! `caudal fmu`.
+//! `caudal fmu`: packages a scene as an FMU.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use caudal::error::{Error, Result};
-use caudal::fmu::{self, Choice, Fmu, Standard};
+use caudal::fmu::{self, Fmu, FmuOptions, Standard};
 use clap::ValueEnum;
 
 use super::{SceneArguments, say};
@@ -24,7 +24,7 @@ pub fn fmu(
     out: Option<PathBuf>,
     version: Version,
     mut libraries: Vec<PathBuf>,
-    choice: Choice,
+    choice: FmuOptions,
 ) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
     let fmu = Fmu::of(&document)?.showing(choice)?;

@@ -1,4 +1,4 @@
-//! The command line: what is asked, what is printed, and which exit code says how it ended.
+//! The command line: arguments, output, and exit codes.
 
 mod check;
 #[cfg(feature = "design")]
@@ -17,10 +17,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
-use caudal::fmu::Choice;
-use caudal::report::Kept;
+use caudal::files::WrittenFiles;
+use caudal::fmu::FmuOptions;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
@@ -187,12 +187,12 @@ fn output_folder(scene: &Scene) -> PathBuf {
 }
 
 /// Says what files there are and what could not be written; the exit code of that.
-fn say_kept(kept: &Kept, folder: &Path) -> ExitCode {
+fn say_kept(kept: &WrittenFiles, folder: &Path) -> ExitCode {
     say_written(kept, folder, "report.html")
 }
 
 /// The same, with the file to `open`.
-fn say_written(kept: &Kept, folder: &Path, open: &str) -> ExitCode {
+fn say_written(kept: &WrittenFiles, folder: &Path, open: &str) -> ExitCode {
     if kept.lost.is_empty() {
         say(&format!("{} files in {}: open {open}", kept.files.len(), folder.display()));
         return ExitCode::SUCCESS;
@@ -219,7 +219,7 @@ pub fn main() -> ExitCode {
         Command::Check { scene, json } => check::check(&scene, json),
         Command::Study(study) => study::study(&study),
         Command::Fmu { scene, out, fmi, library, variables, nodes, plain } => {
-            fmu::fmu(&scene, out, fmi, library, Choice { variables, nodes, plain })
+            fmu::fmu(&scene, out, fmi, library, FmuOptions { variables, nodes, plain })
         }
         Command::Variables { scene } => variables::variables(scene.as_deref()),
         Command::New(arguments) => new::new(&arguments),

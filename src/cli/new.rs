@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use caudal::error::Result;
-use caudal::report::write_file;
+use caudal::files::write_file;
 use caudal::scene::Document;
 use clap::{Args, ValueEnum};
 
@@ -14,7 +14,7 @@ use super::{complain, exit, say};
 
 /// What swims.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Kind {
+pub enum TemplateKind {
     /// A body that bends in a travelling wave and swims freely
     Swimmer,
     /// The same body with its head held, to measure its thrust
@@ -25,7 +25,7 @@ pub enum Kind {
 
 /// What it swims in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Fluid {
+pub enum TemplateFluid {
     /// Viscosity 1 mPa s, density 1000 kg/m³
     Water,
     /// 1.4 Pa s, 1260 kg/m³
@@ -34,7 +34,7 @@ pub enum Fluid {
     Oil,
 }
 
-impl Fluid {
+impl TemplateFluid {
     /// Viscosity (Pa s) and density (kg/m³).
     fn properties(self) -> [f64; 2] {
         match self {
@@ -51,10 +51,10 @@ pub struct Arguments {
     file: PathBuf,
     /// What swims [default: swimmer]
     #[arg(long, value_enum)]
-    kind: Option<Kind>,
+    kind: Option<TemplateKind>,
     /// What it swims in [default: water]
     #[arg(long, value_enum)]
-    fluid: Option<Fluid>,
+    fluid: Option<TemplateFluid>,
     /// Its length, m [default: 0.2]
     #[arg(long, value_name = "M")]
     length: Option<f64>,
@@ -77,8 +77,10 @@ pub fn new(arguments: &Arguments) -> Result<ExitCode> {
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     let choices = |values: &[&str]| values.join(", ");
-    let kind = asked(arguments.kind, "what swims", &choices(&["swimmer", "held", "tail"]), Kind::Swimmer, by_name)?;
-    let fluid = asked(arguments.fluid, "in what", &choices(&["water", "glycerol", "oil"]), Fluid::Water, by_name)?;
+    let kind =
+        asked(arguments.kind, "what swims", &choices(&["swimmer", "held", "tail"]), TemplateKind::Swimmer, by_name)?;
+    let fluid =
+        asked(arguments.fluid, "in what", &choices(&["water", "glycerol", "oil"]), TemplateFluid::Water, by_name)?;
     let number = |text: &str| f64::from_str(text).ok();
     let length = asked(arguments.length, "its length, m", "0.2", 0.2, number)?;
     let frequency = asked(arguments.frequency, "how often it beats, Hz", "2", 2.0, number)?;
@@ -130,12 +132,12 @@ fn asked<T: Copy>(
 }
 
 /// The scene, with a word on every key.
-fn scene(name: &str, kind: Kind, fluid: Fluid, length: f64, frequency: f64) -> String {
+fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, frequency: f64) -> String {
     let [viscosity, density] = fluid.properties();
     // So stiff that a body takes the shape it is told, in its own inertia and in the fluid; a tail so soft that it yields.
     let by_inertia = density * (frequency * length).powi(2);
     let by_viscosity = viscosity * frequency;
-    let swims = kind != Kind::Tail;
+    let swims = kind != TemplateKind::Tail;
     let stiffness = match swims {
         true => (1.6e3 * by_inertia).max(6e8 * by_viscosity),
         false => (5.1e5 * by_inertia).max(1.3e7 * by_viscosity),
@@ -169,12 +171,12 @@ ramp_s = {period:e}
         false => String::new(),
     };
     let head = match kind {
-        Kind::Swimmer => String::new(),
-        Kind::Held => {
+        TemplateKind::Swimmer => String::new(),
+        TemplateKind::Held => {
             "\n[head]                             # held where it is: its force is the thrust\nkind = \"clamped\"\n"
                 .into()
         }
-        Kind::Tail => format!(
+        TemplateKind::Tail => format!(
             r#"
 [head]                             # moved as the scene says; a host may move it instead
 kind = "driven"

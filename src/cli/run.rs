@@ -1,4 +1,4 @@
-//! `caudal run`.
+//! `caudal run`: runs a scene with a progress bar; Ctrl-C stops it with valid files.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -8,9 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::{Error, Result};
 use caudal::reduced::ErrorMeasure;
-use caudal::report::{Claim, Output};
-use caudal::run::{Ending, Summary, Verification, run as run_scene};
+use caudal::report::Summary;
+use caudal::report::{Claim, RunOutput};
+use caudal::run::{Ending, run as run_scene};
 use caudal::scene::Scene;
+use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
 use super::{Prepared, SceneArguments, bar_of, complain, exit, hush, output_folder, print, refuse, say, say_kept};
@@ -31,7 +33,7 @@ pub fn run(
         return Ok(refuse(&error));
     }
     let folder = out.unwrap_or_else(|| output_folder(&scene));
-    let mut output = match Output::create(&folder, &scene, &stepper, Claim::forced(force)) {
+    let mut output = match RunOutput::create(&folder, &scene, &stepper, Claim::forced(force)) {
         Ok(output) => output,
         Err(error) => return Ok(refuse(&error)),
     };

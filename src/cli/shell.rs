@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use caudal::error::{Error, Result};
-use caudal::report::write_file;
+use caudal::files::write_file;
 use caudal::scene::Scene;
 use caudal::sweep::Sweep;
 use clap::{Command, CommandFactory};
@@ -25,7 +25,7 @@ pub fn schema(sweep: bool) -> Result<ExitCode> {
 #[cfg(feature = "design")]
 fn scene() -> serde_json::Value {
     let mut schema = Scene::schema();
-    schema["properties"]["design"] = caudal::design::Table::schema();
+    schema["properties"]["design"] = caudal::design::DesignTable::schema();
     schema
 }
 

@@ -1,4 +1,4 @@
-//! `caudal study`.
+//! `caudal study`: runs the studies of modes, scaling, accuracy, stability and fluid models.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -8,7 +8,10 @@ use caudal::error::Error;
 use caudal::integrator::METHODS;
 use caudal::reduced::MODELS;
 use caudal::report::Claim;
-use caudal::study::{self, Accuracy, Desk, Fluid, Scaling, Spectrum, Stability, Studied, Vary};
+use caudal::study::{
+    self, AccuracyOptions, FluidOptions, ModesOptions, ScalingOptions, StabilityOptions, StudyOutcome, StudyRunner,
+    Vary,
+};
 use clap::{Args, Subcommand};
 
 use super::run::watch_for_interrupts;
@@ -20,26 +23,26 @@ pub enum Study {
     /// Natural frequencies and mode shapes of the rod; its matrices M, C and K for other programs
     Modes {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// How many of the lowest modes
-        #[arg(long, default_value_t = Spectrum::default().count)]
+        #[arg(long, default_value_t = ModesOptions::default().count)]
         count: usize,
     },
     /// Time, memory and error of a step on meshes from coarse to the finest, in both forms
     Scaling {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// Numbers of nodes, separated by commas [default: 17, 33, 65 … 1048577]
         #[arg(long, value_delimiter = ',')]
         nodes: Vec<u64>,
         /// Steps of every run
-        #[arg(long, default_value_t = Scaling::default().steps)]
+        #[arg(long, default_value_t = ScalingOptions::default().steps)]
         steps: u64,
     },
     /// Error against cost for every model, method, step and mesh, and which of them to take
     Accuracy {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// Numbers of nodes, separated by commas [default: the scene's, and twice and four times as many edges]
         #[arg(long, value_delimiter = ',')]
         nodes: Vec<u64>,
@@ -56,13 +59,13 @@ pub enum Study {
     /// The same motion under every law of the fluid that can hold: speed, power, cost, and which law the scene needs
     Fluid {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
     },
     /// What every method does at every step, over a parameter: accurate, wrong, growing, failing; with --vary flow, where a
     /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory
     Stability {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// What varies: modulus, amplitude, nodes, spin, or flow
         #[arg(long, default_value = "modulus", value_parser = vary)]
         vary: Vary,
@@ -73,10 +76,10 @@ pub enum Study {
         #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
         steps: Option<[f64; 2]>,
         /// How many values and how many steps
-        #[arg(long, default_value_t = Stability::default().points)]
+        #[arg(long, default_value_t = StabilityOptions::default().points)]
         points: usize,
         /// Error of the tip's path up to which a run is accurate, relative to how far the tip goes
-        #[arg(long, default_value_t = Stability::default().accurate)]
+        #[arg(long, default_value_t = StabilityOptions::default().accurate)]
         accurate: f64,
     },
 }
@@ -106,7 +109,7 @@ fn low_high(text: &str) -> Result<[f64; 2], String> {
 }
 
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub struct StudyArguments {
     #[command(flatten)]
     scene: SceneArguments,
     /// Folder for the results [default: out/<name of the scene>-study-<kind>]
@@ -120,14 +123,14 @@ pub struct Common {
 /// Makes a study, with a bar of its runs on a terminal, and writes what it found.
 pub fn study(study: &Study) -> Result<ExitCode, Error> {
     let (common, study) = match study.clone() {
-        Study::Modes { common, count } => (common, study::Study::Modes(Spectrum { count })),
-        Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(Scaling { nodes, steps })),
+        Study::Modes { common, count } => (common, study::Study::Modes(ModesOptions { count })),
+        Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(ScalingOptions { nodes, steps })),
         Study::Accuracy { common, nodes, steps, tolerances, without } => {
-            (common, study::Study::Accuracy(Accuracy { nodes, steps, tolerances, without }))
+            (common, study::Study::Accuracy(AccuracyOptions { nodes, steps, tolerances, without }))
         }
-        Study::Fluid { common } => (common, study::Study::Fluid(Fluid::default())),
+        Study::Fluid { common } => (common, study::Study::Fluid(FluidOptions::default())),
         Study::Stability { common, vary, range, steps, points, accurate } => {
-            (common, study::Study::Stability(Stability { vary, range, steps, points, accurate }))
+            (common, study::Study::Stability(StabilityOptions { vary, range, steps, points, accurate }))
         }
     };
     let (document, scene) = common.scene.read()?;
@@ -142,18 +145,18 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     };
-    let made = study.make(&scene, Desk::new(&held, &interrupted, &progress));
+    let made = study.run(&scene, StudyRunner::new(&held, &interrupted, &progress));
     bar.finish_and_clear();
     match made? {
-        Studied::Complete(findings) => {
+        StudyOutcome::Complete(findings) => {
             let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
-            let kept = study::keep(&findings, &mut held, &scene.name, &document)?;
+            let kept = study::write_findings(&findings, &mut held, &scene.name, &document)?;
             for answer in &findings.answers {
                 say(answer);
             }
             Ok(say_kept(&kept, &folder))
         }
-        Studied::Interrupted(done, of) => {
+        StudyOutcome::Interrupted(done, of) => {
             complain(&format!(
                 "interrupted: {done} of {of} runs are kept in {}; the same command goes on from there",
                 folder.display()

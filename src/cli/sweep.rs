@@ -1,4 +1,4 @@
-//! `caudal sweep`.
+//! `caudal sweep`: runs, resumes, shards and merges sweeps.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
 use caudal::report::{Claim, Folder, JOURNAL};
-use caudal::sweep::{Fresh, Results, Sweep, Written, run as run_sweep};
+use caudal::sweep::{RecentResults, Sweep, SweepResults, WrittenSweep, run as run_sweep};
 use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
@@ -19,9 +19,9 @@ use super::{bar_of, complain, exit, refuse, say, say_kept};
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Arguments {
     #[command(subcommand)]
-    merge: Option<Part>,
+    merge: Option<SweepAction>,
     #[command(flatten)]
-    sweep: Option<Common>,
+    sweep: Option<SweepSource>,
     /// Threads [default: one per core]
     #[arg(long, value_name = "N")]
     jobs: Option<std::num::NonZeroUsize>,
@@ -37,11 +37,11 @@ pub struct Arguments {
 }
 
 #[derive(Debug, Subcommand)]
-enum Part {
+enum SweepAction {
     /// Make one table and report of the journals of all shards
     Merge {
         #[command(flatten)]
-        sweep: Common,
+        sweep: SweepSource,
         /// Journals, or folders with journals [default: the folder of the results]
         journals: Vec<PathBuf>,
         /// Make them of the cases that are there by now, also while the sweep runs
@@ -51,7 +51,7 @@ enum Part {
 }
 
 #[derive(Debug, Args)]
-struct Common {
+struct SweepSource {
     /// The sweep, a TOML file with a base scene and axes
     sweep: PathBuf,
     /// Override a key of the base scene, for example --set start.kind=shaped
@@ -65,7 +65,7 @@ struct Common {
     force: bool,
 }
 
-impl Common {
+impl SweepSource {
     fn read(&self) -> Result<(Sweep, PathBuf)> {
         let sweep = Sweep::read(&self.sweep, &self.set)?;
         let folder = self.out.clone().unwrap_or_else(|| sweep.folder());
@@ -75,7 +75,7 @@ impl Common {
 
 pub fn sweep(arguments: &Arguments) -> Result<ExitCode> {
     match (&arguments.merge, &arguments.sweep) {
-        (Some(Part::Merge { sweep, journals, partial }), _) => merge(sweep, journals, *partial),
+        (Some(SweepAction::Merge { sweep, journals, partial }), _) => merge(sweep, journals, *partial),
         (None, Some(common)) if arguments.dry_run => list(common, arguments),
         (None, Some(common)) => run(common, arguments),
         (None, None) => Ok(ExitCode::from(exit::WRONG_INPUT)), // clap asks for the sweep
@@ -90,7 +90,7 @@ fn wanted(sweep: &Sweep, arguments: &Arguments) -> Vec<usize> {
     }
 }
 
-fn list(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
+fn list(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
     let cases = wanted(&sweep, arguments);
@@ -112,7 +112,7 @@ fn threads(arguments: &Arguments) -> usize {
     arguments.jobs.map_or_else(cores, usize::from)
 }
 
-fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
+fn run(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
     let mut cases = wanted(&sweep, arguments);
@@ -145,7 +145,7 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
 
     let interrupted = watch_for_interrupts();
     let bar = progress_bar(cases.len());
-    let (mut failures, mut fresh) = (0, Fresh::default());
+    let (mut failures, mut fresh) = (0, RecentResults::default());
     let outcome = run_sweep(&sweep, &mut journal, &cases, threads(arguments), &interrupted, |index, row| {
         if !row.complete() {
             failures += 1;
@@ -171,12 +171,12 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     held.hold_again()?;
-    finish(&Results::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
+    finish(&SweepResults::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
 }
 
 /// Table, figures and report, and a word on what failed.
-fn finish(results: &Results<'_>, folder: &mut Folder) -> Result<ExitCode> {
-    let Written { kept, failed } = results.write(folder)?;
+fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
+    let WrittenSweep { kept, failed } = results.write(folder)?;
     for (index, ending) in failed.iter().take(3) {
         complain(&format!("case {index}: {ending}"));
     }
@@ -187,7 +187,7 @@ fn finish(results: &Results<'_>, folder: &mut Folder) -> Result<ExitCode> {
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
 }
 
-fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
+fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(cores())?;
     let from = if from.is_empty() { std::slice::from_ref(&folder) } else { from };
@@ -210,7 +210,7 @@ fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
     let journals: Vec<Journal> =
         paths.iter().filter_map(|path| Journal::read_begun(path).transpose()).collect::<Result<_>>()?;
     let claimed = || sweep.claim(&folder, &job, Claim::forced(common.force));
-    let results = Results::new(&sweep, &job, journals)?;
+    let results = SweepResults::new(&sweep, &job, journals)?;
     let missing: Vec<usize> = results.missing().collect();
     if let Some(first) = missing.first() {
         let lacking = format!(

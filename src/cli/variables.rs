@@ -1,4 +1,4 @@
-//! `caudal variables`.
+//! `caudal variables`: lists the variables that hosts read and set.
 
 use std::path::Path;
 use std::process::ExitCode;

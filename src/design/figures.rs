@@ -1,35 +1,35 @@
-//! What a design shows: figures, tables and the motion before and after.
+//! Figures and tables of a design, and the animation before and after.
 
 use serde_json::{Value, json};
 
-use super::identify::Verdict;
-use super::outline;
-use super::report::{Answer, BEFORE, Compared, Design, InCase, distances, gain_percent, objective_label};
-use super::search::FoundNumber;
-use super::table::{Goal, Variable};
+use super::design_vector::BASELINE;
+use super::identify::{Identifiability, MAX_RELATIVE_DEVIATION};
+use super::markers::distances;
+use super::scenarios::ScenarioResult;
+use super::search::EstimatedNumber;
+use super::solve::{Answer, ComparedProfile, Design};
+use super::stl;
+use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::{Figure, Findings, Frame, Motion, Table};
+use crate::report::{Animation, Figure, Findings, Frame, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 
-/// Shapes drawn over the last cycle.
+/// Number of shapes drawn over the last cycle.
 const SHAPES: usize = 9;
 
-/// Parts of a drawn body.
+/// Stations of a drawn body.
 const STATIONS: usize = 100;
 
-/// Points of a curve, and frames of the page's motion.
+/// Points of a curve, and frames of the animation.
 const POINTS: usize = 600;
-
-/// A stiffness that is uncertain by more than this part of itself is not known.
-const KNOWN: f64 = 0.1;
 
 type Drawn = (&'static str, Chart);
 
 impl Design {
-    /// All that the design's page shows.
+    /// The content of the design's page.
     pub(super) fn findings(&self) -> Result<Findings> {
         let rod = self.scene.model()?.rod;
         let mut figures = vec![self.profile_figure(&rod)];
@@ -60,7 +60,7 @@ impl Design {
         })
     }
 
-    /// What the page says first.
+    /// The answers at the top of the page.
     fn answers(&self) -> Vec<String> {
         let mut answers = vec![format!("Status: {}.", self.status())];
         answers.extend(self.lines.iter().cloned());
@@ -91,11 +91,11 @@ impl Design {
         let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
         let highest = self.stiffness.iter().fold(0.0, |max: f64, ei| max.max(ei / rod.ei));
         let deviations: Vec<f64> = match &self.answer {
-            Answer::Identified(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),
-            Answer::Found(found) => {
+            Answer::Identification(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),
+            Answer::Search(found) => {
                 found.deviations.iter().zip(&self.stiffness).map(|(d, ei)| d * ei / rod.ei).collect()
             }
-            Answer::Resting(_) => Vec::new(),
+            Answer::StaticShape(_) => Vec::new(),
         };
         let mut series = Vec::new();
         for ((x, ei), by) in line(&self.stiffness).into_iter().zip(&deviations) {
@@ -104,12 +104,12 @@ impl Design {
         }
         series.push(Series::new(self.after(), line(&self.stiffness), Mark::Dotted));
         let others = self.evidence.profiles.iter().filter(|other| other.name != "design");
-        let others: Vec<&Compared> = others.collect();
+        let others: Vec<&ComparedProfile> = others.collect();
         series.extend(
             others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
         );
         if others.is_empty() {
-            series.push(Series::new(BEFORE, line(&own), Mark::Line));
+            series.push(Series::new(BASELINE, line(&own), Mark::Line));
         }
         for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
             if bound <= 3.0 * highest {
@@ -121,10 +121,9 @@ impl Design {
         ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
-    /// The straight rod seen from its side before and after, as long and deep as it is, with a stroke in every joint that is as high as
-    /// the joint is stiff.
+    /// Side view of the straight rod before and after, to scale, with a stroke at each joint in proportion to its stiffness.
     fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
-        if !matches!(self.answer, Answer::Found(_)) || self.table.fits_positions() {
+        if !matches!(self.answer, Answer::Search(_)) || self.table.fits_positions() {
             return Ok(None);
         }
         let after = self.designed.scene()?.model()?.rod;
@@ -135,7 +134,8 @@ impl Design {
         let deepest = [rod, &after].into_iter().flat_map(|rod| places.iter().map(|xi| depth(rod, *xi)));
         let apart = 1.5 * deepest.fold(0.0, f64::max);
         let mut series = Vec::new();
-        for (name, rod, stiffness, y) in [(BEFORE, rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)] {
+        for (name, rod, stiffness, y) in [(BASELINE, rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)]
+        {
             for (k, ei) in rod.joints().zip(stiffness) {
                 let (x, size) = (rod.xi(k) * rod.length, depth(rod, rod.xi(k)) * ei / stiffest);
                 series.push(Series::new("", vec![(x, y - size), (x, y + size)], Mark::Ghost));
@@ -152,7 +152,7 @@ impl Design {
     }
 
     fn actuation_figures(&self, rod: &Rod) -> Vec<Drawn> {
-        let Answer::Found(found) = &self.answer else { return Vec::new() };
+        let Answer::Search(found) = &self.answer else { return Vec::new() };
         let line = |values: &[f64]| {
             let xi = rod.joints().map(|k| rod.xi(k));
             xi.zip(values.iter().copied()).collect::<Vec<_>>()
@@ -160,14 +160,14 @@ impl Design {
         let mut figures = Vec::new();
         for (variable, file, title, y, values) in [
             (
-                Variable::Amplitude,
+                DesignVariable::Amplitude,
                 "amplitude.svg",
                 "amplitude of the actuation",
                 "amplitude over the scene's",
                 &found.profile.amplitude,
             ),
             (
-                Variable::Phase,
+                DesignVariable::Phase,
                 "phase.svg",
                 "phase of the actuation",
                 "phase subtracted (rad)",
@@ -175,10 +175,10 @@ impl Design {
             ),
         ] {
             if self.table.variables.contains(&variable) {
-                let own = if variable == Variable::Amplitude { 1.0 } else { 0.0 };
+                let own = if variable == DesignVariable::Amplitude { 1.0 } else { 0.0 };
                 let series = vec![
                     Series::new(self.after(), line(values), Mark::Dotted),
-                    Series::new(BEFORE, line(&vec![own; values.len()]), Mark::Line),
+                    Series::new(BASELINE, line(&vec![own; values.len()]), Mark::Line),
                 ];
                 figures.push((file, self.chart(title, "s/L", y, Scale::Linear, series)));
             }
@@ -186,13 +186,13 @@ impl Design {
         figures
     }
 
-    /// Numbers of the scene that were found, with their deviations.
+    /// The estimated numbers of the scene, with their deviations.
     fn numbers_figure(&self) -> Option<Drawn> {
-        let Answer::Found(found) = &self.answer else { return None };
+        let Answer::Search(found) = &self.answer else { return None };
         if found.numbers.is_empty() {
             return None;
         }
-        let value = |number: &FoundNumber| number.value / number.own;
+        let value = |number: &EstimatedNumber| number.value / number.own;
         let largest = found.numbers.iter().map(value).fold(1.0, f64::max);
         let mut series = Vec::new();
         for (i, number) in found.numbers.iter().enumerate() {
@@ -205,7 +205,7 @@ impl Design {
             series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots));
         }
         let ends = [0.5, 0.5 + found.numbers.len() as f64];
-        series.push(Series::new(BEFORE, ends.map(|x| (x, 1.0)).into(), Mark::Line));
+        series.push(Series::new(BASELINE, ends.map(|x| (x, 1.0)).into(), Mark::Line));
         series.push(Series::new("", vec![(ends[0], 0.0)], Mark::Unseen));
         Some((
             "numbers.svg",
@@ -213,7 +213,7 @@ impl Design {
         ))
     }
 
-    /// The designs between two goals.
+    /// The Pareto front.
     fn front_figure(&self) -> Option<Drawn> {
         let (Some(wanted), [_, ..]) = (&self.table.front, &self.evidence.front[..]) else { return None };
         let points = |best: bool| {
@@ -226,19 +226,19 @@ impl Design {
         Some(("front.svg", self.chart("designs between two goals", &x, &y, Scale::Linear, series)))
     }
 
-    /// The objective in each of the cases that the design is for.
+    /// The objective in each scenario.
     fn cases_figure(&self) -> Option<Drawn> {
         let cases = &self.evidence.cases;
         if cases.is_empty() {
             return None;
         }
         // Cases have no order: bars, and nothing in between.
-        let bars = |of: fn(&InCase) -> Option<f64>| {
+        let bars = |of: fn(&ScenarioResult) -> Option<f64>| {
             let values = cases.iter().enumerate().filter_map(|(i, case)| Some((i as f64, of(case)?)));
             values.collect::<Vec<_>>()
         };
         let series = vec![
-            Series::new(BEFORE, bars(|case| case.before), Mark::Line),
+            Series::new(BASELINE, bars(|case| case.before), Mark::Line),
             Series::new(self.after(), bars(|case| case.designed), Mark::Line),
         ];
         let numbers = (1..=cases.len()).map(|number| number.to_string()).collect();
@@ -246,7 +246,7 @@ impl Design {
         Some(("cases.svg", self.chart("every case", "number of the case", &y, Scale::Categories(numbers), series)))
     }
 
-    /// What the goal is about, over time: the tip and its target, the way, or the markers.
+    /// The goal over time: tip and target, distance, or markers.
     fn goal_figures(&self, rod: &Rod) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let target = self.evidence.target.as_ref();
@@ -256,7 +256,7 @@ impl Design {
             figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
-        let named = [(BEFORE, before), (self.after(), after)];
+        let named = [(BASELINE, before), (self.after(), after)];
         if let (Goal::TrackTip | Goal::Identify, Some(target)) = (self.table.goal, target) {
             for (axis, file, title, y) in
                 [(0, "tip_x.svg", "the tip, x", "x of the tip (m)"), (1, "tip_y.svg", "the tip, y", "y of the tip (m)")]
@@ -319,13 +319,13 @@ impl Design {
         figures
     }
 
-    /// The shapes of the last cycle before and after, on the same axes.
+    /// The shapes of the last cycle before and after, with equal axes.
     fn cycle_figures(&self) -> Vec<Drawn> {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
         let all = [self.shapes(before), self.shapes(after)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
         let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
-        let files = [("before.svg", format!("{what}, {BEFORE}")), ("after.svg", format!("{what}, {}", self.after()))];
+        let files = [("before.svg", format!("{what}, {BASELINE}")), ("after.svg", format!("{what}, {}", self.after()))];
         let figure = |((file, title), mut series): ((&'static str, String), Vec<Series>)| {
             series.push(Series::new("", extent.clone(), Mark::Unseen));
             (file, self.chart(&title, "x (m)", "y (m)", Scale::Equal, series))
@@ -349,14 +349,14 @@ impl Design {
     fn search_figures(&self) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let singular = match &self.answer {
-            Answer::Identified(found) => &found.singular_values[..],
-            Answer::Found(found) => &found.singular_values[..],
-            Answer::Resting(_) => &[],
+            Answer::Identification(found) => &found.singular_values[..],
+            Answer::Search(found) => &found.singular_values[..],
+            Answer::StaticShape(_) => &[],
         };
         if singular.first().is_some_and(|largest| *largest > 0.0) {
             let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
             let series = vec![Series::new("singular values", points, Mark::Dotted)];
-            let y = if matches!(self.answer, Answer::Identified(_)) {
+            let y = if matches!(self.answer, Answer::Identification(_)) {
                 "singular value (1/standard deviation)"
             } else {
                 "singular value (m for a change by 1)"
@@ -364,7 +364,7 @@ impl Design {
             figures
                 .push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
         }
-        let Answer::Found(found) = &self.answer else { return figures };
+        let Answer::Search(found) = &self.answer else { return figures };
         let tracked = self.table.fits_positions();
         let objective = axis_label(self.table.goal);
         for (file, title, y, scale, of) in [
@@ -373,7 +373,7 @@ impl Design {
                 "objective",
                 &*objective,
                 if tracked { Scale::LogY(10) } else { Scale::Linear },
-                (|iteration| iteration.objective) as fn(&super::Iteration) -> f64,
+                (|iteration| iteration.objective) as fn(&super::SearchIteration) -> f64,
             ),
             (
                 "convergence.svg",
@@ -401,11 +401,11 @@ impl Design {
     fn tables(&self, rod: &Rod) -> Result<Vec<Table>> {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
-        let value = if self.table.is_searched() { objective_label(self.table.goal) } else { "rms distance (m)" };
+        let value = if self.table.is_searched() { self.table.goal.label() } else { "rms distance (m)" };
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
-            let row = |other: &Compared| {
-                let gain = design.zip(other.objective).map(|(design, other)| gain_percent(&self.table, design, other));
+            let row = |other: &ComparedProfile| {
+                let gain = design.zip(other.objective).map(|(design, other)| self.table.gain_percent(design, other));
                 vec![json!(other.name), json!(other.objective), json!(gain)]
             };
             tables.push(Table {
@@ -416,7 +416,7 @@ impl Design {
             });
         }
         if !self.evidence.checks.is_empty() {
-            let row = |check: &super::report::Check| {
+            let row = |check: &super::robustness::Check| {
                 vec![json!(check.simulation), json!(check.before), json!(check.designed), json!(check.gain_percent)]
             };
             tables.push(Table {
@@ -432,9 +432,9 @@ impl Design {
             });
         }
         let active = match &self.answer {
-            Answer::Identified(found) => &found.active,
-            Answer::Resting(found) => &found.active,
-            Answer::Found(found) => &found.active,
+            Answer::Identification(found) => &found.active,
+            Answer::StaticShape(found) => &found.active,
+            Answer::Search(found) => &found.active,
         };
         if !active.is_empty() {
             tables.push(Table {
@@ -444,12 +444,12 @@ impl Design {
                 rows: active.iter().map(|(name, dual)| vec![json!(name), json!(dual)]).collect(),
             });
         }
-        if let Answer::Found(found) = &self.answer
+        if let Answer::Search(found) = &self.answer
             && !found.numbers.is_empty()
         {
-            let row = |number: &FoundNumber| {
-                let verdict = number.verdict.map(Verdict::words);
-                let FoundNumber { key, unit, own, value, deviation, .. } = number;
+            let row = |number: &EstimatedNumber| {
+                let verdict = number.verdict.map(Identifiability::words);
+                let EstimatedNumber { key, unit, own, value, deviation, .. } = number;
                 vec![
                     json!(key),
                     json!(unit),
@@ -468,7 +468,7 @@ impl Design {
                 rows: found.numbers.iter().map(row).collect(),
             });
         }
-        if let Answer::Found(found) = &self.answer
+        if let Answer::Search(found) = &self.answer
             && !found.tolerances.is_empty()
         {
             let row = |tolerance: &super::Tolerance| {
@@ -490,7 +490,7 @@ impl Design {
             });
         }
         if !self.evidence.cases.is_empty() {
-            let row = |case: &InCase| {
+            let row = |case: &ScenarioResult| {
                 vec![json!(case.case), json!(case.before), json!(case.designed), json!(case.gain_percent)]
             };
             tables.push(Table {
@@ -506,11 +506,11 @@ impl Design {
             });
         }
         if !self.evidence.front.is_empty() {
-            let row = |(i, point): (usize, &super::Compromise)| {
+            let row = |(i, point): (usize, &super::ParetoPoint)| {
                 let scene = format!("{}-front-{}.toml", self.scene.name, i + 1);
                 vec![json!(point.second), json!(point.first), json!(point.best), json!(point.converged), json!(scene)]
             };
-            let second = self.table.front.as_ref().map_or("", |front| objective_label(front.goal));
+            let second = self.table.front.as_ref().map_or("", |front| front.goal.label());
             tables.push(Table {
                 file: "front.csv",
                 title: "Designs between two goals",
@@ -522,10 +522,10 @@ impl Design {
         tables.push(Table {
             file: "body.csv",
             title: "The body along its length, as in body.stl",
-            columns: names(&outline::COLUMNS),
-            rows: outline::sections(&body, &self.stiffness),
+            columns: names(&stl::COLUMNS),
+            rows: stl::sections(&body, &self.stiffness),
         });
-        if let Answer::Found(found) = &self.answer {
+        if let Answer::Search(found) = &self.answer {
             let row = |(start, value): (usize, &f64)| {
                 let iterations = found.history.iter().filter(|iteration| iteration.start == start).count();
                 vec![json!(start + 1), json!(iterations), json!(value), json!(found.optima[start])]
@@ -543,49 +543,51 @@ impl Design {
     fn joints(&self, rod: &Rod) -> Table {
         let mut columns = vec!["node", "s/L", "EI (N m²)", "EI over the scene's"];
         match &self.answer {
-            Answer::Identified(_) => columns.extend(["standard deviation (N m²)", "signal to noise", "verdict"]),
-            Answer::Found(_) => {
+            Answer::Identification(_) => columns.extend(["standard deviation (N m²)", "signal to noise", "verdict"]),
+            Answer::Search(_) => {
                 let has = |variable| self.table.variables.contains(&variable);
-                columns.extend(has(Variable::Amplitude).then_some("amplitude over the scene's"));
-                columns.extend(has(Variable::Phase).then_some("phase subtracted (rad)"));
+                columns.extend(has(DesignVariable::Amplitude).then_some("amplitude over the scene's"));
+                columns.extend(has(DesignVariable::Phase).then_some("phase subtracted (rad)"));
                 columns.extend(self.table.fits_positions().then_some("standard deviation (N m²)"));
                 columns.push("verdict");
             }
-            Answer::Resting(_) => columns.push("verdict"),
+            Answer::StaticShape(_) => columns.push("verdict"),
         }
         let row = |(i, k): (usize, usize)| {
             let (ei, factor) = (self.stiffness[i], self.stiffness[i] / rod.ei);
             let mut row = vec![json!(k), json!(rod.xi(k)), json!(ei), json!(factor)];
             let bound = self.table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
             let verdict = match &self.answer {
-                Answer::Identified(found) => {
+                Answer::Identification(found) => {
                     let joint = &found.joints[i];
                     row.extend([json!(joint.deviation_n_m2), json!(joint.signal_to_noise)]);
                     joint.verdict.words()
                 }
-                Answer::Resting(found) if found.undecided.contains(&k) => Verdict::Unobservable.words(),
-                Answer::Resting(found) if found.missed.iter().any(|(node, _)| *node == k) => "misses the shape",
-                Answer::Found(found) => {
+                Answer::StaticShape(found) if found.undecided.contains(&k) => Identifiability::Unobservable.words(),
+                Answer::StaticShape(found) if found.missed.iter().any(|(node, _)| *node == k) => "misses the shape",
+                Answer::Search(found) => {
                     let has = |variable| self.table.variables.contains(&variable);
-                    row.extend(has(Variable::Amplitude).then(|| json!(found.profile.amplitude[i])));
-                    row.extend(has(Variable::Phase).then(|| json!(found.profile.phase_rad[i])));
+                    row.extend(has(DesignVariable::Amplitude).then(|| json!(found.profile.amplitude[i])));
+                    row.extend(has(DesignVariable::Phase).then(|| json!(found.profile.phase_rad[i])));
                     let deviation = found.deviations.get(i);
                     row.extend(self.table.fits_positions().then(|| json!(deviation.map(|d| d * ei))));
                     let identifies = self.table.goal == Goal::Identify;
                     let together = identifies && found.confused.iter().any(|group| group.len() > 1);
                     match deviation {
-                        _ if bound => Verdict::AtABound.words(),
-                        Some(deviation) if together && *deviation > KNOWN => Verdict::NotToldApart.words(),
-                        Some(_) if identifies && !found.converged => Verdict::NotConverged.words(),
-                        Some(_) if found.misfit.is_some() => Verdict::DoesNotFit.words(),
-                        Some(deviation) if *deviation <= KNOWN => Verdict::Identified.words(),
-                        Some(_) if identifies => Verdict::Unobservable.words(),
-                        Some(_) => Verdict::PriorDriven.words(),
+                        _ if bound => Identifiability::AtABound.words(),
+                        Some(deviation) if together && *deviation > MAX_RELATIVE_DEVIATION => {
+                            Identifiability::NotToldApart.words()
+                        }
+                        Some(_) if identifies && !found.converged => Identifiability::NotConverged.words(),
+                        Some(_) if found.misfit.is_some() => Identifiability::DoesNotFit.words(),
+                        Some(deviation) if *deviation <= MAX_RELATIVE_DEVIATION => Identifiability::Identified.words(),
+                        Some(_) if identifies => Identifiability::Unobservable.words(),
+                        Some(_) => Identifiability::PriorDriven.words(),
                         None => "",
                     }
                 }
-                Answer::Resting(_) if bound => Verdict::AtABound.words(),
-                Answer::Resting(_) => "",
+                Answer::StaticShape(_) if bound => Identifiability::AtABound.words(),
+                Answer::StaticShape(_) => "",
             };
             row.push(json!(verdict));
             row
@@ -598,7 +600,7 @@ impl Design {
         }
     }
 
-    fn motion(&self, rod: &Rod) -> Option<(Motion, String)> {
+    fn motion(&self, rod: &Rod) -> Option<(Animation, String)> {
         let [before, after] = &self.evidence.motions[..] else { return None };
         let frames = |motion: &Trajectory| -> Vec<Frame> {
             let every = motion.times.len().div_ceil(POINTS);
@@ -614,12 +616,12 @@ impl Design {
             };
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
-        let shown = format!("In grey: the same with {BEFORE}.");
-        Some((Motion::of(&frames(after)).beside("", &frames(before)), shown))
+        let shown = format!("In grey: the same with {BASELINE}.");
+        Some((Animation::of(&frames(after)).beside("", &frames(before)), shown))
     }
 }
 
-/// What a figure shows, in a sentence.
+/// The caption of a figure.
 fn caption(file: &str) -> &'static str {
     match file {
         "profile.svg" => {
@@ -652,22 +654,22 @@ fn caption(file: &str) -> &'static str {
     }
 }
 
-/// A goal as an axis names it, with its unit.
+/// The axis label of a goal, with its unit.
 fn axis_label(goal: Goal) -> String {
     let Some(measure) = MEASURES.into_iter().find(|measure| goal == Goal::Cycle(measure.key)) else {
-        return objective_label(goal).to_string();
+        return goal.label().to_string();
     };
     let words = measure.label();
     if measure.unit == "1" { words } else { format!("{words} ({})", measure.unit) }
 }
 
-/// Some of the points.
+/// At most `most` of the points.
 fn thinned(points: Vec<(f64, f64)>, most: usize) -> Vec<(f64, f64)> {
     let every = points.len().div_ceil(most).max(1);
     points.into_iter().step_by(every).collect()
 }
 
-/// A number of the positions over time.
+/// A function of the positions over time.
 fn curve(motion: &Trajectory, of: impl Fn(&[f64]) -> f64) -> Vec<(f64, f64)> {
     let points = (0..motion.times.len()).map(|n| (motion.times[n], of(motion.positions(n))));
     thinned(points.collect(), POINTS)

@@ -1,69 +1,70 @@
-//! Two goals at once: the front of designs on which neither can be better without loss of the other, by ε-constraint (Haimes,
-//! Lasdon & Wismer, IEEE Trans. SMC 1, 1971), each search from the end of the one before.
+//! Pareto front of two goals by the ε-constraint method (Haimes, Lasdon & Wismer, IEEE Trans. SMC 1, 1971). Each search starts from
+//! the end of the previous one.
 
 use std::ops::ControlFlow;
 
 use serde::Serialize;
 
-use super::memory::Memory;
-use super::search::{Found, Iteration, Objective, Search};
-use super::table::Table;
-use super::unknowns::Profile;
+use super::checkpoint::Checkpoint;
+use super::design_vector::DesignVector;
+use super::objective::Objective;
+use super::search::{Search, SearchIteration, SearchResult};
+use super::table::DesignTable;
 use crate::error::Result;
 use crate::sensitivity::Problem;
 
-/// A design that is nearer to an end of a gap than this part of it has closed it.
-const NEAR: f64 = 1e-3;
+/// A gap is closed if the new design is closer to one of its ends than this fraction of it.
+const CLOSED_GAP: f64 = 1e-3;
 
-/// A value that is worse by less than this part is as good.
-const ALIKE: f64 = 1e-6;
+/// Objectives that differ by less than this fraction are equal.
+const SAME_VALUE: f64 = 1e-6;
 
-/// A design of the front.
+/// A design on the Pareto front.
 #[derive(Debug, Clone, Serialize)]
-pub struct Compromise {
-    /// The first goal's objective.
+pub struct ParetoPoint {
+    /// Objective of the first goal.
     pub first: f64,
-    /// The second's.
+    /// Objective of the second goal.
     pub second: f64,
-    /// What it is.
-    pub profile: Profile,
-    /// True where its search converged.
+    /// The design.
+    pub profile: DesignVector,
+    /// True if its search converged.
     pub converged: bool,
-    /// True where no other design of the front is better in one goal and no worse in the other.
+    /// True if no other design of the front dominates it.
     pub best: bool,
 }
 
-/// The front from `found`, which is best for the first goal, to what is best for the second, and whether it was stopped; empty
-/// where the table asks for none.
+/// The Pareto front from `found`, the optimum of the first goal, to the optimum of the second, and whether it was interrupted.
+/// Empty if the table asks for none.
 ///
 /// # Errors
 /// Those of [`Search::run`].
 pub(super) fn front(
-    table: &Table,
+    table: &DesignTable,
     objective: &Objective,
-    found: &Found,
-    (problem, memory): (impl Fn() -> Result<Problem>, &mut Memory),
-    mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-) -> Result<(Vec<Compromise>, bool)> {
+    found: &SearchResult,
+    (problem, checkpoint): (impl Fn() -> Result<Problem>, &mut Checkpoint),
+    mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+) -> Result<(Vec<ParetoPoint>, bool)> {
     let (Some(wanted), Some(other)) = (&table.front, table.second()) else { return Ok((Vec::new(), false)) };
     let second = Objective::new(&other, &problem()?, None)?.like(objective);
     second.check(&mut problem()?)?;
     let mut points = Vec::new();
-    let mut add = |found: &Found| -> Result<Option<[f64; 2]>> {
+    let mut add = |found: &SearchResult| -> Result<Option<[f64; 2]>> {
         let [a, b] = [objective, &second].map(|goal| goal.measure(&mut problem().ok()?, &found.profile));
         let both = a.zip(b).map(|(first, second)| [first, second]);
         if let Some([first, second]) = both {
             let (profile, converged) = (found.profile.clone(), found.converged);
-            points.push(Compromise { first, second, profile, converged, best: true });
+            points.push(ParetoPoint { first, second, profile, converged, best: true });
         }
         Ok(both)
     };
     let from = add(found)?;
-    let mut best = |table: &Table, objective: &Objective, from: &[f64]| -> Result<Found> {
+    let mut best = |table: &DesignTable, objective: &Objective, from: &[f64]| -> Result<SearchResult> {
         let mut search = Search::new(table, objective, problem()?);
-        search.memory = std::mem::take(memory);
+        search.checkpoint = std::mem::take(checkpoint);
         let found = search.run_from(Some(from.to_vec()), &mut tell);
-        *memory = search.memory;
+        *checkpoint = search.checkpoint;
         found
     };
     let end = best(&other, &second, &found.at.1)?;
@@ -83,13 +84,13 @@ pub(super) fn front(
             let Some(i) = open.max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
             let width = gap(&i);
             let floor = 0.5 * (along[i].0[1] + along[i + 1].0[1]);
-            let table = Table { floor: Some([floor, size]), ..table.clone() };
+            let table = DesignTable { floor: Some([floor, size]), ..table.clone() };
             let found = best(&table, objective, &along[i].1.clone())?;
             interrupted = found.interrupted;
             match add(&found)? {
                 Some(value) => {
                     let near = |other: [f64; 2]| {
-                        ((value[0] - other[0]) / spans[0]).hypot((value[1] - other[1]) / spans[1]) < NEAR * width
+                        ((value[0] - other[0]) / spans[0]).hypot((value[1] - other[1]) / spans[1]) < CLOSED_GAP * width
                     };
                     // Where it comes to one of the ends there is nothing in between.
                     let open = !near(along[i].0) && !near(along[i + 1].0);
@@ -110,7 +111,7 @@ pub(super) fn front(
         points[i].best = points.iter().all(|other| {
             let first = gain(objective.smaller_is_better(), other.first, one) / one.abs();
             let second = gain(second.smaller_is_better(), other.second, two) / two.abs();
-            first.min(second) < -ALIKE || first.max(second) <= ALIKE
+            first.min(second) < -SAME_VALUE || first.max(second) <= SAME_VALUE
         });
     }
     Ok((points, interrupted))

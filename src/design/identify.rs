@@ -11,58 +11,59 @@
 use nalgebra::{DMatrix, Vector2};
 use serde::Serialize;
 
-use super::markers::{Markers, Motion};
-use super::qp::{Constraint, Quadratic};
+use super::basis::{Basis, second_differences};
+use super::markers::{Markers, SmoothedMotion};
+use super::qp::{Constraint, QuadraticProgram};
 use super::refit::Refit;
-use super::table::{Basis, Table};
+use super::table::DesignTable;
 use crate::error::{Error, Result};
 use crate::fluid::force::{OnEdge, OnTip};
 use crate::model::Dynamics;
 use crate::rod::{add, bend, node};
 use crate::system::{Direction, State, System};
 
-/// A standard deviation above this part of the stiffness identifies nothing.
-const IDENTIFIED: f64 = 0.1;
+/// A parameter counts as identified if its standard deviation is at most this fraction of it.
+pub(super) const MAX_RELATIVE_DEVIATION: f64 = 0.1;
 
-/// Σc² beyond noise must be this many times what noise alone makes of it; with less the stiffness would rest on how well the
-/// noise is known.
-const SIGNAL: f64 = 5.0;
+/// Least ratio of Σc² beyond noise to what noise alone contributes. Below it, the estimate would depend on how well the noise is
+/// known.
+const MIN_SIGNAL_TO_NOISE: f64 = 5.0;
 
-/// Joints of which nothing is known stay at the scene's own stiffness, pulled by this part of the least information there is.
-const WEAK: f64 = 1e-8;
+/// Weight of the prior, over the least information in the data: joints without information keep the scene's own stiffness.
+const PRIOR_WEIGHT: f64 = 1e-8;
 
-/// Mean square of what is left of a balance over that of noise, from which on a joint does not fit.
-const MISFIT: f64 = 1.5;
+/// A joint does not fit if the mean square of its residual exceeds that of noise by more than this.
+const MAX_MISFIT: f64 = 1.5;
 
-/// The strength of the actuation is looked for within this factor of the scene's, as a logarithm, in such steps.
-const GAINS: i32 = 70;
+/// The actuation gain is searched for on this logarithmic grid about the scene's: number of steps to either side, and step.
+const GAIN_STEPS: i32 = 70;
 const GAIN_STEP: f64 = 0.1;
 
-/// Passes of the weights, which depend on the stiffness.
-const PASSES: usize = 3;
+/// Iterations of reweighted least squares, since the weights depend on the stiffness.
+const REWEIGHTINGS: usize = 3;
 
-/// What can be said of a joint.
+/// How well the data determine a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
-    /// The data say it.
+pub enum Identifiability {
+    /// The data determine it.
     Identified,
-    /// The data say little; smoothness, knots, order or mean decide.
+    /// The data contribute little; smoothness, knots, order or mean decide.
     PriorDriven,
-    /// A bound decides.
+    /// It is at a bound.
     AtABound,
-    /// The data know it only together with others.
+    /// The data determine it only together with others.
     NotToldApart,
-    /// What is left of its balance or of the simulation is more than noise: the scene is not that of the data.
+    /// The residual exceeds noise: the scene is not that of the data.
     DoesNotFit,
     /// The search ended before it was stationary.
     NotConverged,
-    /// Neither data nor anything else says anything.
+    /// Neither the data nor a prior determines it.
     Unobservable,
 }
 
-impl Verdict {
-    /// In words.
+impl Identifiability {
+    /// Its description.
     pub fn words(self) -> &'static str {
         match self {
             Self::Identified => "identified",
@@ -76,99 +77,98 @@ impl Verdict {
     }
 }
 
-/// The answer for one joint.
+/// The estimate for one joint.
 #[derive(Debug, Clone, Serialize)]
-pub struct Joint {
-    /// Its node.
+pub struct JointEstimate {
+    /// Index of its node.
     pub node: usize,
     /// s/L.
     pub xi: f64,
     /// EI, N m².
     pub stiffness_n_m2: f64,
-    /// Its standard deviation from the noise of the positions, N m².
+    /// Standard deviation from the noise of the positions, N m².
     pub deviation_n_m2: f64,
-    /// Σc² over what noise alone makes of it.
+    /// Signal-to-noise ratio: Σc² over the contribution of noise.
     pub signal_to_noise: f64,
-    /// Root of the mean square of EI c − m over what noise alone makes of it: about 1 where the scene is that of the data.
+    /// Root mean square of EI c − m over the contribution of noise: about 1 if the scene is that of the data.
     pub residual_over_noise: f64,
-    /// What can be said of it.
-    pub verdict: Verdict,
+    /// Its identifiability.
+    pub verdict: Identifiability,
 }
 
-impl Joint {
-    /// True where what it bends beyond its natural curvature drowns in noise.
+impl JointEstimate {
+    /// True if its curvature beyond the natural one is below the noise.
     pub fn drowns(&self) -> bool {
-        self.signal_to_noise <= SIGNAL
+        self.signal_to_noise <= MIN_SIGNAL_TO_NOISE
     }
 }
 
-/// What identification finds.
+/// The result of identification.
 #[derive(Debug, Clone, Serialize)]
-pub struct Identified {
+pub struct Identification {
     /// The joints.
-    pub joints: Vec<Joint>,
-    /// Strength of the actuation over the scene's, where it was asked for.
+    pub joints: Vec<JointEstimate>,
+    /// Actuation gain over the scene's, if it was identified too.
     pub actuation_gain: Option<f64>,
-    /// True where that is at an edge of what is looked for.
+    /// True if the gain is at the edge of the search grid.
     pub gain_at_edge: bool,
-    /// Standard deviation of the positions, m, as asked for or as found.
+    /// Standard deviation of the positions, m, as given or as estimated.
     pub noise_m: f64,
-    /// Samples to either side in the filter.
+    /// Half the smoothing filter's window, in samples.
     pub window_samples: usize,
-    /// Samples used.
+    /// Number of samples used.
     pub samples: usize,
-    /// Root of the mean of squares of EI c − m over that of m: how well the balance holds.
+    /// Root mean square of EI c − m over that of m: how well the moment balance closes.
     pub misfit: f64,
-    /// How the simulation with it meets the markers; none where there is none.
+    /// Comparison of its simulation with the markers; `None` if there is none.
     pub refit: Option<Refit>,
-    /// Of a free rod: root mean squares of the sums of forces (N, x and y) and moments (N m) that must vanish, over those of
+    /// For a free rod: root mean squares of the sums of forces (N, x and y) and moments (N m), which must vanish, over those of
     /// their parts.
     pub balances: Option<[f64; 3]>,
-    /// Constraints that bind, with their duals.
+    /// Active constraints, with their duals.
     pub active: Vec<(String, f64)>,
-    /// Square roots of the eigenvalues of the data's part of the scaled Hessian, falling: how many numbers the data know, and how well (the
-    /// inverse is a standard deviation over the reference stiffness).
+    /// Square roots of the eigenvalues of the data's part of the scaled Hessian, in descending order: how many parameters the data
+    /// determine, and how well (the inverse is a standard deviation over the reference stiffness).
     pub singular_values: Vec<f64>,
-    /// Samples without a marker, and glitches.
+    /// Samples without a marker, and outliers.
     pub missing: Vec<String>,
-    /// How many other samples were left out, and why.
+    /// Descriptions of other samples that were left out.
     pub left_out: Vec<String>,
 }
 
-impl Identified {
-    /// Judges it by its simulation too: deviations grow by what that asks for, and where more than noise is left the scene is not that of
-    /// the data, which balances of single joints may hide.
+impl Identification {
+    /// Updates the estimates by their simulation: deviations grow by the stiffness change that it asks for. If the residual exceeds
+    /// noise, the scene is not that of the data, which balances of single joints may hide.
     pub fn judge(&mut self, refit: Refit) {
         for (joint, stiffer) in self.joints.iter_mut().zip(&refit.stiffer_n_m2) {
             let left = if refit.fits() { 1.0 } else { refit.residual_over_noise };
             joint.deviation_n_m2 = (left * joint.deviation_n_m2).hypot(*stiffer);
-            if joint.verdict == Verdict::Identified && !refit.fits() {
-                joint.verdict = Verdict::DoesNotFit;
+            if joint.verdict == Identifiability::Identified && !refit.fits() {
+                joint.verdict = Identifiability::DoesNotFit;
             }
         }
         self.refit = Some(refit);
     }
 }
 
-/// What a force is differentiated along, in the order of [`Moves`].
+/// Directions in which forces are differentiated, in the order of [`Moves`].
 const DIRECTIONS: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS];
 
-/// How a number moves with positions: index of the entry, and by its value, velocity and acceleration.
+/// Derivatives of a number by positions: index of the coordinate, and derivatives by its value, velocity and acceleration.
 type Moves = Vec<(usize, [f64; 3])>;
 
-/// Curvatures and moments of one joint over all samples.
-pub(super) struct Series {
-    /// Parts of c that do and do not move with the actuation: c = still − gain·driven.
+/// Curvatures and moments of one joint at all samples.
+pub(super) struct JointSeries {
+    /// The parts of c that do and do not scale with the actuation: c = still − gain·driven.
     still: Vec<f64>,
     driven: Vec<f64>,
     /// m.
     pub(super) moment: Vec<f64>,
-    /// What a position moves: index of the entry, and by value, velocity and acceleration; one list a sample. The first is for
-    /// c, with unit stiffness, the second for −m.
+    /// Derivatives by the positions, one list per sample. The first is of c, for unit stiffness, the second of −m.
     by: [Vec<Moves>; 2],
 }
 
-impl Series {
+impl JointSeries {
     pub(super) fn curvature(&self, gain: f64) -> Vec<f64> {
         self.still.iter().zip(&self.driven).map(|(still, driven)| still - gain * driven).collect()
     }
@@ -178,17 +178,17 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// z × r.
+/// The cross product z × r.
 fn turned(r: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-r.y, r.x)
 }
 
-/// Evaluates c and m of every joint, and the balances of a free rod.
+/// Evaluates c and m of each joint, and the balances of a free rod.
 pub(super) fn series(
     dynamics: &mut Dynamics,
     markers: &Markers,
-    motion: &Motion,
-) -> Result<(Vec<Series>, Option<[f64; 3]>)> {
+    motion: &SmoothedMotion,
+) -> Result<(Vec<JointSeries>, Option<[f64; 3]>)> {
     let nodes = dynamics.nodes();
     let joints = dynamics.model.rod.joints();
     let held = dynamics.model.head.is_some();
@@ -202,9 +202,9 @@ pub(super) fn series(
             dynamics.natural.clone()
         })
         .collect();
-    let mut all: Vec<Series> = joints
+    let mut all: Vec<JointSeries> = joints
         .clone()
-        .map(|_| Series { still: vec![], driven: vec![], moment: vec![], by: [vec![], vec![]] })
+        .map(|_| JointSeries { still: vec![], driven: vec![], moment: vec![], by: [vec![], vec![]] })
         .collect();
     let (mut sums, mut parts) = ([0.0; 3], [0.0; 3]);
     let mut by_moment = [0, 1, 2].map(|_| vec![0.0; 2 * nodes]);
@@ -312,8 +312,13 @@ pub(super) fn series(
     Ok((all, balances))
 }
 
-/// Variance of Σ_i u_i e_i by noise of variance one in every position, where e moves by `by` of a sample.
-fn variance(motion: &Motion, entries: usize, u: &[f64], by: impl Fn(usize, &mut dyn FnMut(usize, [f64; 3]))) -> f64 {
+/// Variance of Σ_i u_i e_i for unit noise in each position; `by` lists the derivatives of e at a sample.
+fn variance(
+    motion: &SmoothedMotion,
+    entries: usize,
+    u: &[f64],
+    by: impl Fn(usize, &mut dyn FnMut(usize, [f64; 3])),
+) -> f64 {
     // What every position of every sample counts in the sum.
     let count = motion.samples.last().map_or(0, |sample| sample.index + motion.half + 1);
     let mut counts = vec![0.0; count * entries];
@@ -328,22 +333,29 @@ fn variance(motion: &Motion, entries: usize, u: &[f64], by: impl Fn(usize, &mut 
     dot(&counts, &counts)
 }
 
-/// What is known of a joint: Σc², its share of noise, Σcm, and the variance of Σc(EI c − m).
-struct Known {
+/// Information about a joint: Σc², its part from noise, Σcm, and the variance of Σc(EI c − m).
+struct JointInformation {
     square: f64,
     noise: f64,
     product: f64,
     variance: f64,
 }
 
-impl Known {
-    /// Σc² beyond noise, over what noise alone makes of it.
+impl JointInformation {
+    /// Σc² beyond noise over the contribution of noise.
     fn signal(&self) -> f64 {
         (self.square - self.noise) / self.noise.max(f64::MIN_POSITIVE)
     }
 }
 
-fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, sigma: f64) -> Known {
+fn known(
+    series: &JointSeries,
+    motion: &SmoothedMotion,
+    entries: usize,
+    gain: f64,
+    ei: f64,
+    sigma: f64,
+) -> JointInformation {
     let c = series.curvature(gain);
     let of_c = |i: usize| {
         let gain = motion.samples[i].weights.iter().map(|w| w[0] * w[0]).sum::<f64>();
@@ -367,7 +379,7 @@ fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, s
             visit(*entry, *by);
         }
     };
-    Known {
+    JointInformation {
         square: dot(&c, &c),
         noise,
         product: dot(&c, &series.moment),
@@ -375,8 +387,8 @@ fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, s
     }
 }
 
-/// Σ of the variances of EI c − m over the samples: what noise leaves of the balance.
-fn noise_left(series: &Series, motion: &Motion, entries: usize, ei: f64, sigma: f64) -> f64 {
+/// The expected Σ(EI c − m)² from noise alone.
+fn noise_left(series: &JointSeries, motion: &SmoothedMotion, entries: usize, ei: f64, sigma: f64) -> f64 {
     let mut moves = vec![[0.0; 3]; entries];
     let of_residual = |i: usize| {
         moves.fill([0.0; 3]);
@@ -396,11 +408,11 @@ fn noise_left(series: &Series, motion: &Motion, entries: usize, ei: f64, sigma: 
     sigma * sigma * (0..motion.samples.len()).map(of_residual).sum::<f64>()
 }
 
-/// The gain of the actuation that leaves the least of EI c − m where every joint takes its best stiffness, and whether it is at an
-/// edge of what is looked for.
-fn best_gain(all: &[Series]) -> (f64, bool) {
+/// The actuation gain with the least residual EI c − m, with the best stiffness of each joint, and whether it is at the edge of the
+/// grid.
+fn best_gain(all: &[JointSeries]) -> (f64, bool) {
     let misfit = |gain: f64| -> f64 {
-        let of = |series: &Series| {
+        let of = |series: &JointSeries| {
             let c = series.curvature(gain);
             let (cm, mm) = (dot(&c, &series.moment), dot(&series.moment, &series.moment));
             (1.0 - cm * cm / (dot(&c, &c) * mm)).max(0.0)
@@ -409,18 +421,19 @@ fn best_gain(all: &[Series]) -> (f64, bool) {
     };
     // Golden section in the logarithm, after a look around for the right valley.
     let at = |i: i32| f64::from(i) * GAIN_STEP;
-    let middle = (-GAINS..=GAINS).min_by(|a, b| misfit(at(*a).exp()).total_cmp(&misfit(at(*b).exp()))).unwrap_or(0);
+    let middle =
+        (-GAIN_STEPS..=GAIN_STEPS).min_by(|a, b| misfit(at(*a).exp()).total_cmp(&misfit(at(*b).exp()))).unwrap_or(0);
     let (mut low, mut high) = (at(middle - 1), at(middle + 1));
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     for _ in 0..60 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if misfit(a.exp()) < misfit(b.exp()) { high = b } else { low = a }
     }
-    ((0.5 * (low + high)).exp(), middle.abs() == GAINS)
+    ((0.5 * (low + high)).exp(), middle.abs() == GAIN_STEPS)
 }
 
-/// Bounds, order and mean of the stiffness over `reference`, as constraints of the unknowns.
-pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constraint> {
+/// Bounds, order and mean of the stiffness over `reference` as constraints of the unknowns.
+pub fn constraints(table: &DesignTable, basis: &Basis, equal_mean: bool) -> Vec<Constraint> {
     let mut constraints = Vec::new();
     let place = |i: usize| match &table.knots {
         Some(knots) => format!("knot xi = {}", knots[i]),
@@ -452,26 +465,18 @@ pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constr
     constraints
 }
 
-/// The second differences D₂ of the joints' values, as rows of the unknowns.
-pub fn second_differences(basis: &Basis) -> impl Iterator<Item = Vec<(usize, f64)>> {
-    basis.rows.windows(3).map(|rows| {
-        let parts = rows.iter().zip([1.0, -2.0, 1.0]);
-        parts.flat_map(|(part, factor)| part.iter().map(move |(i, w)| (*i, factor * w))).collect()
-    })
-}
-
 /// Adds λ‖D₂x‖² over the joints.
-pub fn smooth(programme: &mut Quadratic, basis: &Basis, weight: f64) {
+pub fn smooth(programme: &mut QuadraticProgram, basis: &Basis, weight: f64) {
     for row in second_differences(basis).filter(|_| weight > 0.0) {
         programme.add_square(&row, 0.0, weight);
     }
 }
 
-/// Finds the stiffness with which `markers` moved in the scene of `dynamics`.
+/// Identifies the stiffness with which `markers` moved in the scene of `dynamics`.
 ///
 /// # Errors
-/// [`Error::Design`] where data or demands allow no answer; those of [`Dynamics::shape`].
-pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Result<Identified> {
+/// [`Error::Design`] if the data or constraints allow no answer; those of [`Dynamics::shape`].
+pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable) -> Result<Identification> {
     let step = {
         let mut steps: Vec<f64> = markers.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         steps.sort_by(f64::total_cmp);
@@ -486,29 +491,29 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
         return Err(Error::Design { reason: "actuation_gain is asked for where nothing is actuated".to_string() });
     }
     let (gain, at_edge) = if table.actuation_gain { best_gain(&all) } else { (1.0, false) };
-    let basis = table.basis(rod);
+    let basis = Basis::of(table, rod);
     let demands = constraints(table, &basis, true);
     let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
     let mut stiffness = own.clone();
     let mut found = None;
-    let mut data = Quadratic::new(0);
-    for _ in 0..PASSES {
-        let knowns: Vec<Known> = (all.iter().zip(&stiffness))
+    let mut data = QuadraticProgram::new(0);
+    for _ in 0..REWEIGHTINGS {
+        let knowns: Vec<JointInformation> = (all.iter().zip(&stiffness))
             .map(|(series, ei)| known(series, &motion, entries, gain, *ei, sigma))
             .collect();
-        let mut programme = Quadratic::new(basis.unknowns);
+        let mut programme = QuadraticProgram::new(basis.unknowns);
         // Information (1/variance) of EI/reference.
         let informations: Vec<f64> = knowns
             .iter()
             .map(|known| {
                 let square = known.square - known.noise;
-                let speaks = square > SIGNAL * known.noise && square > 0.0;
+                let speaks = square > MIN_SIGNAL_TO_NOISE * known.noise && square > 0.0;
                 if speaks { (reference * square).powi(2) / known.variance.max(f64::MIN_POSITIVE) } else { 0.0 }
             })
             .collect();
         let least = informations.iter().copied().filter(|i| *i > 0.0).fold(f64::INFINITY, f64::min);
-        data = Quadratic::new(basis.unknowns);
-        let weak = WEAK * if least.is_finite() { least } else { 1.0 };
+        data = QuadraticProgram::new(basis.unknowns);
+        let weak = PRIOR_WEIGHT * if least.is_finite() { least } else { 1.0 };
         for (((known, row), information), own) in knowns.iter().zip(&basis.rows).zip(&informations).zip(&own) {
             if *information > 0.0 {
                 let square = known.square - known.noise;
@@ -534,21 +539,21 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     let prior = table.smoothness > 0.0 || table.knots.is_some() || table.monotone || table.mean.is_some();
     // What is left of the balances: in all, beyond what may be noise, and the moments themselves.
     let independent = (motion.samples.len() as f64 / (motion.half + 1) as f64).max(1.0);
-    let allowed = MISFIT + 4.0 * (2.0 / independent).sqrt();
+    let allowed = MAX_MISFIT + 4.0 * (2.0 / independent).sqrt();
     let left: Vec<[f64; 4]> = (all.iter().zip(&stiffness).zip(&knowns))
         .map(|((series, ei), known)| {
             let noise = noise_left(series, &motion, entries, *ei, sigma);
             let c = series.curvature(gain);
             let square: f64 = c.iter().zip(&series.moment).map(|(c, m)| (ei * c - m).powi(2)).sum();
             // Where noise drowns what the rod bends there is nothing to judge by.
-            let beyond = if known.signal() > SIGNAL { (square - noise * allowed).max(0.0) } else { 0.0 };
+            let beyond = if known.signal() > MIN_SIGNAL_TO_NOISE { (square - noise * allowed).max(0.0) } else { 0.0 };
             [square, beyond, dot(&series.moment, &series.moment), noise]
         })
         .collect();
     let sum = |i: usize| left.iter().map(|left| left[i]).sum::<f64>();
     // What the scene lacks at one joint it lacks at others, where noise may hide it.
     let lacking = (sum(1) / sum(2).max(f64::MIN_POSITIVE)).sqrt();
-    let joints: Vec<Joint> = (rod.joints().zip(&stiffness).zip(knowns.iter().zip(&left)))
+    let joints: Vec<JointEstimate> = (rod.joints().zip(&stiffness).zip(knowns.iter().zip(&left)))
         .map(|((k, ei), (known, [own, beyond, _, noise]))| {
             let square = known.square - known.noise;
             let signal = known.signal();
@@ -562,19 +567,19 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             let factor = ei / reference;
             let bound = table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
             let verdict = if bound {
-                Verdict::AtABound
+                Identifiability::AtABound
             } else if *beyond > 0.0 {
-                Verdict::DoesNotFit
+                Identifiability::DoesNotFit
             } else if at_edge {
-                Verdict::NotToldApart
-            } else if signal > SIGNAL && deviation <= IDENTIFIED * ei {
-                Verdict::Identified
+                Identifiability::NotToldApart
+            } else if signal > MIN_SIGNAL_TO_NOISE && deviation <= MAX_RELATIVE_DEVIATION * ei {
+                Identifiability::Identified
             } else if prior {
-                Verdict::PriorDriven
+                Identifiability::PriorDriven
             } else {
-                Verdict::Unobservable
+                Identifiability::Unobservable
             };
-            Joint {
+            JointEstimate {
                 node: k,
                 xi: rod.xi(k),
                 stiffness_n_m2: *ei,
@@ -585,7 +590,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             }
         })
         .collect();
-    Ok(Identified {
+    Ok(Identification {
         joints,
         actuation_gain: table.actuation_gain.then_some(gain),
         noise_m: sigma,

@@ -1,58 +1,60 @@
-//! Limits of a design that are no bounds: of the body, of the load on its joints, and of a second goal.
+//! Limits of a design as inequality constraints: on the body (mass, buoyancy, wall), on the loads (moment, strain, power), on means
+//! over cycles, and on a second goal.
 
 use serde::{Deserialize, Serialize};
 
-use super::search::Objective;
-use super::table::{Goal, Table};
-use super::unknowns::Profile;
+use super::design_vector::DesignVector;
+use super::objective::Objective;
+use super::table::{DesignTable, Goal};
 use crate::cycle::{CycleMeasure, FORWARD_SPEED, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::rod::Shape;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
-/// A load has a constraint for each of its peaks in time, so that its largest may become another one without a kink: the largest of every
-/// stretch of so many samples. Samples of even and of odd number have one each, or it would have a kink where the peak goes from one to the next.
-const STRETCH: usize = 8;
+/// A load is constrained at each of its peaks in time, since its maximum would have a kink when another peak becomes the largest.
+/// Per window of this many samples there is one constraint for the even and one for the odd samples, so that none has a kink when a
+/// peak moves to the next sample.
+const PEAK_WINDOW: usize = 8;
 
-/// A peak with a smaller logarithm, over the limit or over the largest beyond it, is out of reach of a step.
-const FAR: f64 = -0.5;
+/// Peaks whose logarithm, over the limit or over the largest value, is smaller than this are beyond the reach of one step.
+const FAR_FROM_LIMIT: f64 = -0.5;
 
-/// The number of a load that has no peak nearer than that.
-const NONE_NEAR: usize = usize::MAX;
+/// Index of a load without any such peak.
+const NO_PEAK: usize = usize::MAX;
 
-/// A limit, at a point of the search.
+/// The value of a limit at a point of the search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Limited {
-    /// In words; what is limited together, one after the other, has the same.
+pub(super) struct LimitValue {
+    /// Its name; the constraints of one limit, which follow each other, share it.
     pub name: String,
-    /// Which load, and which of its peaks. A peak has the same at other points, where it may be missing, as it is far there.
+    /// Index of the load, and of its peak. A peak keeps its index at other points; it is missing there if it is far from the limit.
     pub of: [usize; 2],
-    /// The logarithm of the value over the limit; the other way round where the value is to be large. It is to be 0 at most. In
+    /// Logarithm of the value over the limit, or of the limit over a value that is to be large: feasible if at most 0. In
     /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
-    /// Its derivatives, by the parameters, later by the unknowns.
+    /// Derivatives by the parameters, later by the unknowns.
     pub by: Vec<f64>,
 }
 
-impl Limited {
-    /// The same in `others`, at another point.
+impl LimitValue {
+    /// The same constraint among `others`, at another point.
     pub fn among<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others.iter().find(|other| other.of == self.of && other.name == self.name)
     }
 }
 
-/// What has one price for being passed: all that is limited together, or each load alone.
+/// Which constraints share a penalty: all of one limit, or those of each load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Priced {
+pub(super) enum PenaltyGroups {
     Together,
     Alone,
 }
 
-impl Priced {
-    /// The number of the price that each of `limits` has.
-    pub fn groups(self, limits: &[Limited]) -> Vec<usize> {
-        let same = |[a, b]: [&Limited; 2]| a.name == b.name && (self == Self::Together || a.of[0] == b.of[0]);
+impl PenaltyGroups {
+    /// The penalty index of each of `limits`.
+    pub fn groups(self, limits: &[LimitValue]) -> Vec<usize> {
+        let same = |[a, b]: [&LimitValue; 2]| a.name == b.name && (self == Self::Together || a.of[0] == b.of[0]);
         let new = |i: usize| usize::from(i > 0 && !same([&limits[i], &limits[i - 1]]));
         let count = |group: &mut usize, i: usize| {
             *group += new(i);
@@ -62,19 +64,19 @@ impl Priced {
     }
 }
 
-/// The sum over `groups` of what the largest of each, by `excess`, is beyond its limit.
-pub(super) fn beyond(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
+/// The sum over `groups` of each group's largest violation.
+pub(super) fn total_violation(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
     let mut worst = vec![0.0_f64; groups.last().map_or(0, |last| last + 1)];
     groups.iter().enumerate().for_each(|(i, group)| worst[*group] = worst[*group].max(excess(i)));
     worst.iter().sum()
 }
 
-/// The samples of `values` that limit them: the largest of even and of odd number in each stretch of a peak above `least`, and of those beside
-/// it, to which the peak may go; each with the number of its constraint. Where there is none, the largest.
+/// The samples of `values` that are constrained, each with its index: the largest even and odd sample of each window with a peak
+/// above `least`, and of the windows next to it, to which the peak may move. Without any peak, the largest sample.
 fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     let largest = |samples: &mut dyn Iterator<Item = usize>| samples.max_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let stretches = values.len().div_ceil(STRETCH);
-    let inside = |w: usize| w * STRETCH..((w + 1) * STRETCH).min(values.len());
+    let stretches = values.len().div_ceil(PEAK_WINDOW);
+    let inside = |w: usize| w * PEAK_WINDOW..((w + 1) * PEAK_WINDOW).min(values.len());
     let height = |w: usize| largest(&mut inside(w)).map_or(0.0, |n| values[n]);
     let heights: Vec<f64> = (0..stretches).map(height).collect();
     let is_peak = |w: usize| {
@@ -85,43 +87,43 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     let of = |w: usize| [0, 1].map(|odd| Some((2 * w + odd, largest(&mut inside(w).filter(|n| n % 2 == odd))?)));
     let mut found: Vec<(usize, usize)> = (0..stretches).filter(near).flat_map(of).flatten().collect();
     if found.is_empty() {
-        found.extend(largest(&mut (0..values.len())).map(|n| (NONE_NEAR, n)));
+        found.extend(largest(&mut (0..values.len())).map(|n| (NO_PEAK, n)));
     }
     found
 }
 
-/// A limit in words, and how much of it is used.
+/// A limit and how much of it is used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Used {
-    /// In words.
+pub struct LimitUse {
+    /// A description of the limit.
     pub limit: String,
-    /// Value over the limit; of a value that is to be large the limit over the value.
+    /// Value over the limit, or the limit over a value that is to be large.
     pub used: f64,
 }
 
-/// A limit of the body: in words, and value over the limit.
-type OfBody = (String, Box<dyn Fn(&Model) -> f64 + Send>);
+/// A limit on the body: description, and value over the limit.
+type BodyLimit = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 
-/// A limit of the load: in words, what is limited, to what, and whether its sign counts: what is below zero is no load then.
-type OfLoad = (String, Vec<Output>, f64, bool);
+/// A limit on a load: description, outputs, limit, and whether only positive values count.
+type LoadLimit = (String, Vec<Output>, f64, bool);
 
-/// A mean over the cycles, or a second goal: in words, what it has to reach, and its size where it may have any sign.
-type OfMean = (String, Objective, f64, Option<f64>);
+/// A mean over cycles or a second goal: description, objective, limit, and its scale if it may have any sign.
+type MeanLimit = (String, Objective, f64, Option<f64>);
 
 /// The limits of a search.
 pub(super) struct Limits {
-    body: Vec<OfBody>,
-    load: Vec<OfLoad>,
-    means: Vec<OfMean>,
+    body: Vec<BodyLimit>,
+    load: Vec<LoadLimit>,
+    means: Vec<MeanLimit>,
 }
 
 impl Limits {
-    /// Those of `table`.
+    /// The limits of `table`.
     ///
     /// # Errors
-    /// [`Error::Design`] where a mean over the cycles is limited that the scene has not.
-    pub fn of(table: &Table, problem: &mut Problem, objective: &Objective) -> Result<Self> {
-        let mut body: Vec<OfBody> = Vec::new();
+    /// [`Error::Design`] if a mean over cycles is limited that the scene does not have.
+    pub fn of(table: &DesignTable, problem: &mut Problem, objective: &Objective) -> Result<Self> {
+        let mut body: Vec<BodyLimit> = Vec::new();
         if let Some(most) = table.largest_mass_kg {
             body.push((format!("total mass at most {most} kg"), Box::new(move |model| model.rod.total_mass() / most)));
         }
@@ -148,7 +150,7 @@ impl Limits {
             }
         }
         let joints = || problem.model().rod.joints();
-        let mut load: Vec<OfLoad> = Vec::new();
+        let mut load: Vec<LoadLimit> = Vec::new();
         if let Some(most) = table.largest_moment_n_m {
             let all = joints().map(|k| Quantity::JointMoment(k).into()).collect();
             load.push((format!("moment in a joint at most {most} N m"), all, most, false));
@@ -165,14 +167,14 @@ impl Limits {
                 true, // what it takes back is none that it puts in
             ));
         }
-        let mut means: Vec<OfMean> = Vec::new();
+        let mut means: Vec<MeanLimit> = Vec::new();
         let leasts: [(&str, Option<f64>, &CycleMeasure); 2] = [
             ("least_speed_m_s", table.least_speed_m_s, &FORWARD_SPEED),
             ("least_thrust_n", table.least_thrust_n, &THRUST),
         ];
         for (key, least, measure) in leasts {
             let Some(least) = least else { continue };
-            let other = Table { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
+            let other = DesignTable { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
             let mean = Objective::new(&other, problem, None)?;
             mean.check(problem).map_err(|error| match error {
                 Error::Design { reason } => {
@@ -191,8 +193,14 @@ impl Limits {
         Ok(Self { body, load, means })
     }
 
-    /// All of them at the point that `problem` was set to, a limit of several loads several times; none where a simulation fails.
-    pub fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Vec<Limited>> {
+    /// The values of all limits at the current point of `problem`; a limit on several loads has several values. `None` if a
+    /// simulation fails.
+    pub fn at(
+        &self,
+        problem: &mut Problem,
+        profile: &DesignVector,
+        parameters: &[Parameter],
+    ) -> Option<Vec<LimitValue>> {
         let mut all = Vec::new();
         for (name, used) in &self.body {
             let own = used(problem.model());
@@ -201,7 +209,7 @@ impl Limits {
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(Limited { name: name.clone(), of: [0, 0], excess: own.ln(), by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess: own.ln(), by });
         }
         self.add_loads(problem, parameters, &mut all)?;
         for (name, objective, floor, size) in &self.means {
@@ -212,13 +220,13 @@ impl Limits {
                 None => below(value / floor, 1.0 / floor),
             };
             let by = by.into_iter().map(|by| slope * by).collect();
-            all.push(Limited { name: name.clone(), of: [0, 0], excess, by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess, by });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
 
-    /// Adds the peaks of all loads at the point that `problem` was set to.
-    fn add_loads(&self, problem: &mut Problem, parameters: &[Parameter], all: &mut Vec<Limited>) -> Option<()> {
+    /// Adds the peaks of all loads at the current point of `problem`.
+    fn add_loads(&self, problem: &mut Problem, parameters: &[Parameter], all: &mut Vec<LimitValue>) -> Option<()> {
         let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, ..)| outputs.iter().cloned()).collect();
         if outputs.is_empty() {
             return Some(());
@@ -238,14 +246,14 @@ impl Limits {
             };
             let loads: Vec<(usize, f64, Vec<f64>)> = loads.map(series).collect();
             let largest = loads.iter().flat_map(|load| &load.2).fold(1.0, |max: f64, x| max.max(*x));
-            let least = largest * FAR.exp();
+            let least = largest * FAR_FROM_LIMIT.exp();
             for (load, (o, way, values)) in loads.iter().enumerate() {
                 for (peak, n) in peaks(values, least) {
                     if values[n] > least {
                         near.push((*o, n, way / (most * values[n]), all.len()));
                     }
                     let by = vec![0.0; parameters.len()];
-                    all.push(Limited { name: name.clone(), of: [load, peak], excess: values[n].ln(), by });
+                    all.push(LimitValue { name: name.clone(), of: [load, peak], excess: values[n].ln(), by });
                 }
             }
         }
@@ -262,15 +270,15 @@ impl Limits {
         Some(())
     }
 
-    /// Leaves out what the motion is limited by, and keeps what the body is.
-    pub fn leave_motion(&mut self) {
+    /// Removes the limits on the motion and keeps those on the body.
+    pub fn keep_body_only(&mut self) {
         self.load.clear();
         self.means.clear();
     }
 }
 
-/// −ln of the `part` of a limit that is reached, and its derivative where that of the part is `by`; linear from the tangent at a half on, as
-/// thrust and speed may be backwards.
+/// −ln of the `part` of a limit that is reached, with its derivative for a derivative `by` of the part. Linear below one half,
+/// since thrust and speed may be negative.
 fn below(part: f64, by: f64) -> (f64, f64) {
     if part > 0.5 { (-part.ln(), -by / part) } else { (2f64.ln() + 1.0 - 2.0 * part, -2.0 * by) }
 }

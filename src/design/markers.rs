@@ -1,4 +1,4 @@
-//! Tracked markers: node positions at times, and their smooth motion by local polynomials.
+//! Tracked markers: positions of nodes at measured times, outliers, and smoothing by local polynomials (Savitzky-Golay).
 
 use std::path::Path;
 
@@ -6,36 +6,37 @@ use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
 use crate::rod::Rod;
+use crate::sensitivity::Trajectory;
 use crate::words::number;
 
-/// Fewest samples that a motion can be made of.
-pub const LEAST: usize = 2 * DEGREE + 1;
+/// Least number of samples of a motion.
+pub const MIN_SAMPLES: usize = 2 * DEGREE + 1;
 
 /// Degree of the local polynomials: velocities and accelerations of a sixth-degree motion are exact.
 const DEGREE: usize = 6;
 
-/// A window over which the residual grows by more than this factor over that of shorter ones bends the motion.
-const BENT: f64 = 1.03;
+/// A window is too long if its residual exceeds that of shorter windows by more than this factor.
+const MAX_RESIDUAL_GROWTH: f64 = 1.03;
 
-/// A sample whose residual is more than this many times the usual one is left out.
-const FITS: f64 = 4.0;
+/// Samples with a residual above this multiple of the median are left out.
+const MAX_RESIDUAL: f64 = 4.0;
 
-/// A marker that is further than this many usual distances off the path that it has before and after is a glitch, where the others
-/// about it are no further than the second number, in root mean square, from that path. So many of a window may be glitches.
-const OFF: [f64; 2] = [6.0, 2.0];
-const GLITCHES: usize = 4;
+/// A marker is an outlier if its distance from its path exceeds the first multiple of the usual distance, while the rms distance of
+/// its neighbours in the window is below the second. A window may contain this many outliers.
+const GLITCH_THRESHOLDS: [f64; 2] = [6.0, 2.0];
+const MAX_GLITCHES: usize = 4;
 
-/// Samples to either side of one that is looked at for a glitch.
-const ABOUT: usize = 7;
+/// Half the window in which outliers are searched for, in samples.
+const HALF_WINDOW: usize = 7;
 
-/// A window that spans more than this many usual ones has a gap in it.
-const GAP: f64 = 1.5;
+/// A window longer than this multiple of the usual one contains a gap.
+const MAX_GAP: f64 = 1.5;
 
-/// Markers may be further apart than the rod between them by this part of the length, for noise.
-const SLACK: f64 = 0.1;
+/// Markers may be further apart than along the rod by this fraction of its length, for noise.
+const DISTANCE_TOLERANCE: f64 = 0.1;
 
-/// A polyline through the markers of less than this part of the rod's length is none of this rod.
-const SHORTEST: f64 = 0.5;
+/// The polyline through the markers must be at least this fraction of the rod's length.
+const MIN_EXTENT: f64 = 0.5;
 
 /// The length of the polyline through a row of positions, m.
 fn length(row: &[f64]) -> f64 {
@@ -43,27 +44,27 @@ fn length(row: &[f64]) -> f64 {
     nodes.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum()
 }
 
-/// The middle one of values; 0 of none.
+/// The median; 0 of an empty list.
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Positions of nodes at rising times, as `nodes.csv` has them.
+/// Positions of nodes at increasing times, as in `nodes.csv`.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Markers {
     /// Times of complete samples, s.
     pub times: Vec<f64>,
     /// Positions, one row per time, two entries per node, m.
     pub positions: Vec<Vec<f64>>,
-    /// What is missing, in words.
+    /// Descriptions of missing samples.
     pub missing: Vec<String>,
 }
 
 impl Markers {
-    /// Reads the columns time_s, x0_m, y0_m, … of the nodes of `rod`, or of a `tip` alone time_s, tip_x_m, tip_y_m: at least
-    /// `least` samples. One with an empty or NaN entry is left out and named; one that no such rod can have is refused.
+    /// Reads the columns time_s, x0_m, y0_m, … of the nodes of `rod`, or time_s, tip_x_m, tip_y_m of a `tip`: at least `least`
+    /// samples. Incomplete samples are left out and reported; impossible ones are an error.
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Scene`] with file, line and column where it is not such a table.
@@ -142,9 +143,10 @@ impl Markers {
         }
     }
 
-    /// The first sample and entry that `rod` cannot have, and why: nodes are no further from each other than along the rod.
+    /// The first sample and entry that are impossible for `rod`, and why: nodes cannot be further apart than along the rod.
     fn impossible(&self, rod: &Rod) -> Option<(usize, usize, String)> {
-        let reach = |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + SLACK * rod.length;
+        let reach =
+            |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + DISTANCE_TOLERANCE * rod.length;
         let far = |row: &[f64], i: usize, j: usize| {
             (row[2 * i] - row[2 * j]).hypot(row[2 * i + 1] - row[2 * j + 1]) > reach(i, j)
         };
@@ -179,7 +181,7 @@ impl Markers {
             );
             return Some((sample, 2 * node + usize::from(off(1) > off(0)), problem));
         }
-        let sample = sizes.iter().position(|size| *size < SHORTEST)?;
+        let sample = sizes.iter().position(|size| *size < MIN_EXTENT)?;
         let problem = format!(
             "the markers of this sample are {:.3e} times the rod's length along the rod; allowed: positions in metres of \
              a rod of {} m, which hardly stretches",
@@ -188,7 +190,7 @@ impl Markers {
         Some((sample, 0, problem))
     }
 
-    /// The first sample and entry of a tip that is further than the rod's `length` from the samples around it.
+    /// The first sample and entry of a tip that is further than the rod's `length` from its neighbours in time.
     fn strayed(&self, length: f64) -> Option<(usize, usize, String)> {
         let step = |i: usize| {
             let [a, b] = [self.positions.get(i)?, self.positions.get(i + 1)?];
@@ -206,7 +208,7 @@ impl Markers {
         Some((sample, usize::from(off(1) > off(0)), problem))
     }
 
-    /// The same without the samples in which a marker is off its path for a moment, which are named as missing.
+    /// The same markers without samples that contain an outlier, which are reported as missing.
     pub fn without_glitches(mut self) -> Self {
         let glitches = self.glitches();
         let name = |(sample, node, off): &(usize, usize, f64)| {
@@ -222,15 +224,15 @@ impl Markers {
         self
     }
 
-    /// Samples and nodes that are off their path, and by how much (m).
+    /// Outliers: sample, node, and distance from the path (m).
     fn glitches(&self) -> Vec<(usize, usize, f64)> {
-        let (count, span) = (self.times.len(), 2 * ABOUT + 1);
+        let (count, span) = (self.times.len(), 2 * HALF_WINDOW + 1);
         let nodes = self.positions.first().map_or(0, |row| row.len() / 2);
         let mut found = Vec::new();
         if count < 2 * span {
             return found;
         }
-        let first = |i: usize| i.saturating_sub(ABOUT).min(count - span);
+        let first = |i: usize| i.saturating_sub(HALF_WINDOW).min(count - span);
         let all: Vec<usize> = (0..span).collect();
         let fits: Vec<Option<Vec<f64>>> =
             (0..count).map(|i| fitted(&self.times[first(i)..first(i) + span], &all, i - first(i))).collect();
@@ -263,7 +265,7 @@ impl Markers {
                 // The path without those that are furthest off it, one after the other.
                 let mut chosen = all.clone();
                 let mut last = f64::INFINITY;
-                for _ in 0..=GLITCHES {
+                for _ in 0..=MAX_GLITCHES {
                     let distance = |j: usize, chosen: &[usize]| {
                         let fit = fitted(&self.times[window.clone()], chosen, j)?;
                         Some(off(begin + j, begin, chosen, &fit).1)
@@ -273,7 +275,7 @@ impl Markers {
                     let rms = (own.iter().map(|(_, d)| d * d).sum::<f64>() / own.len().max(1) as f64).sqrt();
                     last = rms;
                     let Some((worst, far)) = own.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-                    if rms <= OFF[1] * usual && far <= 4.0 * usual {
+                    if rms <= GLITCH_THRESHOLDS[1] * usual && far <= 4.0 * usual {
                         break;
                     }
                     chosen.retain(|j| *j != worst);
@@ -281,7 +283,7 @@ impl Markers {
                 let out = !chosen.contains(&(i - begin));
                 if let Some(fit) = fitted(&self.times[window.clone()], &chosen, i - begin).filter(|_| out) {
                     let (distance, over) = off(i, begin, &chosen, &fit);
-                    if over > OFF[0] * usual && last <= OFF[1] * usual {
+                    if over > GLITCH_THRESHOLDS[0] * usual && last <= GLITCH_THRESHOLDS[1] * usual {
                         found.push((i, node, distance));
                     }
                 }
@@ -291,12 +293,12 @@ impl Markers {
         found
     }
 
-    /// The smooth motion at all samples with a full window about them: `half` samples to either side, or as many as the
-    /// data bear: the longest window over which polynomials still fit as well as over shorter ones.
+    /// Smooths the motion at all samples with a full window of `half` samples to either side. By default, the longest window over
+    /// which polynomials fit as well as over shorter ones.
     ///
     /// # Errors
-    /// [`Error::Design`] where no sample has a full window.
-    pub fn smooth(&self, half: Option<usize>) -> Result<Motion> {
+    /// [`Error::Design`] if no sample has a full window.
+    pub fn smooth(&self, half: Option<usize>) -> Result<SmoothedMotion> {
         if let Some(half) = half {
             return self.smoothed(half.max(DEGREE / 2 + 1));
         }
@@ -309,7 +311,7 @@ impl Markers {
                 return Ok(best);
             }
             let Ok(next) = self.smoothed(half) else { return Ok(best) };
-            if next.noise > BENT * least {
+            if next.noise > MAX_RESIDUAL_GROWTH * least {
                 return Ok(best);
             }
             least = least.min(next.noise);
@@ -317,17 +319,17 @@ impl Markers {
         }
     }
 
-    fn smoothed(&self, half: usize) -> Result<Motion> {
+    fn smoothed(&self, half: usize) -> Result<SmoothedMotion> {
         let count = self.times.len();
         let mut spans: Vec<f64> = self.times.windows(2 * half + 1).map(|w| w[2 * half] - w[0]).collect();
         spans.sort_by(f64::total_cmp);
         let usual = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
-        let mut motion = Motion { half, ..Motion::default() };
+        let mut motion = SmoothedMotion { half, ..SmoothedMotion::default() };
         let mut squares = Vec::new();
         let mut beside = 0;
         for i in half..count.saturating_sub(half) {
             let window = &self.times[i - half..=i + half];
-            if window[2 * half] - window[0] > GAP * usual {
+            if window[2 * half] - window[0] > MAX_GAP * usual {
                 beside += 1;
                 continue;
             }
@@ -341,7 +343,7 @@ impl Markers {
             // The variance of the middle residual is σ²(1 − w) with w the middle's own weight.
             let own = (1.0 - weights[half][0]) * q.len() as f64;
             squares.push(q.iter().zip(&self.positions[i]).map(|(q, x)| (q - x).powi(2)).sum::<f64>() / own);
-            motion.samples.push(Sample { index: i, q, v, a, weights });
+            motion.samples.push(SmoothedSample { index: i, q, v, a, weights });
         }
         if motion.samples.is_empty() {
             let reason = format!("no sample has {half} others without a gap on either side of it");
@@ -352,7 +354,7 @@ impl Markers {
         sorted.sort_by(f64::total_cmp);
         let median = sorted[sorted.len() / 2];
         motion.noise = median.sqrt();
-        let mut fits = squares.iter().map(|square| *square <= FITS * FITS * median);
+        let mut fits = squares.iter().map(|square| *square <= MAX_RESIDUAL * MAX_RESIDUAL * median);
         let before = motion.samples.len();
         motion.samples.retain(|_| fits.next().unwrap_or(false));
         for (left_out, why) in [
@@ -367,23 +369,23 @@ impl Markers {
     }
 }
 
-/// The smooth motion of markers.
+/// The smoothed motion of markers.
 #[derive(Debug, Clone, Default)]
-pub struct Motion {
-    /// Samples to either side that a polynomial is fitted to.
+pub struct SmoothedMotion {
+    /// Half the window, in samples.
     pub half: usize,
     /// Standard deviation of the positions about the polynomials, m.
     pub noise: f64,
     /// The samples with a full window.
-    pub samples: Vec<Sample>,
-    /// How many others were left out, and why, in words.
+    pub samples: Vec<SmoothedSample>,
+    /// Descriptions of the samples that were left out.
     pub left_out: Vec<String>,
 }
 
-/// The motion at one sample.
+/// The smoothed motion at one sample.
 #[derive(Debug, Clone)]
-pub struct Sample {
-    /// Its index among the markers' samples.
+pub struct SmoothedSample {
+    /// Index of the sample.
     pub index: usize,
     /// Positions, m, two entries per node.
     pub q: Vec<f64>,
@@ -391,17 +393,17 @@ pub struct Sample {
     pub v: Vec<f64>,
     /// Accelerations, m/s².
     pub a: Vec<f64>,
-    /// Weights of the window's samples in value, rate and second rate.
+    /// Weights of the window's samples in the value and its two derivatives.
     pub weights: Vec<[f64; 3]>,
 }
 
-/// The weights of the samples `chosen` of those at `times` in the value at sample `at` of the polynomial of least squares through them.
+/// Weights of the samples `chosen` of those at `times` in the least-squares polynomial at sample `at`.
 fn fitted(times: &[f64], chosen: &[usize], at: usize) -> Option<Vec<f64>> {
     let own: Vec<f64> = chosen.iter().map(|j| times[*j]).collect();
     (own.len() > DEGREE).then(|| weights(&own, times[at])).flatten().map(|all| all.into_iter().map(|w| w[0]).collect())
 }
 
-/// The weights of samples at `times` in value, first and second derivative at `time` of the polynomial of least squares.
+/// Weights of samples at `times` in the value and the first two derivatives, at `time`, of the least-squares polynomial.
 fn weights(times: &[f64], time: f64) -> Option<Vec<[f64; 3]>> {
     let scale = 0.5 * (times.last()? - times.first()?);
     let powers = DMatrix::from_fn(times.len(), DEGREE + 1, |i, j| ((times[i] - time) / scale).powi(j as i32));
@@ -413,4 +415,24 @@ fn weights(times: &[f64], time: f64) -> Option<Vec<[f64; 3]>> {
             .map(|j| [inverse[(0, j)], inverse[(1, j)] / scale, 2.0 * inverse[(2, j)] / (scale * scale)])
             .collect(),
     )
+}
+
+/// Root mean square.
+pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    (values.map(|x| x * x).sum::<f64>() / count).sqrt()
+}
+
+/// Root mean square distance (m) of each `finer`-th node from the markers, at each of their times; `None` if the simulation ends
+/// earlier.
+pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize) -> Option<Vec<f64>> {
+    let rows = markers.times.iter().zip(&markers.positions);
+    rows.map(|(time, row)| {
+        let q = trajectory.at(*time)?;
+        let nodes = row.as_chunks::<2>().0;
+        let square =
+            |(k, [x, y]): (usize, &[f64; 2])| (q[2 * k * finer] - x).powi(2) + (q[2 * k * finer + 1] - y).powi(2);
+        Some((nodes.iter().enumerate().map(square).sum::<f64>() / nodes.len() as f64).sqrt())
+    })
+    .collect()
 }

@@ -1,34 +1,41 @@
-//! Inverse design: which stiffness, from what is known or wanted of the motion. What is convex is one quadratic programme,
-//! solved by Clarabel; the rest is a sequence of them with exact [sensitivities](crate::sensitivity).
+//! Inverse design: the stiffness, actuation or numbers of a scene that explain a measured motion or reach a goal. Convex problems are one
+//! quadratic program, solved by Clarabel; all others a sequence of them with exact [sensitivities](crate::sensitivity).
 
-mod cases;
-mod checks;
-pub mod elsewhere;
+mod basis;
+mod checkpoint;
+mod design_vector;
+mod designed_scene;
+pub mod distributed;
+mod explanations;
 mod figures;
 mod front;
 pub mod identify;
 mod limits;
 pub mod markers;
-mod memory;
-pub mod outline;
+mod objective;
 pub mod qp;
 mod refit;
-mod report;
+pub mod robustness;
+mod scenarios;
 pub mod search;
-pub mod shape;
+mod solve;
+pub mod static_shape;
+pub mod stl;
 pub mod table;
-pub mod trust;
+pub mod tolerance;
 mod unknowns;
 
-pub use elsewhere::{Elsewhere, simulate};
-pub use front::Compromise;
-pub use identify::{Identified, Verdict, identify};
-pub use limits::Used;
+pub use design_vector::DesignVector;
+pub use distributed::{DistributedDesign, simulate};
+pub use front::ParetoPoint;
+pub use identify::{Identifiability, Identification, identify};
+pub use limits::LimitUse;
 pub use markers::Markers;
+pub use objective::Objective;
 pub use refit::Refit;
-pub use report::{Answer, Design};
-pub use search::{Found, Iteration, Objective, Search};
-pub use shape::{Rest, Resting, rest};
-pub use table::{Goal, Robust, Table, Variable};
-pub use trust::{Tolerance, Trust};
-pub use unknowns::Profile;
+pub use robustness::Robustness;
+pub use search::{Search, SearchIteration, SearchResult};
+pub use solve::{Answer, Design};
+pub use static_shape::{Equilibrium, StaticShape, rest};
+pub use table::{Aggregate, DesignTable, DesignVariable, Goal};
+pub use tolerance::Tolerance;

@@ -1,4 +1,4 @@
-//! Convex quadratic programmes with named constraints, solved by Clarabel.
+//! Convex quadratic programs with named constraints, solved by Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 /// A constraint Σ c x ≤ b, or = b.
 #[derive(Debug, Clone)]
 pub struct Constraint {
-    /// What it is, in words.
+    /// Its description.
     pub name: String,
     /// Unknowns and their coefficients.
     pub row: Vec<(usize, f64)>,
@@ -34,7 +34,7 @@ impl Constraint {
 
 /// min ½xᵀHx + gᵀx under constraints; H is symmetric and positive semidefinite, stored by rows.
 #[derive(Debug, Clone)]
-pub struct Quadratic {
+pub struct QuadraticProgram {
     /// H.
     pub hessian: Vec<f64>,
     /// g.
@@ -43,9 +43,9 @@ pub struct Quadratic {
     pub constraints: Vec<Constraint>,
 }
 
-/// A solution, with one dual a constraint; that of an inequality is not negative.
+/// A solution, with one dual per constraint; duals of inequalities are non-negative.
 #[derive(Debug, Clone)]
-pub struct Solution {
+pub struct QpSolution {
     /// x.
     pub x: Vec<f64>,
     /// Duals, in units of the objective.
@@ -54,10 +54,10 @@ pub struct Solution {
     pub iterations: u32,
 }
 
-/// A dual, over the largest, from which on a constraint belongs to a conflict.
-const IN_CONFLICT: f64 = 1e-3;
+/// Constraints with a dual above this fraction of the largest belong to a conflict.
+const CONFLICT_DUAL: f64 = 1e-3;
 
-impl Quadratic {
+impl QuadraticProgram {
     /// A problem of `n` unknowns without objective.
     pub fn new(n: usize) -> Self {
         Self { hessian: vec![0.0; n * n], gradient: vec![0.0; n], constraints: Vec::new() }
@@ -74,8 +74,8 @@ impl Quadratic {
         }
     }
 
-    /// The constraints that bind, with their duals.
-    pub fn active(&self, solution: &Solution) -> Vec<(String, f64)> {
+    /// The active constraints, with their duals.
+    pub fn active(&self, solution: &QpSolution) -> Vec<(String, f64)> {
         let binds = |(constraint, dual): &(&Constraint, &f64)| {
             let slack = constraint.bound - constraint.row.iter().map(|(i, c)| c * solution.x[*i]).sum::<f64>();
             constraint.equal || (slack.abs() < 1e-6 && **dual > 0.0)
@@ -91,12 +91,12 @@ impl Quadratic {
         (0..n).map(|i| x[i] * (0.5 * hx(i) + self.gradient[i])).sum()
     }
 
-    /// Solves it. The objective is scaled so that the largest diagonal entry of H (of g, without H) is one: unscaled, small
-    /// numbers are called solved while they are not.
+    /// Solves the program. The objective is scaled so that the largest diagonal entry of H (of g, without H) is one, since Clarabel
+    /// would otherwise accept unsolved programs with small coefficients.
     ///
     /// # Errors
-    /// [`Error::Design`] for everything but a solution, with the constraints that are in conflict.
-    pub fn solve(&self) -> Result<Solution> {
+    /// [`Error::Design`] if no solution was found, with the constraints that are in conflict.
+    pub fn solve(&self) -> Result<QpSolution> {
         let n = self.gradient.len();
         let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |max: f64, x| max.max(x.abs()));
         let mut scale = largest(&mut (0..n).map(|i| self.hessian[i * n + i]));
@@ -159,7 +159,7 @@ impl Quadratic {
         }
         let infeasible = matches!(found.status, SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible);
         if !infeasible {
-            let rough = Solution { x: found.x.clone(), duals: duals.clone(), iterations: found.iterations };
+            let rough = QpSolution { x: found.x.clone(), duals: duals.clone(), iterations: found.iterations };
             let polished = self.polished(&rough, scale);
             // What is nearly solved is a solution where the constraints that bind in it say so to rounding.
             match polished {
@@ -170,7 +170,7 @@ impl Quadratic {
         }
         let size = largest(&mut duals.iter().copied());
         let conflict: Vec<&str> = (self.constraints.iter().zip(&duals))
-            .filter(|(_, dual)| infeasible && dual.abs() > IN_CONFLICT * size)
+            .filter(|(_, dual)| infeasible && dual.abs() > CONFLICT_DUAL * size)
             .map(|(constraint, _)| constraint.name.as_str())
             .collect();
         let reason = if conflict.is_empty() {
@@ -181,8 +181,8 @@ impl Quadratic {
         Err(Error::Design { reason })
     }
 
-    /// The solution to rounding, from the constraints that bind in a rough one; none where they were not those.
-    fn polished(&self, rough: &Solution, scale: f64) -> Option<Solution> {
+    /// Refines a rough solution to rounding, for its active constraints; `None` if these change.
+    fn polished(&self, rough: &QpSolution, scale: f64) -> Option<QpSolution> {
         let n = self.gradient.len();
         let value = |constraint: &Constraint, x: &[f64]| -> f64 { constraint.row.iter().map(|(j, c)| c * x[*j]).sum() };
         let slack = |k: usize| self.constraints[k].bound - value(&self.constraints[k], &rough.x);
@@ -216,6 +216,6 @@ impl Quadratic {
             let tolerance = 1e-9 * (1.0 + constraint.bound.abs());
             if constraint.equal { slack.abs() <= tolerance } else { slack >= -tolerance && *dual >= -1e-9 * scale }
         });
-        feasible.then_some(Solution { x, duals, iterations: rough.iterations })
+        feasible.then_some(QpSolution { x, duals, iterations: rough.iterations })
     }
 }

@@ -1,4 +1,4 @@
-//! Identification judged by simulation: the scene with what was found moves as the markers do, or it is not that of the data.
+//! Validation of an identified stiffness by simulation: does the scene with it move as the markers do?
 //!
 //! Balances look at each joint by itself, and a wrong fluid or mass can pass there as another stiffness. The simulation is left with
 //! the residual r = markers − x at all markers; with S = ∂x/∂EI, noise of σ in each coordinate, and deviations D of the stiffness,
@@ -8,63 +8,63 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use super::design_vector::DesignVector;
 use super::markers::Markers;
-use super::unknowns::Profile;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 
-/// Mean square of what is left over that of noise and of the steps, from which on a simulation is not the motion of the markers.
-const MISFIT: f64 = 1.3;
+/// A simulation does not fit if its mean square residual exceeds that of noise and step error by more than this.
+const MAX_MISFIT: f64 = 1.3;
 
-/// The largest root of that mean over so many coordinates, of which it is uncertain.
-pub(super) fn allowed(count: f64) -> f64 {
-    (MISFIT + 4.0 * (2.0 / count).sqrt()).sqrt()
+/// The largest root mean square residual over noise for so many coordinates, with its statistical uncertainty.
+pub(super) fn max_misfit(count: f64) -> f64 {
+    (MAX_MISFIT + 4.0 * (2.0 / count).sqrt()).sqrt()
 }
 
-/// Steps are halved at most so often, until that moves the rod by less than this part of the noise.
-const HALVED: usize = 4;
-const SMALL: f64 = 0.3;
+/// The step is halved at most this often, until halving moves the rod by less than this fraction of the noise.
+const MAX_HALVINGS: usize = 4;
+const MAX_STEP_ERROR: f64 = 0.3;
 
-/// Most derivatives that are kept: of all nodes by all joints at as many times as that allows.
-const KEPT: usize = 10_000_000;
+/// Most stored derivatives: all nodes by all joints, at as many times as that allows.
+const MAX_DERIVATIVES: usize = 10_000_000;
 
-/// Those of all nodes at the times of the markers, m; none beyond the simulation.
+/// Positions of all nodes at the times of the markers, m; `None` beyond the simulation.
 type Positions = Vec<Option<Vec<f64>>>;
 
-/// How the simulation with what was found meets the markers.
+/// Comparison of a simulation with the markers.
 #[derive(Debug, Clone, Serialize)]
 pub struct Refit {
-    /// The step that it is simulated with, s.
+    /// Time step of the simulation, s.
     pub step_s: f64,
-    /// Root mean square of what steps of half the length change, m in each coordinate.
+    /// Root mean square change by halving the step, m per coordinate.
     pub step_error_m: f64,
-    /// Root mean square of what is left between it and the markers, m in each coordinate.
+    /// Root mean square residual, m per coordinate.
     pub residual_m: f64,
-    /// The same, once the stiffness of the joints has moved within its deviations, over noise and error of the steps.
+    /// The residual over noise and step error, after the stiffness has moved within its deviations.
     pub residual_over_noise: f64,
-    /// How much stiffer each joint would meet the markers better, within its deviations, N m².
+    /// The change of the stiffness of each joint, within its deviations, that fits the markers best, N m².
     pub stiffer_n_m2: Vec<f64>,
-    /// The largest `residual_over_noise` of a simulation of this scene.
+    /// The largest `residual_over_noise` that noise explains.
     pub allowed: f64,
 }
 
 impl Refit {
-    /// True where what is left is noise.
+    /// True if the residual is noise.
     pub fn fits(&self) -> bool {
         self.residual_over_noise <= self.allowed
     }
 
-    /// Of the scene that `scene` makes with steps of a length (s), `step` first, with `profile` and markers with noise of `noise` (m) in
-    /// each coordinate, where the stiffness of the joints has these `deviations` (N m²), and the strength of the actuation is unknown as
-    /// well or not.
+    /// Simulates the scene that `scene` returns for a time step (s), `step` first, with `profile`. The markers have noise of
+    /// `noise` (m) per coordinate, the stiffness of the joints these `deviations` (N m²); the flag says whether the actuation gain
+    /// is unknown too.
     ///
     /// # Errors
-    /// [`Error::Design`] where no markers are within the simulation; those of scene and simulation.
+    /// [`Error::Design`] if no markers are within the simulation; those of scene and simulation.
     pub fn of(
         scene: impl Fn(f64) -> Result<Scene>,
         step: f64,
-        profile: &Profile,
+        profile: &DesignVector,
         (markers, noise): (&Markers, f64),
         (deviations, actuation_gain): (&[f64], bool),
     ) -> Result<Self> {
@@ -78,7 +78,7 @@ impl Refit {
             |trajectory: &Trajectory| -> Positions { markers.times.iter().map(|time| trajectory.at(*time)).collect() };
         let mut best: Option<(f64, f64, Positions)> = None;
         let (mut step_error, mut last): (f64, Option<Positions>) = (f64::INFINITY, None);
-        for halved in 0..=HALVED {
+        for halved in 0..=MAX_HALVINGS {
             let step = step * 0.5_f64.powi(halved as i32);
             let positions = at_markers(&problem(step)?.simulate()?);
             let residual = rms(&positions, |i| Some(&markers.positions[i]));
@@ -89,7 +89,7 @@ impl Refit {
             if best.as_ref().is_none_or(|(least, ..)| residual < *least) {
                 best = Some((residual, step, positions));
             }
-            if step_error <= SMALL * noise {
+            if step_error <= MAX_STEP_ERROR * noise {
                 break;
             }
         }
@@ -130,12 +130,12 @@ impl Refit {
             residual_m: residual,
             residual_over_noise: (left / variance.max(f64::MIN_POSITIVE)).sqrt(),
             stiffer_n_m2: change.as_slice()[..joints].to_vec(),
-            allowed: allowed(count),
+            allowed: max_misfit(count),
         })
     }
 }
 
-/// Root mean square of the distance between `positions` and `others` where there are both.
+/// Root mean square distance between `positions` and `others` at their common times.
 fn rms<'a>(positions: &'a [Option<Vec<f64>>], others: impl Fn(usize) -> Option<&'a Vec<f64>>) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for (i, x) in positions.iter().enumerate() {
@@ -146,8 +146,8 @@ fn rms<'a>(positions: &'a [Option<Vec<f64>>], others: impl Fn(usize) -> Option<&
     (sum / count as f64).sqrt()
 }
 
-/// SᵀS, Sᵀr and rᵀr of what is `off` the markers, S by the stiffness of the joints (N m²), and by the amplitude of the actuation where that is
-/// unknown.
+/// SᵀS, Sᵀr and rᵀr of the residual `off`; S are derivatives by the stiffness of the joints (N m²), and by the actuation gain if it
+/// is unknown.
 fn normal(
     mut problem: Problem,
     markers: &Markers,
@@ -159,7 +159,7 @@ fn normal(
     parameters.extend(actuation_gain.then_some(Parameter::Amplitude));
     let outputs: Vec<Output> = (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect();
     let size = parameters.len() * outputs.len();
-    let every = (problem.times().len() * size).div_ceil(KEPT).max(1);
+    let every = (problem.times().len() * size).div_ceil(MAX_DERIVATIVES).max(1);
     let found = problem.forward(&parameters, &outputs, every, |_| {})?;
     let width = parameters.len();
     let (mut matrix, mut rhs, mut squares) = (DMatrix::zeros(width, width), DVector::zeros(width), 0.0);

@@ -16,596 +16,313 @@
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
-use super::cases::{Case, each};
-use super::identify::Verdict;
-use super::limits::{Limited, Limits, Priced, Used, beyond};
-use super::markers::Markers;
-use super::memory::Memory;
-use super::qp::{Constraint, Quadratic};
-use super::refit::allowed;
-use super::table::{Goal, Robust, Table, Variable};
-use super::trust::{Tolerance, tolerance};
-use super::unknowns::{FIXED, NOTHING, Profile, Unknowns};
-use crate::cycle::{CycleMeasure, MEASURES};
+use super::checkpoint::Checkpoint;
+use super::design_vector::DesignVector;
+use super::identify::{Identifiability, MAX_RELATIVE_DEVIATION};
+use super::limits::{LimitUse, LimitValue, Limits, PenaltyGroups, total_violation};
+use super::objective::{Objective, ObjectiveValue, TARGET_TOLERANCE};
+use super::qp::{Constraint, QuadraticProgram};
+use super::refit::max_misfit;
+use super::scenarios::{Scenario, evaluate_all};
+use super::table::{DesignTable, DesignVariable, Goal};
+use super::tolerance::{Tolerance, tolerance};
+use super::unknowns::{FIXED_UNKNOWN, RANK_TOLERANCE, Unknowns};
 use crate::error::{Error, Result};
-use crate::scene::Document;
-use crate::sensitivity::scene_parameter::{SceneParameter, finite_differences};
-use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
+use crate::sensitivity::{Parameter, Problem};
 
-/// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
-/// residuals and of their derivatives (the cosine between them, as in MINPACK). A search goes on to the first and has converged
-/// with the second, which it stops at where the next step promises less than [`LITTLE`].
-const STATIONARY: [f64; 2] = [1e-7, 1e-6];
+/// Tolerances of stationarity: the largest component of the Lagrangian's gradient over the objective, or for least squares the cosine between
+/// residuals and columns of the Jacobian, as in MINPACK. A search continues down to the first, and has converged at the second; it stops there
+/// if the next step predicts a reduction below [`NEGLIGIBLE_REDUCTION`].
+const STATIONARITY_TOLERANCE: [f64; 2] = [1e-7, 1e-6];
 
-/// A tip that is met to this part of the length is met.
-const MET: f64 = 1e-9;
+/// Least standard deviation of a target's coordinates, over the length.
+const MIN_TARGET_DEVIATION: f64 = 1e-6;
 
-/// A target is uncertain by this part of the length at least.
-const UNCERTAIN: f64 = 1e-6;
+/// Unknowns with a larger component in a poorly determined direction are reported as part of it.
+const MIN_COMPONENT: f64 = 0.2;
 
-/// A logarithm that is uncertain by more than this is not known.
-const KNOWN: f64 = 0.1;
+/// Initial Levenberg-Marquardt damping μ.
+const INITIAL_DAMPING: f64 = 1.0;
 
-/// An unknown with a larger share in a combination takes part in it.
-const SHARED: f64 = 0.2;
+/// Length over which steps of a tracked tip are smoothed, over the rod's length.
+const SMOOTHING_LENGTH: f64 = 0.3;
 
-/// First μ of a tracked tip.
-const DAMPING: f64 = 1.0;
+/// Default of the largest number of iterations per start.
+const DEFAULT_MAX_ITERATIONS: usize = 200;
 
-/// The length that makes its steps smooth, over the rod's.
-const SMOOTH: f64 = 0.3;
+/// After this many quasi-Newton updates the Hessian is recomputed by finite differences of the gradient, with this step; its eigenvalues are at
+/// least this fraction of the largest.
+const HESSIAN_REFRESH_INTERVAL: usize = 15;
+const FINITE_DIFFERENCE_STEP: f64 = 1e-4;
+const MIN_RELATIVE_EIGENVALUE: f64 = 1e-6;
 
-/// Most iterations of a start, where none are given.
-const ITERATIONS: usize = 200;
+/// A limit that is violated by less is kept.
+pub(super) const FEASIBILITY_TOLERANCE: f64 = 1e-6;
 
-/// After so many steps second derivatives are taken anew, from gradients this far apart; the least over the largest.
-const REFRESHED: usize = 15;
-const NEARBY: f64 = 1e-4;
-const FLAT: f64 = 1e-6;
+/// Penalty parameter of the exact penalty function, in units of the objective.
+const INITIAL_PENALTY: f64 = 10.0;
+const MAX_PENALTY: f64 = 1e6;
 
-/// A limit that is passed by less is kept.
-const VIOLATED: f64 = 1e-6;
+/// Trust-region radius; the search ends when it shrinks below the smallest.
+const INITIAL_TRUST_RADIUS: f64 = 0.5;
+const MAX_TRUST_RADIUS: f64 = 2.0;
+const MIN_TRUST_RADIUS: f64 = 1e-9;
 
-/// First price of passing a limit, in units of the objective, and the largest.
-const PRICE: [f64; 2] = [10.0, 1e6];
+/// Predicted reductions below this fraction of the objective are indistinguishable from rounding.
+const ROUNDING_REDUCTION: f64 = 1e-13;
 
-/// First trust radius, the largest, and the smallest worth a step.
-const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
+/// Ratio of actual to predicted reduction below which the trust region shrinks, and a second-order correction is tried: along curved limits an
+/// exact penalty would otherwise reject all but the shortest steps (Maratos effect; Nocedal & Wright, section 18.3).
+const POOR_REDUCTION_RATIO: f64 = 0.25;
 
-/// A step that promises less than this part of the objective cannot be told from rounding.
-const ROUNDING: f64 = 1e-13;
+/// Below this predicted reduction a step is judged by the gradients at both of its ends, since differences of values are rounding:
+/// near an optimum gradients have twice as many correct digits of it (Hager & Zhang, SIAM J. Optim. 16, 2005).
+const GRADIENT_CRITERION_BELOW: f64 = 1e-9;
 
-/// One that wins less than this part is tried once more with the limits as they are at its end, and the trust radius shrinks: along limits that
-/// bend away from their tangents an exact penalty would refuse all but the shortest steps (Maratos; Nocedal & Wright, section 18.3).
-const POOR: f64 = 0.25;
+/// Predicted reductions below this fraction of the objective are not worth a simulation.
+const NEGLIGIBLE_REDUCTION: f64 = 1e-11;
 
-/// A step that promises less than this part is judged by the gradients at both of its ends: what values would tell is rounding,
-/// and near an optimum gradients are exact to twice as many digits of it (Hager & Zhang, SIAM J. Optim. 16, 2005).
-const JUDGED_BY_GRADIENTS: f64 = 1e-9;
+/// Least ratio of actual to predicted reduction of an accepted step.
+const SUFFICIENT_DECREASE: f64 = 1e-4;
 
-/// A step that promises less than this part is not worth its simulation.
-const LITTLE: f64 = 1e-11;
+/// Two starts reached the same optimum if their objectives differ by less than the first, relative, or all unknowns by less than the second
+/// (logarithms, or rad).
+pub(super) const SAME_OPTIMUM: [f64; 2] = [1e-4, 1e-2];
 
-/// A step must win this part of what its model promises.
-const WON: f64 = 1e-4;
+/// Restarts, with a higher penalty, of a start that ends with a violated limit.
+const MAX_RESTARTS: usize = 3;
 
-/// Starts whose objectives differ by less than this part, or all of whose unknowns by less than that (logarithms, or rad), came to
-/// the same optimum.
-pub(super) const SAME: [f64; 2] = [1e-4, 1e-2];
+/// Largest Levenberg-Marquardt damping.
+const MAX_DAMPING: f64 = 1e12;
 
-/// A start that ends beyond a limit goes on so many times, at a higher price.
-const AGAIN: usize = 3;
+/// Identification ends if the predicted reduction is below this fraction of what one standard deviation of an unknown costs: only unknowns that the
+/// data do not determine would still change.
+const NEGLIGIBLE_FIT_REDUCTION: f64 = 1e-4;
 
-/// A tracked tip's step that is damped by more goes nowhere.
-const MOST_DAMPED: f64 = 1e12;
+/// Why a search ended that reached the largest number of iterations.
+pub(super) const ITERATIONS_EXHAUSTED: &str = "its iterations are used up";
 
-/// A fit whose next step, of full length, promises less than this part of what one standard deviation of an unknown costs has come to its end:
-/// what goes on then are unknowns that the data do not know.
-const SETTLED: f64 = 1e-4;
+/// Name of the trust region's constraints, which are not reported.
+const TRUST_REGION: &str = "trust region";
 
-/// Why a search ends that has used all its iterations.
-pub(super) const EXHAUSTED: &str = "its iterations are used up";
+/// Prefix of the names of constraints of scenarios that are among the worst.
+pub(super) const WORST_SCENARIO: &str = "as bad as any: ";
 
-/// What a step is kept within, which is no demand.
-const TRUST: &str = "trust region";
-
-/// How the constraint of a case begins that is among the worst.
-pub(super) const CASE: &str = "as bad as any: ";
-
-/// What a dynamic goal measures.
-#[derive(Debug)]
-pub struct Objective {
-    goal: Goal,
-    /// Of what is to be large: -1 where it is to be small, or the way along -x counts.
-    sign: f64,
-    /// Samples that are to be met: steps, and the coordinates of the tip or of all nodes (m).
-    target: Vec<(usize, Vec<f64>)>,
-    /// Standard deviation of these positions about smooth paths, m, where there are enough.
-    noise: Option<f64>,
-    /// All of them are at multiples of this number of steps.
-    every: usize,
-    outputs: Vec<Output>,
-    length: f64,
-    /// True where it is a distance from given positions, which is to be small.
-    fits: bool,
-    /// True where it is the root of an efficiency, with its sign.
-    rooted: bool,
-    smaller_is_better: bool,
-    /// The scene, where numbers of it are unknown.
-    document: Option<Document>,
-    numbers: Vec<SceneParameter>,
-}
-
-/// The objective at one profile.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub(super) struct Value {
-    /// What is made small.
-    pub f: f64,
-    /// Its derivatives by the parameters, later by the unknowns.
-    pub by: Vec<f64>,
-    /// Residuals and the rows of their derivatives, where it is half a sum of squares.
-    residuals: Option<(Vec<f64>, Vec<Vec<f64>>)>,
-    /// Of the worst of several cases: all of them, with their derivatives.
-    cases: Vec<(f64, Vec<f64>)>,
-}
-
-impl Value {
-    /// What counts of the values in several cases.
-    fn of(robust: Robust, each: &[Self]) -> Self {
-        let sum = |weight: &dyn Fn(usize) -> f64| {
-            let mut sum = Self { by: vec![0.0; each[0].by.len()], ..Self::default() };
-            for (i, value) in each.iter().enumerate() {
-                sum.f += weight(i) * value.f;
-                sum.by.iter_mut().zip(&value.by).for_each(|(sum, by)| *sum += weight(i) * by);
-            }
-            sum
-        };
-        match robust {
-            Robust::Mean => sum(&|_| 1.0 / each.len() as f64),
-            Robust::Worst => {
-                let worst = (0..each.len()).max_by(|a, b| each[*a].f.total_cmp(&each[*b].f));
-                let cases = each.iter().map(|value| (value.f, value.by.clone())).collect();
-                Self { cases, ..sum(&|i| f64::from(u8::from(worst == Some(i)))) }
-            }
-        }
-    }
-
-    /// Its derivatives by `n` unknowns without those that each case has for itself: zero where there are cases.
-    fn common(&self, n: usize) -> DVector<f64> {
-        if self.cases.is_empty() { DVector::from_column_slice(&self.by) } else { DVector::zeros(n) }
-    }
-}
-
-impl Objective {
-    /// The objective of a scene's design; `target` are the positions that are to be met.
-    ///
-    /// # Errors
-    /// [`Error::Design`] where the target's times are not those of steps, and for the way of a head that is held.
-    pub fn new(table: &Table, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
-        let nodes = problem.model().rod.nodes;
-        let held = problem.model().head.is_some();
-        let backwards = table.direction.as_deref() == Some("-x") || table.better.as_deref() == Some("smaller");
-        let sign = if backwards { -1.0 } else { 1.0 };
-        let along = Output::from(Quantity::CentreOfMass(0)).since_start();
-        let fits = table.fits_positions();
-        if held && matches!(table.goal, Goal::Distance | Goal::Efficiency) {
-            let reason = "a held head goes nowhere: distance and efficiency need a free one".to_string();
-            return Err(Error::Design { reason });
-        }
-        let outputs = match table.goal {
-            Goal::TrackTip => [0, 1].map(|axis| Quantity::Position(nodes - 1, axis).into()).into(),
-            Goal::Identify => (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect(),
-            Goal::Distance => vec![along],
-            Goal::Cycle(_) => Vec::new(),
-            _ => vec![along, Work::Actuation.into()],
-        };
-        let times = problem.times();
-        let step = |time: f64| {
-            let n = times.partition_point(|t| *t < time - 1e-9 * times[times.len() - 1]);
-            times.get(n).filter(|t| (**t - time).abs() <= 1e-6 * times[1]).map(|_| n)
-        };
-        let width = outputs.len();
-        let identifies = target.filter(|_| table.goal == Goal::Identify);
-        let noise = identifies.and_then(|markers| Some(markers.smooth(None).ok()?.noise));
-        let target = match target {
-            Some(markers) if fits => {
-                let rows = markers.times.iter().zip(&markers.positions);
-                let sample = |(time, row): (&f64, &Vec<f64>)| {
-                    let off = || Error::Design {
-                        reason: format!(
-                            "the sample at t = {time} s is at no step of the scene, which are {} s long; try a solver.time_step_s \
-                             that divides the times of all samples",
-                            times[1]
-                        ),
-                    };
-                    Ok((step(*time).ok_or_else(off)?, row[row.len() - width..].to_vec()))
-                };
-                rows.map(sample).collect::<Result<Vec<_>>>()?
-            }
-            _ => Vec::new(),
-        };
-        let every = target.iter().fold(0, |all, (n, _)| gcd(all, *n)).max(1);
-        let length = problem.model().rod.length;
-        Ok(Self {
-            goal: table.goal,
-            sign,
-            target,
-            noise,
-            every,
-            outputs,
-            length,
-            fits,
-            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.counted() == Robust::Worst),
-            smaller_is_better: table.smaller_is_better(),
-            document: None,
-            numbers: table.numbers.clone(),
-        })
-    }
-
-    /// The measure whose mean over the cycles it is.
-    fn measured(&self) -> Option<CycleMeasure> {
-        let Goal::Cycle(key) = self.goal else { return None };
-        MEASURES.into_iter().find(|measure| measure.key == key)
-    }
-
-    /// Refuses a mean over cycles that the scene has not.
-    ///
-    /// # Errors
-    /// [`Error::Design`]; those of the simulation.
-    pub fn check(&self, problem: &mut Problem) -> Result<()> {
-        let Some(measure) = self.measured() else { return Ok(()) };
-        if problem.cycle_mean(&measure, &[])?.is_some() {
-            return Ok(());
-        }
-        let why = problem.no_cycle()?.unwrap_or_else(|| {
-            "this scene's motion has no such mean; is its head held where it needs a free one?".into()
-        });
-        Err(Error::Design { reason: format!("no {}: {why}", measure.key) })
-    }
-
-    /// The same for a scene of which numbers are unknown.
-    pub fn of_document(self, document: &Document) -> Self {
-        Self { document: Some(document.clone()), ..self }
-    }
-
-    /// The same for the scene that `other` is of.
-    pub(super) fn like(self, other: &Self) -> Self {
-        Self { document: other.document.clone(), ..self }
-    }
-
-    /// True where a smaller value is better.
-    pub fn smaller_is_better(&self) -> bool {
-        self.smaller_is_better
-    }
-
-    /// Its goal.
-    pub fn name(&self) -> &'static str {
-        self.goal.into()
-    }
-
-    /// What residuals are multiplied by, so that the sum of their squares is the mean square distance of a node.
-    fn scale(&self) -> f64 {
-        (2.0 / (self.target.len() * self.outputs.len()) as f64).sqrt()
-    }
-
-    /// Half the mean square distance of the tip, or of all nodes, from the target.
-    fn tracked(&self, found: &Sensitivities) -> Value {
-        let scale = self.scale();
-        let (mut residuals, mut rows) = (Vec::new(), Vec::new());
-        for (n, positions) in &self.target {
-            let n = n / self.every;
-            for (o, x) in positions.iter().enumerate() {
-                residuals.push(scale * (found.value(n, o) - x));
-                rows.push(found.row(n, o).iter().map(|d| scale * d).collect::<Vec<f64>>());
-            }
-        }
-        let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
-        let width = rows.first().map_or(0, Vec::len);
-        let by = (0..width).map(|j| residuals.iter().zip(&rows).map(|(r, row)| r * row[j]).sum()).collect();
-        Value { f, by, residuals: Some((residuals, rows)), ..Value::default() }
-    }
-
-    /// The objective of a way along x and, for efficiency, a work, and its derivatives by them.
-    fn scalar(&self, found: &[f64]) -> (f64, Vec<f64>) {
-        let moved = self.sign * found[0];
-        match found.get(1) {
-            None => (-moved, vec![-self.sign]),
-            // D|D|/W, as efficiency is a constant times D²/W. Its root D/√W, which rises with it, has a slope where the rod gets
-            // nowhere too, so that a search finds its way from designs that swim the wrong way; a mean over cases has no root.
-            Some(work) if self.rooted => {
-                let f = -moved / work.sqrt();
-                (f, vec![-self.sign / work.sqrt(), -0.5 * f / work])
-            }
-            Some(work) => {
-                let f = -moved * moved.abs() / work;
-                (f, vec![-2.0 * self.sign * moved.abs() / work, -f / work])
-            }
-        }
-    }
-
-    /// Gives `problem` a profile.
-    pub(super) fn set(&self, problem: &mut Problem, profile: &Profile) -> Result<()> {
-        self.set_with(problem, profile, &[])
-    }
-
-    /// The same, ready to be differentiated by `parameters`.
-    pub(super) fn set_with(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Result<()> {
-        if let Some(document) = &self.document {
-            *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
-            if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
-                problem.finite_differences = finite_differences(document, &self.numbers, &profile.values())?;
-            }
-        }
-        if !profile.stiffness_n_m2.is_empty() {
-            problem.set_stiffness(&profile.stiffness_n_m2)?;
-        }
-        problem.set_actuation(&profile.amplitude, &profile.phase_rad)
-    }
-
-    /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
-    /// simulation fails.
-    pub(super) fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
-        self.set_with(problem, profile, parameters).ok()?;
-        let value = if self.fits {
-            self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
-        } else if let Some(measure) = self.measured() {
-            let (mean, mut by) = problem.cycle_mean(&measure, parameters).ok()??;
-            by.iter_mut().for_each(|by| *by *= -self.sign);
-            Value { f: -self.sign * mean, by, ..Value::default() }
-        } else {
-            let mut trajectory = Trajectory::default();
-            let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
-            let (f, slopes) = self.scalar(&found.values[found.values.len() - self.outputs.len()..]);
-            let mut by = Vec::new();
-            if !parameters.is_empty() {
-                let mut weights = vec![0.0; self.outputs.len() * trajectory.times.len()];
-                let last = weights.len() - slopes.len();
-                weights[last..].copy_from_slice(&slopes);
-                by = problem.adjoint(parameters, &self.outputs, &weights, &trajectory).ok()?;
-            }
-            Value { f, by, ..Value::default() }
-        };
-        (value.f.is_finite() && value.by.iter().all(|x| x.is_finite())).then_some(value)
-    }
-
-    /// What is reported of a value of the objective: tip rms (m), distance (m), or D²/W (m²/J).
-    pub fn shown(&self, f: f64) -> f64 {
-        match self.goal {
-            _ if self.fits => (2.0 * f).sqrt(),
-            Goal::Cycle(_) => -self.sign * f,
-            _ if self.rooted => -f * f.abs(),
-            _ => -f,
-        }
-    }
-
-    /// The shown objective of a profile; none where the simulation fails.
-    pub fn measure(&self, problem: &mut Problem, profile: &Profile) -> Option<f64> {
-        self.at(problem, profile, &[]).map(|value| self.shown(value.f))
-    }
-
-    /// The shown objective of a profile and its derivatives by `parameters`; none where the simulation fails.
-    pub fn derivatives(
-        &self,
-        problem: &mut Problem,
-        profile: &Profile,
-        parameters: &[Parameter],
-    ) -> Option<(f64, Vec<f64>)> {
-        let value = self.at(problem, profile, parameters)?;
-        let shown = self.shown(value.f);
-        let slope = match self.goal {
-            Goal::TrackTip => 1.0 / shown,
-            Goal::Cycle(_) => -self.sign,
-            _ if self.rooted => -2.0 * value.f.abs(),
-            _ => -1.0,
-        };
-        Some((shown, value.by.iter().map(|by| slope * by).collect()))
-    }
-
-    fn is_met(&self, f: f64) -> bool {
-        self.fits && self.shown(f) < MET * self.length
-    }
-}
-
-/// One iteration, for progress and figures.
+/// One iteration of a search, for progress and figures.
 #[derive(Debug, Clone, Serialize)]
-pub struct Iteration {
-    /// Which start.
+pub struct SearchIteration {
+    /// Index of the start.
     pub start: usize,
-    /// Which iteration of it.
+    /// Index of the iteration.
     pub iteration: usize,
-    /// The objective as shown.
+    /// The reported objective.
     pub objective: f64,
-    /// The gradient of the Lagrangian by the unknowns, over the objective; of a tracked tip over residuals and derivatives.
+    /// Stationarity: norm of the Lagrangian's gradient over the objective, or for least squares the cosine between residuals and
+    /// Jacobian.
     pub stationarity: f64,
-    /// The longest component of the step.
+    /// The largest component of the step.
     pub step: f64,
     /// False for a rejected step.
     pub accepted: bool,
 }
 
-/// What a search finds.
+/// The result of a search.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
-    /// The best profile.
+pub struct SearchResult {
+    /// The best design.
     #[serde(flatten)]
-    pub profile: Profile,
-    /// The objective as shown.
+    pub profile: DesignVector,
+    /// Its reported objective.
     pub objective: f64,
     /// Its stationarity.
     pub stationarity: f64,
-    /// True where that is below the limit, the tip is met, or a fit has no more to win than noise hides.
+    /// True if it is stationary, the target is reached, or only noise remains to be fitted.
     pub converged: bool,
-    /// Why its search ended.
+    /// Why the search ended.
     pub why: String,
-    /// True where it keeps its limits.
+    /// True if all limits are kept.
     pub kept: bool,
-    /// The objective of every start's end.
+    /// The objective at the end of each start.
     pub starts: Vec<f64>,
-    /// The optimum that each start came to, numbered from 1, the best; none where it did not converge.
+    /// Index of the optimum that each start reached, from 1, the best; `None` if it did not converge.
     pub optima: Vec<Option<usize>>,
-    /// Every iteration.
-    pub history: Vec<Iteration>,
-    /// Constraints that bind, with their duals over the objective.
+    /// All iterations.
+    pub history: Vec<SearchIteration>,
+    /// Active constraints, with their duals over the objective.
     pub active: Vec<(String, f64)>,
-    /// EI of the joints before, N m².
+    /// EI of the baseline's joints, N m².
     pub own_stiffness_n_m2: Vec<f64>,
-    /// Of a tracked tip: standard deviation of each joint's stiffness over itself, where every coordinate of the target is
-    /// uncertain by what is left of the distance, or a millionth of the length.
+    /// For a tracked tip: relative standard deviation of each joint's stiffness, if each coordinate of the target has the standard
+    /// deviation of the residual, or a millionth of the length.
     pub deviations: Vec<f64>,
-    /// Singular values of the tip's derivatives by the unknowns (m), falling; of a tracked tip only.
+    /// For a tracked tip: singular values of the Jacobian (m), in descending order.
     pub singular_values: Vec<f64>,
-    /// The numbers of the scene among the variables.
-    pub numbers: Vec<FoundNumber>,
-    /// Of identification: groups of unknowns that the data do not tell apart, or an unknown alone that they do not know.
+    /// The estimated numbers of the scene.
+    pub numbers: Vec<EstimatedNumber>,
+    /// For identification: groups of unknowns that the data determine only together, or single ones that they do not determine.
     pub confused: Vec<Vec<String>>,
-    /// Of identification: standard deviation of a coordinate of the markers, m, as given or as left.
+    /// For identification: standard deviation of a marker coordinate, m, as given or from the residual.
     pub noise_m: Option<f64>,
-    /// Of identification: what is left between simulation and markers over the noise of these, where it is more than that.
+    /// For identification: residual over noise, if it is larger than noise allows.
     pub misfit: Option<f64>,
-    /// Limits that are no bounds, and how much of them is used.
-    pub limits: Vec<Used>,
-    /// True where it was stopped.
+    /// Limits other than bounds, and how much of them is used.
+    pub limits: Vec<LimitUse>,
+    /// True if the search was interrupted.
     pub interrupted: bool,
-    /// How exactly each unknown has to be made; empty where positions were to be met, and where it was stopped.
+    /// Tolerances of the unknowns; empty for a target trajectory and after an interruption.
     pub tolerances: Vec<Tolerance>,
-    /// The unknowns, and their values.
+    /// The unknowns and their values.
     #[serde(skip)]
     pub(super) at: Box<(Unknowns, Vec<f64>)>,
 }
 
-/// A number of the scene that was found.
+/// An estimated number of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FoundNumber {
+pub struct EstimatedNumber {
     /// Its key.
     pub key: String,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
-    /// What it is in the scene.
+    /// Its value in the scene.
     pub own: f64,
-    /// What it was found to be.
+    /// Its estimated value.
     pub value: f64,
-    /// Its standard deviation, where positions were to be met; none where it is beyond all bounds.
+    /// Standard deviation, for a target trajectory; `None` if it is unbounded.
     pub deviation: Option<f64>,
-    /// What can be said of it, where positions were to be met.
-    pub verdict: Option<Verdict>,
+    /// Its identifiability, for a target trajectory.
+    pub verdict: Option<Identifiability>,
 }
 
-/// A point of the search.
+/// An iterate of the search.
 #[derive(Clone)]
-struct Point {
+struct Iterate {
     x: DVector<f64>,
-    value: Value,
-    limits: Vec<Limited>,
+    value: ObjectiveValue,
+    limits: Vec<LimitValue>,
 }
 
-impl Point {
-    /// The sum of what is beyond the limits.
-    fn violation(&self, priced: Priced) -> f64 {
-        beyond(&priced.groups(&self.limits), |i| self.limits[i].excess)
+impl Iterate {
+    /// The sum of all violations.
+    fn violation(&self, priced: PenaltyGroups) -> f64 {
+        total_violation(&priced.groups(&self.limits), |i| self.limits[i].excess)
     }
 
-    /// True where it keeps its limits.
+    /// True if all limits are kept.
     fn is_kept(&self) -> bool {
-        self.violation(Priced::Together) <= VIOLATED
+        self.violation(PenaltyGroups::Together) <= FEASIBILITY_TOLERANCE
     }
 }
 
-/// Where a start has come to.
-struct CycleEnd {
-    point: Point,
+/// The end of the search from one start.
+struct StartResult {
+    point: Iterate,
     stationarity: f64,
     active: Vec<(String, f64)>,
-    /// Why it ended, in words.
+    /// Why it ended.
     why: String,
     interrupted: bool,
-    /// True of a fit that has no more to win than noise hides.
+    /// True if only noise remains to be fitted.
     settled: bool,
 }
 
-/// The search of a design.
+/// The search for a design by sequential quadratic programming.
 pub struct Search<'a> {
-    /// What is asked for.
-    pub(super) table: &'a Table,
+    /// The design table.
+    pub(super) table: &'a DesignTable,
     /// The objective.
     pub(super) objective: &'a Objective,
-    /// Its problem.
+    /// The simulation problem.
     pub(super) problem: Problem,
-    /// The cases that it is for; empty where it is for the scene alone.
-    pub(super) cases: Vec<Case>,
-    /// What was simulated before.
-    pub(super) memory: Memory,
-    /// EI of the joints as the scene has it, N m², and EI before its profile.
+    /// The scenarios; empty if the design is for the scene alone.
+    pub(super) scenarios: Vec<Scenario>,
+    /// The stored results.
+    pub(super) checkpoint: Checkpoint,
+    /// EI of the joints in the scene, N m², and EI without its profile.
     pub(super) own_stiffness: Vec<f64>,
     pub(super) reference: f64,
 }
 
 impl<'a> Search<'a> {
-    /// Of the scene of `problem`, as it is.
-    pub fn new(table: &'a Table, objective: &'a Objective, problem: Problem) -> Self {
+    /// A search for the scene of `problem`.
+    pub fn new(table: &'a DesignTable, objective: &'a Objective, problem: Problem) -> Self {
         let (own_stiffness, reference) = (problem.stiffness(), problem.model().rod.ei);
-        Self { table, objective, problem, cases: Vec::new(), memory: Memory::default(), own_stiffness, reference }
+        Self {
+            table,
+            objective,
+            problem,
+            scenarios: Vec::new(),
+            checkpoint: Checkpoint::default(),
+            own_stiffness,
+            reference,
+        }
     }
 
-    /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
-    fn at(&mut self, limits: &Limits, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
+    /// The objective of a design with its derivatives, and its limits; `None` if a simulation fails.
+    fn at(
+        &mut self,
+        limits: &Limits,
+        profile: &DesignVector,
+        parameters: &[Parameter],
+    ) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         if self.objective.fits {
             return self.simulated(limits, profile, parameters); // with all derivatives of all times
         }
         let asked = format!("{:?} {:?} {profile:?} {}", self.table.goal, self.table.floor, parameters.len());
-        self.remembered(asked, |search| search.simulated(limits, profile, parameters))
+        self.cached(asked, |search| search.simulated(limits, profile, parameters))
     }
 
-    /// The result of what `asked` names: the one of before, or what `make` makes.
-    fn remembered<T: Serialize + DeserializeOwned>(
+    /// The stored result of the key `asked`, or else the result of `make`.
+    fn cached<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: String,
         make: impl FnOnce(&mut Self) -> Option<T>,
     ) -> Option<T> {
-        let mut memory = std::mem::take(&mut self.memory);
-        let found = memory.recall(|| asked, || make(self));
-        self.memory = memory;
+        let mut checkpoint = std::mem::take(&mut self.checkpoint);
+        let found = checkpoint.get_or_compute(|| asked, || make(self));
+        self.checkpoint = checkpoint;
         found
     }
 
     fn simulated(
         &mut self,
         limits: &Limits,
-        profile: &Profile,
+        profile: &DesignVector,
         parameters: &[Parameter],
-    ) -> Option<(Value, Vec<Limited>)> {
-        if self.cases.is_empty() {
+    ) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
+        if self.scenarios.is_empty() {
             let value = self.objective.at(&mut self.problem, profile, parameters)?;
             return Some((value, limits.at(&mut self.problem, profile, parameters)?));
         }
         self.objective.set_with(&mut self.problem, profile, parameters).ok()?;
         let mut all = limits.at(&mut self.problem, profile, parameters)?;
-        let (values, of_cases): (Vec<Value>, Vec<_>) = each(&mut self.cases, profile, parameters)?.into_iter().unzip();
+        let (values, of_cases): (Vec<ObjectiveValue>, Vec<_>) =
+            evaluate_all(&mut self.scenarios, profile, parameters)?.into_iter().unzip();
         all.extend(of_cases.into_iter().flatten());
-        Some((Value::of(self.table.counted(), &values), all))
+        Some((ObjectiveValue::of(self.table.aggregate(), &values), all))
     }
 
-    /// The objective of a profile in every case, as shown; none where a simulation fails.
-    pub(super) fn in_cases(&mut self, profile: &Profile) -> Option<Vec<f64>> {
-        let all = each(&mut self.cases, profile, &[])?;
+    /// The reported objective of a design in each scenario; `None` if a simulation fails.
+    pub(super) fn in_scenarios(&mut self, profile: &DesignVector) -> Option<Vec<f64>> {
+        let all = evaluate_all(&mut self.scenarios, profile, &[])?;
         Some(all.into_iter().map(|(value, _)| self.objective.shown(value.f)).collect())
     }
 
-    /// The objective of a profile as shown; none where a simulation fails.
-    pub(super) fn value(&mut self, profile: &Profile) -> Option<f64> {
+    /// The reported objective of a design; `None` if a simulation fails.
+    pub(super) fn value(&mut self, profile: &DesignVector) -> Option<f64> {
         let asked = format!("{:?} of {profile:?}", self.table.goal);
-        self.remembered(asked, |search| {
-            if search.cases.is_empty() {
+        self.cached(asked, |search| {
+            if search.scenarios.is_empty() {
                 return search.objective.measure(&mut search.problem, profile);
             }
-            let values = search.in_cases(profile)?;
-            search.table.counted().of(&values, search.table.smaller_is_better())
+            let values = search.in_scenarios(profile)?;
+            search.table.aggregate().of(&values, search.table.smaller_is_better())
         })
     }
 
-    fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Point> {
+    fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Iterate> {
         let (profile, parameters) = (unknowns.profile(&x), unknowns.parameters());
         let (mut value, mut limits) = self.at(limits, &profile, &parameters)?;
         limits.iter_mut().for_each(|limit| limit.by = unknowns.chain(&x, &limit.by));
@@ -614,29 +331,33 @@ impl<'a> Search<'a> {
         if let Some((_, rows)) = &mut value.residuals {
             rows.iter_mut().for_each(|row| *row = unknowns.chain(&x, row));
         }
-        Some(Point { x: x.into(), value, limits })
+        Some(Iterate { x: x.into(), value, limits })
     }
 
-    /// The profile that makes the objective best, from several starts; `tell` sees every iteration and may stop the search,
-    /// which then has the best so far.
+    /// Finds the best design from several starts. `tell` is called after each iteration and may stop the search, which then returns
+    /// the best design so far.
     ///
     /// # Errors
-    /// [`Error::Design`] where no start can be simulated, or a programme cannot be solved.
-    pub fn run(&mut self, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+    /// [`Error::Design`] if no start can be simulated, or a quadratic program cannot be solved.
+    pub fn run(&mut self, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<SearchResult> {
         self.run_from(None, tell)
     }
 
-    /// The same from start `only` alone.
-    pub(super) fn run_one(&mut self, only: usize, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+    /// The same from start `only`.
+    pub(super) fn run_start(
+        &mut self,
+        only: usize,
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<SearchResult> {
         self.run_starts(None, Some(only), tell)
     }
 
-    /// The same from one start, the unknowns `from`, where there are any.
+    /// The same from the unknowns `from`, if given.
     pub(super) fn run_from(
         &mut self,
         from: Option<Vec<f64>>,
-        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-    ) -> Result<Found> {
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<SearchResult> {
         self.run_starts(from, None, tell)
     }
 
@@ -644,19 +365,19 @@ impl<'a> Search<'a> {
         &mut self,
         from: Option<Vec<f64>>,
         only: Option<usize>,
-        mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-    ) -> Result<Found> {
+        mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<SearchResult> {
         let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
         let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
-        if !self.cases.is_empty() {
-            limits.leave_motion(); // to the cases
+        if !self.scenarios.is_empty() {
+            limits.keep_body_only(); // to the cases
         }
         let n = unknowns.count();
-        let starts = if from.is_some() { 1 } else { self.table.all_starts() };
+        let starts = if from.is_some() { 1 } else { self.table.start_count() };
         let mut roughness = None;
         let mut history = Vec::new();
-        let mut ends: Vec<CycleEnd> = Vec::new();
+        let mut ends: Vec<StartResult> = Vec::new();
         for start in 0..starts {
             if only.is_some_and(|only| only < start || only > start && roughness.is_some()) {
                 continue; // the first that can be simulated decides the weight of roughness in all
@@ -668,7 +389,7 @@ impl<'a> Search<'a> {
             if only.is_some_and(|only| only != start) {
                 continue;
             }
-            let mut told = |mut iteration: Iteration| {
+            let mut told = |mut iteration: SearchIteration| {
                 iteration.start = start;
                 let told = tell(&iteration);
                 history.push(iteration);
@@ -676,11 +397,11 @@ impl<'a> Search<'a> {
             };
             // What is limited together has one price. Where that ends at a least of its largest that is beyond the limit, a price for each
             // leads another way.
-            let [together, alone] = [Priced::Together, Priced::Alone];
+            let [together, alone] = [PenaltyGroups::Together, PenaltyGroups::Alone];
             let several = together.groups(&first.limits) != alone.groups(&first.limits);
-            let mut end = self.descend((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
+            let mut end = self.minimise((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
             if !end.point.is_kept() && !end.interrupted && several {
-                let other = self.descend((&unknowns, &limits, alone), rough, first, &mut told)?;
+                let other = self.minimise((&unknowns, &limits, alone), rough, first, &mut told)?;
                 if other.interrupted || other.point.violation(together) < end.point.violation(together) {
                     end = other;
                 }
@@ -693,13 +414,13 @@ impl<'a> Search<'a> {
         let starts: Vec<f64> = ends.iter().map(|end| self.objective.shown(end.point.value.f)).collect();
         let interrupted = ends.iter().any(|end| end.interrupted);
         let optima = self.optima(&ends);
-        let merit = |end: &CycleEnd| {
+        let merit = |end: &StartResult| {
             let x = &end.point.x;
             // What keeps its limits comes first.
             let beyond = if end.point.is_kept() {
                 0.0
             } else {
-                1e6 * end.point.value.f.abs() * end.point.violation(Priced::Together)
+                1e6 * end.point.value.f.abs() * end.point.violation(PenaltyGroups::Together)
             };
             beyond + end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
@@ -710,11 +431,11 @@ impl<'a> Search<'a> {
         let converged = self.has_converged(&best);
         let (why, kept) = (best.why.clone(), best.point.is_kept());
         let limits = best.point.limits.iter();
-        let limits = limits.fold(Vec::new(), |mut all: Vec<Used>, limit| {
+        let limits = limits.fold(Vec::new(), |mut all: Vec<LimitUse>, limit| {
             let (name, used) = (&limit.name, limit.excess.exp());
             match all.iter_mut().find(|other| other.limit == *name) {
                 Some(other) => other.used = other.used.max(used),
-                None => all.push(Used { limit: name.clone(), used }),
+                None => all.push(LimitUse { limit: name.clone(), used }),
             }
             all
         });
@@ -734,9 +455,9 @@ impl<'a> Search<'a> {
                 let left = residuals.iter().map(|r| r * r).sum::<f64>() / free;
                 let left = left.sqrt() / scale;
                 let own = self.table.noise_m.or(self.objective.noise).unwrap_or(left);
-                let over = left / own.max(MET * self.objective.length);
+                let over = left / own.max(TARGET_TOLERANCE * self.objective.length);
                 noise_m = Some(self.table.noise_m.unwrap_or(left));
-                misfit = Some(over).filter(|over| *over > allowed(residuals.len() as f64));
+                misfit = Some(over).filter(|over| *over > max_misfit(residuals.len() as f64));
                 if misfit.is_some() {
                     // What does not fit is no noise, which more samples make smaller.
                     together = (self.objective.target.len() as f64).sqrt();
@@ -745,17 +466,18 @@ impl<'a> Search<'a> {
                     self.table.noise_m.unwrap_or(left) * scale
                 }
             } else {
-                objective.max(UNCERTAIN * self.objective.length) / (self.objective.target.len() as f64).sqrt()
+                objective.max(MIN_TARGET_DEVIATION * self.objective.length)
+                    / (self.objective.target.len() as f64).sqrt()
             };
             if let Some(v_t) = &svd.v_t {
                 let x = best.point.x.as_slice();
-                let of = |variable: &Variable| {
+                let of = |variable: &DesignVariable| {
                     let size = noise * together;
                     unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), size)
                 };
-                deviations = of(&Variable::Stiffness);
-                confused = confusions(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
-                for variable in self.table.variables.iter().filter(|v| matches!(v, Variable::Number(_))) {
+                deviations = of(&DesignVariable::Stiffness);
+                confused = unidentifiable_groups(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
+                for variable in self.table.variables.iter().filter(|v| matches!(v, DesignVariable::Number(_))) {
                     of_numbers.extend(of(variable));
                 }
             }
@@ -769,21 +491,23 @@ impl<'a> Search<'a> {
             let bound = [low, high].iter().any(|bound| (value / number.own / bound - 1.0).abs() < 1e-6);
             let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
             let verdict = match deviation {
-                _ if bound => Some(Verdict::AtABound),
-                Some(deviation) if together && deviation > KNOWN => Some(Verdict::NotToldApart),
-                Some(_) if !converged => Some(Verdict::NotConverged),
-                Some(_) if misfit.is_some() => Some(Verdict::DoesNotFit),
-                Some(deviation) if deviation <= KNOWN => Some(Verdict::Identified),
-                Some(_) => Some(Verdict::Unobservable),
+                _ if bound => Some(Identifiability::AtABound),
+                Some(deviation) if together && deviation > MAX_RELATIVE_DEVIATION => {
+                    Some(Identifiability::NotToldApart)
+                }
+                Some(_) if !converged => Some(Identifiability::NotConverged),
+                Some(_) if misfit.is_some() => Some(Identifiability::DoesNotFit),
+                Some(deviation) if deviation <= MAX_RELATIVE_DEVIATION => Some(Identifiability::Identified),
+                Some(_) => Some(Identifiability::Unobservable),
                 None => None,
             };
             let deviation =
                 deviation.map(|deviation| deviation * value.abs()).filter(|deviation| deviation.is_finite());
             let (key, unit, own) = (number.label(), number.unit, number.own);
-            FoundNumber { key, unit, own, value: *value, deviation, verdict }
+            EstimatedNumber { key, unit, own, value: *value, deviation, verdict }
         });
         let numbers = numbers.collect();
-        Ok(Found {
+        Ok(SearchResult {
             profile,
             numbers,
             confused,
@@ -808,22 +532,22 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn has_converged(&self, end: &CycleEnd) -> bool {
+    fn has_converged(&self, end: &StartResult) -> bool {
         let met = self.objective.is_met(end.point.value.f);
-        end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met || end.settled)
+        end.point.is_kept() && (end.stationarity <= STATIONARITY_TOLERANCE[1] || met || end.settled)
     }
 
-    /// Which optimum each of `ends` is at.
-    fn optima(&self, ends: &[CycleEnd]) -> Vec<Option<usize>> {
+    /// The optimum that each of `ends` reached.
+    fn optima(&self, ends: &[StartResult]) -> Vec<Option<usize>> {
         let mut order: Vec<usize> = (0..ends.len()).filter(|i| self.has_converged(&ends[*i])).collect();
         order.sort_by(|a, b| ends[*a].point.value.f.total_cmp(&ends[*b].point.value.f));
         let mut optima = vec![None; ends.len()];
-        let mut found: Vec<&Point> = Vec::new();
+        let mut found: Vec<&Iterate> = Vec::new();
         for i in order {
             let own = &ends[i].point;
-            let same = |other: &&Point| {
+            let same = |other: &&Iterate| {
                 let (f, x) = ((own.value.f - other.value.f).abs(), (&own.x - &other.x).amax());
-                f <= SAME[0] * other.value.f.abs() || x <= SAME[1]
+                f <= SAME_OPTIMUM[0] * other.value.f.abs() || x <= SAME_OPTIMUM[1]
             };
             let known = found.iter().position(same);
             if known.is_none() {
@@ -834,29 +558,30 @@ impl<'a> Search<'a> {
         optima
     }
 
-    /// Goes down from `first`, with limits `priced` together or alone. All of a step's programme is in units of the objective.
-    fn descend(
+    /// Minimises from `first`, with penalties for the limits `priced` together or alone. Each quadratic program is in units of the
+    /// objective.
+    fn minimise(
         &mut self,
-        (unknowns, limits, priced): (&Unknowns, &Limits, Priced),
+        (unknowns, limits, priced): (&Unknowns, &Limits, PenaltyGroups),
         rough: &DMatrix<f64>,
-        first: Point,
-        mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
-    ) -> Result<CycleEnd> {
+        first: Iterate,
+        mut tell: impl FnMut(SearchIteration) -> ControlFlow<()>,
+    ) -> Result<StartResult> {
         let n = unknowns.count();
-        let merit = |point: &Point| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
-        let slope = |point: &Point| point.value.common(n) + rough * &point.x;
+        let merit = |point: &Iterate| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
+        let slope = |point: &Iterate| point.value.common(n) + rough * &point.x;
         let squares = first.value.residuals.is_some();
-        let stiff = unknowns.roughness((SMOOTH * unknowns.joints() as f64).powi(4));
+        let stiff = unknowns.roughness((SMOOTHING_LENGTH * unknowns.joints() as f64).powi(4));
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
         let mut here = first;
         let mut hessian: Option<DMatrix<f64>> = None;
         let cases = here.value.cases.len();
-        let (mut price, mut updates) = (PRICE[0], 0);
-        let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
+        let (mut price, mut updates) = (INITIAL_PENALTY, 0);
+        let (mut radius, mut damping, mut growth) = (INITIAL_TRUST_RADIUS, INITIAL_DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
-        let mut why = EXHAUSTED.to_string();
+        let mut why = ITERATIONS_EXHAUSTED.to_string();
         let (mut here_again, mut again, mut settled) = (false, 0, false);
-        for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
+        for iteration in 0..=self.table.iterations.unwrap_or(DEFAULT_MAX_ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
             let model = rough / unit
@@ -868,14 +593,14 @@ impl<'a> Search<'a> {
                     (None, Some(hessian)) => hessian / unit,
                     (None, None) => {
                         let steepest = DVector::from_column_slice(&here.value.by) + rough * &here.x;
-                        DMatrix::identity(n, n) * (steepest.norm() / unit / RADIUS[0]).max(1e-12)
+                        DMatrix::identity(n, n) * (steepest.norm() / unit / INITIAL_TRUST_RADIUS).max(1e-12)
                     }
                 };
             // Unknowns of a step: it, how far each limit is passed, and the worst case.
             let groups = priced.groups(&here.limits);
             let limited = groups.last().map_or(0, |last| last + 1);
             let width = n + limited + usize::from(cases > 0);
-            let mut programme = Quadratic::new(width);
+            let mut programme = QuadraticProgram::new(width);
             let damped = if squares { &model + &metric * damping } else { model.clone() };
             for i in 0..n {
                 programme.gradient[i] = gradient[i];
@@ -884,7 +609,7 @@ impl<'a> Search<'a> {
             // How far each limit is passed has a price.
             for passed in n..n + limited {
                 programme.gradient[passed] = price;
-                programme.constraints.push(Constraint::at_most(TRUST, vec![(passed, -1.0)], 0.0));
+                programme.constraints.push(Constraint::at_most(TRUST_REGION, vec![(passed, -1.0)], 0.0));
             }
             for (limit, group) in here.limits.iter().zip(&groups) {
                 let row = limit.by.iter().copied().enumerate().filter(|(_, by)| *by != 0.0);
@@ -895,12 +620,12 @@ impl<'a> Search<'a> {
                 programme.gradient[n + limited] = 1.0;
                 let row = by.iter().map(|by| by / unit).enumerate().filter(|(_, by)| *by != 0.0);
                 let row = row.chain([(n + limited, -1.0)]).collect();
-                let name = format!("{CASE}{}", self.cases[i].name);
+                let name = format!("{WORST_SCENARIO}{}", self.scenarios[i].name);
                 programme.constraints.push(Constraint::at_most(name, row, (here.value.f - f) / unit));
             }
             for i in (0..n).filter(|_| !squares) {
                 for sign in [1.0, -1.0] {
-                    programme.constraints.push(Constraint::at_most(TRUST, vec![(i, sign)], radius));
+                    programme.constraints.push(Constraint::at_most(TRUST_REGION, vec![(i, sign)], radius));
                 }
             }
             unknowns.constrain(&mut programme, here.x.as_slice());
@@ -913,7 +638,7 @@ impl<'a> Search<'a> {
                     damping *= growth;
                     growth *= 2.0;
                     here_again = true;
-                    if radius < RADIUS[2] || damping > MOST_DAMPED {
+                    if radius < MIN_TRUST_RADIUS || damping > MAX_DAMPING {
                         break;
                     }
                     continue;
@@ -922,7 +647,7 @@ impl<'a> Search<'a> {
             // The gradient of the Lagrangian without the trust region's duals.
             let mut lagrangian = gradient.clone();
             for (constraint, dual) in programme.constraints.iter().zip(&solution.duals) {
-                let row = constraint.row.iter().filter(|(i, _)| *i < n && constraint.name != TRUST);
+                let row = constraint.row.iter().filter(|(i, _)| *i < n && constraint.name != TRUST_REGION);
                 row.for_each(|(i, c)| lagrangian[*i] += dual * c);
             }
             let mut stationarity = match &here.value.residuals {
@@ -936,7 +661,7 @@ impl<'a> Search<'a> {
                 None => lagrangian.amax(),
             };
             let mut active = programme.active(&solution);
-            active.retain(|(name, _)| name != TRUST && name != FIXED);
+            active.retain(|(name, _)| name != TRUST_REGION && name != FIXED_UNKNOWN);
             active = together(active);
             // A radius that shrinks about a point hides bounds beyond it: what was known of the point stays.
             if here_again && end.0 < stationarity {
@@ -949,38 +674,41 @@ impl<'a> Search<'a> {
             of_limits.iter().zip(&groups).for_each(|(dual, group)| dear[*group] += dual);
             let dearest = dear.into_iter().fold(0.0, f64::max);
             if dearest > 0.5 * price {
-                price = (4.0 * price).min(PRICE[1]);
+                price = (4.0 * price).min(MAX_PENALTY);
             }
             let step = DVector::from_column_slice(&solution.x[..n]);
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
-            let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
+            let mut report =
+                SearchIteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
             let kept = here.violation(priced) - solution.x[n..n + limited].iter().map(|x| x.max(0.0)).sum::<f64>();
             let worst = solution.x[n + limited..].iter().sum::<f64>();
             let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
             settled = here.value.residuals.as_ref().is_some_and(|(residuals, _)| {
                 let free = residuals.len().saturating_sub(n).max(1) as f64;
-                self.objective.goal == Goal::Identify && damping < DAMPING && promised < SETTLED / free
+                self.objective.goal == Goal::Identify
+                    && damping < INITIAL_DAMPING
+                    && promised < NEGLIGIBLE_FIT_REDUCTION / free
             });
             let ends = if self.objective.is_met(here.value.f) {
                 Some("the target is met")
-            } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)]
-                && here.violation(Priced::Together) <= 0.1 * VIOLATED
+            } else if stationarity <= STATIONARITY_TOLERANCE[usize::from(promised < NEGLIGIBLE_REDUCTION)]
+                && here.violation(PenaltyGroups::Together) <= 0.1 * FEASIBILITY_TOLERANCE
             {
                 Some("it is stationary")
-            } else if promised < ROUNDING {
+            } else if promised < ROUNDING_REDUCTION {
                 Some("no step promises more than rounding")
-            } else if longest.min(radius) < RADIUS[2] {
+            } else if longest.min(radius) < MIN_TRUST_RADIUS {
                 Some("no step however short is better")
             } else {
                 None
             };
             // What still passes a limit tries once more from there, at a higher price.
-            if ends.is_some() && !here.is_kept() && again < AGAIN && !squares {
+            if ends.is_some() && !here.is_kept() && again < MAX_RESTARTS && !squares {
                 again += 1;
-                price = (100.0 * price).min(PRICE[1]);
-                (radius, hessian, here_again) = (RADIUS[0], None, false);
+                price = (100.0 * price).min(MAX_PENALTY);
+                (radius, hessian, here_again) = (INITIAL_TRUST_RADIUS, None, false);
                 if tell(report).is_break() {
                     end.2 = true;
                     break;
@@ -993,8 +721,8 @@ impl<'a> Search<'a> {
                 break;
             }
             let mut next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
-            let won = |next: &Point| {
-                if promised >= JUDGED_BY_GRADIENTS || squares || cases > 0 {
+            let won = |next: &Iterate| {
+                if promised >= GRADIENT_CRITERION_BELOW || squares || cases > 0 {
                     return (merit(&here) - merit(next)) / unit
                         + price * (here.violation(priced) - next.violation(priced));
                 }
@@ -1005,11 +733,11 @@ impl<'a> Search<'a> {
                     let by = from.by.iter().zip(&to.by).zip(&moved).map(|((from, to), d)| 0.5 * (from + to) * d);
                     from.excess + by.sum::<f64>()
                 };
-                let kept = here.violation(priced) - beyond(&groups, after);
+                let kept = here.violation(priced) - total_violation(&groups, after);
                 price * kept - 0.5 * (slope(&here) + slope(next)).dot(&moved) / unit
             };
             let mut ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
-            if let Some(tried) = next.as_ref().filter(|_| limited > 0 && ratio < POOR) {
+            if let Some(tried) = next.as_ref().filter(|_| limited > 0 && ratio < POOR_REDUCTION_RATIO) {
                 // A limit that bends away from its tangent: the same step, with the limits as they are at its end.
                 let moved = &tried.x - &here.x;
                 for (constraint, limit) in programme.constraints[limited..].iter_mut().zip(&here.limits) {
@@ -1027,7 +755,7 @@ impl<'a> Search<'a> {
                     next = Some(better);
                 }
             }
-            report.accepted = ratio > WON;
+            report.accepted = ratio > SUFFICIENT_DECREASE;
             here_again = !report.accepted;
             if squares {
                 if report.accepted {
@@ -1038,14 +766,14 @@ impl<'a> Search<'a> {
                     growth *= 2.0;
                 }
             } else if ratio > 0.75 && longest > 0.9 * radius {
-                radius = (2.0 * radius).min(RADIUS[1]);
-            } else if ratio < POOR {
+                radius = (2.0 * radius).min(MAX_TRUST_RADIUS);
+            } else if ratio < POOR_REDUCTION_RATIO {
                 radius = if report.accepted { 0.5 } else { 0.25 } * longest.min(radius);
             }
             if let Some(next) = next.filter(|_| report.accepted) {
                 if !squares {
                     let duals = &solution.duals[solution.duals.len() - unknowns.means(here.x.as_slice()).len()..];
-                    let curved = |point: &Point| {
+                    let curved = |point: &Iterate| {
                         let means = unknowns.means(point.x.as_slice());
                         // A peak that is far by now is as it was.
                         let limited = here.limits.iter().zip(&of_limits).filter(|(_, dual)| **dual > 0.0);
@@ -1063,15 +791,18 @@ impl<'a> Search<'a> {
                             .fold(sum, |sum, ((_, by), dual)| sum + DVector::from_column_slice(by) * (dual * unit))
                     };
                     updates += 1;
-                    let exact =
-                        if updates >= REFRESHED { self.curvature((unknowns, limits), &next, curved) } else { None };
+                    let exact = if updates >= HESSIAN_REFRESH_INTERVAL {
+                        self.curvature((unknowns, limits), &next, curved)
+                    } else {
+                        None
+                    };
                     hessian = Some(if let Some(exact) = exact {
                         updates = 0;
                         exact
                     } else {
                         let (moved, turned) = (&next.x - &here.x, curved(&next) - curved(&here));
                         let size = 10.0 * curved(&here).norm();
-                        updated(hessian, &moved, &turned, size.max(1e-12 * unit))
+                        bfgs_update(hessian, &moved, &turned, size.max(1e-12 * unit))
                     });
                 }
                 here = next;
@@ -1082,35 +813,35 @@ impl<'a> Search<'a> {
             }
         }
         let (stationarity, active, interrupted) = end;
-        Ok(CycleEnd { point: here, stationarity, active, why, interrupted, settled })
+        Ok(StartResult { point: here, stationarity, active, why, interrupted, settled })
     }
 
-    /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of
-    /// their eigenvalues, so that the programme is convex; none where a simulation fails.
+    /// The Hessian at a point, by finite differences of the gradient `slope`, with the moduli of its eigenvalues so that the
+    /// program is convex; `None` if a simulation fails.
     fn curvature(
         &mut self,
         (unknowns, limits): (&Unknowns, &Limits),
-        here: &Point,
-        slope: impl Fn(&Point) -> DVector<f64>,
+        here: &Iterate,
+        slope: impl Fn(&Iterate) -> DVector<f64>,
     ) -> Option<DMatrix<f64>> {
         let n = here.x.len();
         let own = slope(here);
         let mut all = DMatrix::zeros(n, n);
         for i in 0..n {
             let mut x = here.x.as_slice().to_vec();
-            x[i] += NEARBY;
-            let by = (slope(&self.point(unknowns, limits, x)?) - &own) / NEARBY;
+            x[i] += FINITE_DIFFERENCE_STEP;
+            let by = (slope(&self.point(unknowns, limits, x)?) - &own) / FINITE_DIFFERENCE_STEP;
             all.set_column(i, &by);
         }
         let mut eigen = (0.5 * (&all + all.transpose())).symmetric_eigen();
-        let least = FLAT * eigen.eigenvalues.amax();
+        let least = MIN_RELATIVE_EIGENVALUE * eigen.eigenvalues.amax();
         eigen.eigenvalues.apply(|value| *value = value.abs().max(least));
         let found = eigen.recompose();
         found.iter().all(|x| x.is_finite()).then_some(found)
     }
 
-    /// How far each unknown of what was `found` may be off.
-    pub(super) fn tolerances(&mut self, found: &Found) -> Vec<Tolerance> {
+    /// The tolerance of each unknown of the result `found`.
+    pub(super) fn tolerances(&mut self, found: &SearchResult) -> Vec<Tolerance> {
         let (unknowns, x) = &*found.at;
         let smaller = self.objective.smaller_is_better();
         let mut value = |x: &[f64]| self.value(&unknowns.profile(x)).map(|value| if smaller { value } else { -value });
@@ -1126,15 +857,15 @@ impl<'a> Search<'a> {
         names.map(of).collect()
     }
 
-    /// The objective as shown with factors of the reference stiffness at the joints and the scene's own actuation; none where
-    /// it fails.
+    /// The reported objective with factors of the reference stiffness at the joints and the scene's own actuation; `None` if it
+    /// fails.
     pub fn measure(&mut self, factors: &[f64]) -> Option<f64> {
         let reference = self.reference;
-        self.value(&Profile::of(factors.iter().map(|factor| factor * reference).collect()))
+        self.value(&DesignVector::of(factors.iter().map(|factor| factor * reference).collect()))
     }
 
-    /// The best profile that is linear in ξ, of the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the
-    /// mean of ξ, and the objective as shown.
+    /// The best profile that is linear in ξ, with the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the mean
+    /// of ξ, and the reported objective.
     pub fn best_linear(&mut self) -> Option<(f64, f64)> {
         let rod = &self.problem.model().rod;
         let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
@@ -1169,7 +900,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The duals of constraints of the same name together: those of one limit.
+/// Sums the duals of constraints with the same name: those of one limit.
 fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
     duals.into_iter().fold(Vec::new(), |mut all: Vec<(String, f64)>, (name, dual)| {
         match all.iter_mut().find(|(other, _)| *other == name) {
@@ -1180,17 +911,14 @@ fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
     })
 }
 
-fn gcd(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { gcd(b, a % b) }
-}
-
-/// Groups of unknowns, by `names`, that only a change of all of them together leaves the data as they are, to within their noise:
-/// those with a large share in a combination that is known no better than [`KNOWN`].
-fn confusions(names: &[String], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<Vec<String>> {
-    let least = NOTHING * singular.iter().copied().fold(0.0, f64::max);
-    let unknown = (0..singular.len()).filter(|s| noise > KNOWN * singular[*s] || singular[*s] <= least);
+/// Groups of unknowns, by `names`, that the data determine only together: those with a large component in a direction whose
+/// deviation exceeds [`MAX_RELATIVE_DEVIATION`].
+fn unidentifiable_groups(names: &[String], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<Vec<String>> {
+    let least = RANK_TOLERANCE * singular.iter().copied().fold(0.0, f64::max);
+    let unknown =
+        (0..singular.len()).filter(|s| noise > MAX_RELATIVE_DEVIATION * singular[*s] || singular[*s] <= least);
     let group = |s: usize| {
-        let shared = (0..names.len()).filter(|i| v_t[(s, *i)].abs() > SHARED);
+        let shared = (0..names.len()).filter(|i| v_t[(s, *i)].abs() > MIN_COMPONENT);
         shared.map(|i| names[i].clone()).collect::<Vec<_>>()
     };
     unknown.map(group).filter(|group| !group.is_empty()).collect()
@@ -1202,7 +930,7 @@ fn jacobian(rows: &[Vec<f64>], columns: usize) -> DMatrix<f64> {
 
 /// The damped BFGS matrix after a step `s` over which the gradient of the Lagrangian changed by `y`; the first is at most `size`
 /// times the identity.
-fn updated(old: Option<DMatrix<f64>>, s: &DVector<f64>, y: &DVector<f64>, size: f64) -> DMatrix<f64> {
+fn bfgs_update(old: Option<DMatrix<f64>>, s: &DVector<f64>, y: &DVector<f64>, size: f64) -> DMatrix<f64> {
     let old = old.unwrap_or_else(|| {
         let secant = y.dot(y) / y.dot(s).abs().max(f64::MIN_POSITIVE);
         DMatrix::identity(s.len(), s.len()) * secant.min(size)

@@ -5,14 +5,15 @@ use std::collections::BTreeMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::unknowns::WIDE;
 use crate::cycle::derivatives;
 use crate::error::nearest;
 use crate::fluid::DENSITY;
-use crate::rod::Rod;
 use crate::scene::{HeadKind, KeyError, Scene};
 use crate::sensitivity::Parameter;
 use crate::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters};
+
+/// Bounds of what has none, over the scene's.
+pub const DEFAULT_BOUNDS: [f64; 2] = [0.01, 100.0];
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -83,12 +84,23 @@ impl Goal {
     pub fn is_dynamic(self) -> bool {
         matches!(self, Self::TrackTip | Self::Distance | Self::Efficiency | Self::Cycle(_))
     }
+
+    /// The name and unit of its objective.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::TrackTip => "rms distance of the tip from its target (m)",
+            Self::Identify => "rms distance of the rod from the markers (m)",
+            Self::Distance => "distance (m)",
+            Self::Cycle(key) => key,
+            _ => "distance² over work (m²/J)",
+        }
+    }
 }
 
 /// What a search changes: along the rod, or a number of the scene.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(from = "String", into = "String")]
-pub enum Variable {
+pub enum DesignVariable {
     /// Bending stiffness.
     Stiffness,
     /// Amplitude of the actuation.
@@ -99,7 +111,7 @@ pub enum Variable {
     Number(String),
 }
 
-impl From<String> for Variable {
+impl From<String> for DesignVariable {
     fn from(name: String) -> Self {
         match name.as_str() {
             "stiffness" => Self::Stiffness,
@@ -110,13 +122,13 @@ impl From<String> for Variable {
     }
 }
 
-impl From<Variable> for String {
-    fn from(variable: Variable) -> Self {
+impl From<DesignVariable> for String {
+    fn from(variable: DesignVariable) -> Self {
         match variable {
-            Variable::Stiffness => "stiffness".to_string(),
-            Variable::Amplitude => "amplitude".to_string(),
-            Variable::Phase => "phase".to_string(),
-            Variable::Number(key) => key,
+            DesignVariable::Stiffness => "stiffness".to_string(),
+            DesignVariable::Amplitude => "amplitude".to_string(),
+            DesignVariable::Phase => "phase".to_string(),
+            DesignVariable::Number(key) => key,
         }
     }
 }
@@ -136,7 +148,7 @@ pub enum Bounds {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(deny_unknown_fields)]
-pub struct Front {
+pub struct FrontSettings {
     /// The second goal, a mean over the cycles, `distance` or `efficiency`.
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
@@ -155,7 +167,7 @@ fn points() -> usize {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(rename_all = "kebab-case")]
-pub enum Robust {
+pub enum Aggregate {
     /// The scene in which the goal is worst.
     #[default]
     Worst,
@@ -163,7 +175,7 @@ pub enum Robust {
     Mean,
 }
 
-impl Robust {
+impl Aggregate {
     /// Of the goal's `values` in the scenes; none where there is none.
     pub fn of(self, values: &[f64], smaller_is_better: bool) -> Option<f64> {
         match self {
@@ -186,18 +198,18 @@ impl Robust {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Table {
+pub struct DesignTable {
     /// What is wanted.
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
     /// What identification finds and a dynamic goal may change; stiffness where it is absent.
     #[serde(default = "stiffness")]
     #[cfg_attr(feature = "schema", schemars(with = "Vec<String>"))]
-    pub variables: Vec<Variable>,
+    pub variables: Vec<DesignVariable>,
     /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
     /// Least and largest stiffness, over EI of the scene before its profile.
-    #[serde(default = "wide")]
+    #[serde(default = "default_bounds")]
     pub bounds: [f64; 2],
     /// True where stiffness may not rise from head to tip.
     #[serde(default)]
@@ -252,9 +264,9 @@ pub struct Table {
     /// A sweep's file: the design is for its cases, all of them, made of this scene.
     pub over: Option<String>,
     /// What counts of these: the "worst" case, where it is absent, or the "mean" of all.
-    pub robust: Option<Robust>,
+    pub robust: Option<Aggregate>,
     /// A second goal, against which the first is traded.
-    pub front: Option<Front>,
+    pub front: Option<FrontSettings>,
     /// What the second goal has to reach, and its size.
     #[serde(skip)]
     pub floor: Option<[f64; 2]>,
@@ -264,16 +276,16 @@ pub struct Table {
     pub iterations: Option<usize>,
 }
 
-fn wide() -> [f64; 2] {
-    WIDE
+fn default_bounds() -> [f64; 2] {
+    DEFAULT_BOUNDS
 }
 
-fn stiffness() -> Vec<Variable> {
-    vec![Variable::Stiffness]
+fn stiffness() -> Vec<DesignVariable> {
+    vec![DesignVariable::Stiffness]
 }
 
 #[cfg(feature = "schema")]
-impl Table {
+impl DesignTable {
     /// The JSON Schema of `[design]`, to be part of that of a scene.
     pub fn schema() -> serde_json::Value {
         let mut schema = crate::scene::schema::of::<Self>();
@@ -286,7 +298,7 @@ impl Table {
     }
 }
 
-impl Table {
+impl DesignTable {
     /// The table of a scene, checked.
     ///
     /// # Errors
@@ -358,7 +370,7 @@ impl Table {
     }
 
     /// The numbers as they are in the scene.
-    pub fn own_numbers(&self) -> Vec<(String, f64)> {
+    pub fn initial_numbers(&self) -> Vec<(String, f64)> {
         self.numbers.iter().map(|number| (number.label(), number.own)).collect()
     }
 
@@ -369,7 +381,7 @@ impl Table {
 
     /// The same with the second goal for the first.
     pub fn second(&self) -> Option<Self> {
-        let Front { goal, better, .. } = self.front.clone()?;
+        let FrontSettings { goal, better, .. } = self.front.clone()?;
         let direction = self.direction.clone().filter(|_| matches!(goal, Goal::Distance | Goal::Efficiency));
         Some(Self { better, direction, ..self.with_goal(goal) })
     }
@@ -468,12 +480,12 @@ impl Table {
     }
 
     /// Number of its starts.
-    pub fn all_starts(&self) -> usize {
+    pub fn start_count(&self) -> usize {
         self.starts.unwrap_or(if self.fits_positions() { 1 } else { 3 }).max(1)
     }
 
     /// What counts of the cases that it is for.
-    pub fn counted(&self) -> Robust {
+    pub fn aggregate(&self) -> Aggregate {
         self.robust.unwrap_or_default()
     }
 
@@ -481,8 +493,8 @@ impl Table {
     pub fn bounds_of(&self, key: &str) -> [f64; 2] {
         match &self.number_bounds {
             Some(Bounds::All(bounds)) => *bounds,
-            Some(Bounds::Each(each)) => each.get(key).copied().unwrap_or(WIDE),
-            None => WIDE,
+            Some(Bounds::Each(each)) => each.get(key).copied().unwrap_or(DEFAULT_BOUNDS),
+            None => DEFAULT_BOUNDS,
         }
     }
 
@@ -496,6 +508,12 @@ impl Table {
         matches!(self.goal, Goal::Identify | Goal::TrackTip) || self.better.as_deref() == Some("smaller")
     }
 
+    /// How much better `value` is than `other`, %.
+    pub fn gain_percent(&self, value: f64, other: f64) -> f64 {
+        let better = if self.smaller_is_better() { other - value } else { value - other };
+        100.0 * better / other.abs()
+    }
+
     /// True where a simulation is to come close to given positions.
     pub fn fits_positions(&self) -> bool {
         self.is_searched() && matches!(self.goal, Goal::Identify | Goal::TrackTip)
@@ -504,7 +522,7 @@ impl Table {
     /// The numbers of `scene` among the variables.
     fn numbers_of(&self, scene: &Scene) -> std::result::Result<Vec<SceneParameter>, String> {
         let keys = self.variables.iter().filter_map(|variable| match variable {
-            Variable::Number(key) => Some(key),
+            DesignVariable::Number(key) => Some(key),
             _ => None,
         });
         let keys: Vec<&String> = keys.collect();
@@ -585,7 +603,7 @@ impl Table {
     /// Checks what a search may change.
     fn check_variables(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
         let has = |variable| self.variables.contains(&variable);
-        let (amplitude, phase) = (has(Variable::Amplitude), has(Variable::Phase));
+        let (amplitude, phase) = (has(DesignVariable::Amplitude), has(DesignVariable::Phase));
         let twice = (1..self.variables.len()).any(|i| self.variables[..i].contains(&self.variables[i]));
         if self.variables.is_empty() || twice {
             let allowed = "some of \"stiffness\", \"amplitude\", \"phase\" and numbers of the scene, each once";
@@ -633,42 +651,5 @@ impl Table {
             return Err(("design.amplitude_mean", format!("found {mean}; allowed: a positive number")));
         }
         Ok(())
-    }
-
-    /// The stiffness of every joint of `rod` as weights of the unknowns: all of one, or of the knots about it.
-    pub fn basis(&self, rod: &Rod) -> Basis {
-        let joints = rod.joints();
-        let Some(knots) = &self.knots else {
-            return Basis { unknowns: joints.len(), rows: (0..joints.len()).map(|i| vec![(i, 1.0)]).collect() };
-        };
-        let row = |k: usize| {
-            let xi = rod.xi(k);
-            let after = knots.partition_point(|knot| *knot <= xi);
-            match (after.checked_sub(1), after < knots.len()) {
-                (Some(i), true) => {
-                    let part = (xi - knots[i]) / (knots[after] - knots[i]);
-                    vec![(i, 1.0 - part), (after, part)]
-                }
-                (Some(i), false) => vec![(i, 1.0)],
-                (None, _) => vec![(0, 1.0)],
-            }
-        };
-        Basis { unknowns: knots.len(), rows: joints.map(row).collect() }
-    }
-}
-
-/// How the stiffness of joints follows from the unknowns.
-#[derive(Debug, Clone)]
-pub struct Basis {
-    /// Number of unknowns.
-    pub unknowns: usize,
-    /// Weights of the unknowns, one row per joint.
-    pub rows: Vec<Vec<(usize, f64)>>,
-}
-
-impl Basis {
-    /// The joints' values.
-    pub fn joints(&self, unknowns: &[f64]) -> Vec<f64> {
-        self.rows.iter().map(|row| row.iter().map(|(i, w)| w * unknowns[*i]).sum()).collect()
     }
 }

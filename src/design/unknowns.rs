@@ -1,188 +1,135 @@
-//! The unknowns of a search: stiffness, the actuation's amplitude, or its phase, at joints or knots, linear between knots; and
-//! numbers of the scene.
+//! The unknowns of a search, in scaled variables: stiffness, amplitude or phase of the actuation at joints or knots, and numbers of
+//! the scene; with their bounds, order and mean values as constraints.
 
 use std::f64::consts::PI;
 
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 
-use super::identify::second_differences;
-use super::qp::{Constraint, Quadratic};
-use super::table::{Basis, Goal, Table, Variable};
-use crate::error::Result;
+use super::basis::{Basis, second_differences};
+use super::design_vector::DesignVector;
+use super::qp::{Constraint, QuadraticProgram};
+use super::table::{DesignTable, DesignVariable, Goal};
 use crate::model::Model;
-use crate::scene::{Document, Scene};
 use crate::sensitivity::Parameter;
-use crate::sensitivity::scene_parameter::{SceneParameter, keys_with};
+use crate::sensitivity::scene_parameter::SceneParameter;
 
-/// What a search changes: joint by joint, and numbers of the scene.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Profile {
-    /// EI, N m²; empty where it follows from the scene.
-    pub stiffness_n_m2: Vec<f64>,
-    /// Amplitude of the actuation over the scene's.
-    pub amplitude: Vec<f64>,
-    /// Phase subtracted inside the actuation's function of phase, beside the scene's, rad.
-    pub phase_rad: Vec<f64>,
-    /// Numbers of the scene by their names, in SI units, in the order of the table; all others are the scene's.
-    pub numbers: Vec<(String, f64)>,
-}
+/// Name of the constraint of a fixed unknown, which is not reported.
+pub const FIXED_UNKNOWN: &str = "fixed";
 
-impl Profile {
-    /// Of this stiffness (N m²), with the scene's actuation and numbers.
-    pub fn of(stiffness: Vec<f64>) -> Self {
-        let (amplitude, phase_rad) = (vec![1.0; stiffness.len()], vec![0.0; stiffness.len()]);
-        Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
-    }
+/// Singular values below this fraction of the largest are zero.
+pub const RANK_TOLERANCE: f64 = 1e-12;
 
-    /// What a design of `table` is compared with: the scene as it is, whose joints have the stiffness `own` (N m²).
-    pub fn before(table: &Table, own: &[f64]) -> Self {
-        let mut before = Self { numbers: table.own_numbers(), ..Self::of(own.to_vec()) };
-        if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
-            before.stiffness_n_m2.clear(); // it follows from the scene
-        }
-        before
-    }
-
-    /// The values of its numbers.
-    pub fn values(&self) -> Vec<f64> {
-        self.numbers.iter().map(|(_, value)| *value).collect()
-    }
-
-    /// The scene of `document` with these `numbers`.
-    ///
-    /// # Errors
-    /// Those of [`Document::scene`].
-    pub fn numbers_in(&self, document: &Document, numbers: &[SceneParameter]) -> Result<Scene> {
-        let mut document = document.clone();
-        document.begin_layer();
-        for (key, value) in keys_with(numbers, &self.values()) {
-            document.set_value("the design", &key, &value);
-        }
-        document.scene()
-    }
-}
-
-/// The name of the constraint of an unknown whose bounds are the same, which is no demand.
-pub const FIXED: &str = "fixed";
-
-/// Bounds of what has none, over the scene's.
-pub const WIDE: [f64; 2] = [0.01, 100.0];
-
-/// A singular value below this part of the largest is rounding.
-pub const NOTHING: f64 = 1e-12;
-
-/// How a value follows from its unknown.
+/// The transformation from a value to its unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Map {
-    /// Its logarithm.
+enum Transform {
+    /// The logarithm.
     Logarithm,
-    /// Its inverse: a tip moves nearly in proportion to the compliance 1/EI of a joint, as what bends it beyond its natural
-    /// curvature is a moment that stiffness hardly changes.
+    /// The inverse: the tip moves nearly in proportion to the compliance 1/EI of a joint, since the moment that bends it beyond its
+    /// natural curvature hardly depends on stiffness.
     Inverse,
-    /// Itself.
+    /// The value itself.
     Same,
 }
 
-/// The unknowns of one variable; values are over the reference.
+/// The unknowns of one design variable; values are relative to a reference.
 #[derive(Debug, Clone)]
-struct Block {
-    variable: Variable,
-    /// What a value of 1 is, one for all or for each.
+struct VariableBlock {
+    variable: DesignVariable,
+    /// The reference, one for all values or one for each.
     units: Vec<f64>,
-    map: Map,
+    map: Transform,
     bounds: [f64; 2],
-    /// The largest mean.
+    /// Upper bound of the mean.
     mean: Option<f64>,
-    /// Its first unknown, and the values that follow from its unknowns.
+    /// Index of its first unknown, and the basis functions.
     first: usize,
     basis: Basis,
-    /// The values that its unknowns begin with, where these are not those of an even profile.
+    /// Initial values of the unknowns, if they are not those of a uniform profile.
     own: Option<Vec<f64>>,
-    /// Where each unknown is, and its place in words.
+    /// Position and description of each unknown.
     xi: Vec<f64>,
     places: Vec<String>,
-    /// What a simulation is differentiated by, one for each value.
+    /// The parameter of the simulation for each value.
     parameters: Vec<Parameter>,
 }
 
-impl Block {
+impl VariableBlock {
     fn unit(&self, i: usize) -> f64 {
         self.units.get(i).or(self.units.first()).copied().unwrap_or(1.0)
     }
 
     fn value(&self, x: f64) -> f64 {
         match self.map {
-            Map::Logarithm => x.exp(),
-            Map::Inverse => 1.0 / x,
-            Map::Same => x,
+            Transform::Logarithm => x.exp(),
+            Transform::Inverse => 1.0 / x,
+            Transform::Same => x,
         }
     }
 
     fn unknown(&self, value: f64) -> f64 {
         match self.map {
-            Map::Logarithm => value.ln(),
-            Map::Inverse => 1.0 / value,
-            Map::Same => value,
+            Transform::Logarithm => value.ln(),
+            Transform::Inverse => 1.0 / value,
+            Transform::Same => value,
         }
     }
 
     /// The derivative of a value by its unknown.
     fn slope(&self, value: f64) -> f64 {
         match self.map {
-            Map::Logarithm => value,
-            Map::Inverse => -value * value,
-            Map::Same => 1.0,
+            Transform::Logarithm => value,
+            Transform::Inverse => -value * value,
+            Transform::Same => 1.0,
         }
     }
 
-    /// True where its bounds leave it nothing.
+    /// True if its bounds are equal.
     fn is_fixed(&self) -> bool {
         self.bounds[0] == self.bounds[1]
     }
 
-    /// The largest mean, where it limits anything.
+    /// Upper bound of the mean, if it is active at all.
     fn limited_mean(&self) -> Option<f64> {
         self.mean.filter(|_| !self.is_fixed())
     }
 
-    /// 1 where the value rises with its unknown, else -1.
+    /// 1 if the value rises with its unknown, else -1.
     fn sense(&self) -> f64 {
-        if self.map == Map::Inverse { -1.0 } else { 1.0 }
+        if self.map == Transform::Inverse { -1.0 } else { 1.0 }
     }
 
     fn unknowns(&self) -> std::ops::Range<usize> {
         self.first..self.first + self.basis.unknowns
     }
 
-    /// An unknown in words.
+    /// A description of an unknown.
     fn place(&self, i: usize) -> String {
         match &self.variable {
-            Variable::Stiffness => self.places[i].clone(),
-            Variable::Amplitude => format!("amplitude at {}", self.places[i]),
-            Variable::Phase => format!("phase at {}", self.places[i]),
-            Variable::Number(_) => self.places[i].clone(),
+            DesignVariable::Stiffness => self.places[i].clone(),
+            DesignVariable::Amplitude => format!("amplitude at {}", self.places[i]),
+            DesignVariable::Phase => format!("phase at {}", self.places[i]),
+            DesignVariable::Number(_) => self.places[i].clone(),
         }
     }
 }
 
-/// The unknowns of a search, block after block.
+/// The unknowns of a search, in blocks of one variable each.
 #[derive(Debug, Clone)]
 pub struct Unknowns {
-    blocks: Vec<Block>,
+    blocks: Vec<VariableBlock>,
     joints: usize,
-    own: Profile,
+    own: DesignVector,
     monotone: bool,
 }
 
 impl Unknowns {
-    /// Those that `table` names for `model`, whose stiffness is kept where it is not among them.
-    pub fn of(table: &Table, model: &Model, stiffness: Vec<f64>) -> Self {
+    /// The unknowns that `table` names for `model`. Stiffness is kept if it is not among them.
+    pub fn of(table: &DesignTable, model: &Model, stiffness: Vec<f64>) -> Self {
         let rod = &model.rod;
         let stiffness_map = match table.goal {
-            Goal::TrackTip => Map::Inverse,
-            Goal::Identify => Map::Same, // linear between knots
-            _ => Map::Logarithm,
+            Goal::TrackTip => Transform::Inverse,
+            Goal::Identify => Transform::Same, // linear between knots
+            _ => Transform::Logarithm,
         };
         let joints: Vec<usize> = rod.joints().collect();
         let (xi, places): (Vec<f64>, Vec<String>) = match &table.knots {
@@ -196,40 +143,42 @@ impl Unknowns {
         let own_factors = crate::rod::Profile::through(points)
             .map(|profile| xi.iter().map(|xi| profile.at(*xi)).collect::<Vec<f64>>());
         let mut first = 0;
-        let block = |variable: &Variable| {
-            let along = |unit: f64, map: Map, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| Block {
-                variable: variable.clone(),
-                units: vec![unit],
-                map,
-                bounds,
-                mean,
-                first,
-                basis: table.basis(rod),
-                own: None,
-                xi: xi.clone(),
-                places: places.clone(),
-                parameters: joints.iter().map(|k| of(*k)).collect(),
+        let block = |variable: &DesignVariable| {
+            let along = |unit: f64, map: Transform, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| {
+                VariableBlock {
+                    variable: variable.clone(),
+                    units: vec![unit],
+                    map,
+                    bounds,
+                    mean,
+                    first,
+                    basis: Basis::of(table, rod),
+                    own: None,
+                    xi: xi.clone(),
+                    places: places.clone(),
+                    parameters: joints.iter().map(|k| of(*k)).collect(),
+                }
             };
             let block = match variable {
-                Variable::Stiffness => Block {
+                DesignVariable::Stiffness => VariableBlock {
                     own: own_factors.clone().filter(|_| table.goal == Goal::Identify),
                     ..along(rod.ei, stiffness_map, table.bounds, table.mean, Parameter::Stiffness)
                 },
-                Variable::Amplitude => {
+                DesignVariable::Amplitude => {
                     let bounds = table.amplitude_bounds.unwrap_or([0.5, 2.0]);
-                    along(1.0, Map::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
+                    along(1.0, Transform::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
                 }
-                Variable::Phase => {
+                DesignVariable::Phase => {
                     let bounds = table.phase_bounds_rad.unwrap_or([-PI, PI]);
-                    along(1.0, Map::Same, bounds, None, Parameter::WavePhase)
+                    along(1.0, Transform::Same, bounds, None, Parameter::WavePhase)
                 }
-                Variable::Number(key) => {
+                DesignVariable::Number(key) => {
                     let numbers: Vec<&SceneParameter> =
                         table.numbers.iter().filter(|number| number.key == *key).collect();
-                    Block {
+                    VariableBlock {
                         variable: variable.clone(),
                         units: numbers.iter().map(|number| number.own).collect(),
-                        map: Map::Logarithm,
+                        map: Transform::Logarithm,
                         bounds: table.bounds_of(key),
                         mean: None,
                         first,
@@ -247,8 +196,8 @@ impl Unknowns {
             first += block.basis.unknowns;
             block
         };
-        let mut own = Profile::of(stiffness);
-        if !table.numbers.is_empty() && !table.variables.contains(&Variable::Stiffness) {
+        let mut own = DesignVector::of(stiffness);
+        if !table.numbers.is_empty() && !table.variables.contains(&DesignVariable::Stiffness) {
             own.stiffness_n_m2.clear();
         }
         Self {
@@ -259,35 +208,35 @@ impl Unknowns {
         }
     }
 
-    /// The joints of the rod.
+    /// Number of joints.
     pub fn joints(&self) -> usize {
         self.joints
     }
 
-    /// Their number.
+    /// Number of unknowns.
     pub fn count(&self) -> usize {
         self.blocks.iter().map(|block| block.basis.unknowns).sum()
     }
 
-    /// All of them in words.
+    /// Descriptions of all unknowns.
     pub fn names(&self) -> Vec<String> {
         self.blocks.iter().flat_map(|block| (0..block.basis.unknowns).map(|i| block.place(i))).collect()
     }
 
-    fn parts<'a>(&'a self, x: &'a [f64]) -> impl Iterator<Item = (&'a Block, usize, &'a [f64])> {
+    fn parts<'a>(&'a self, x: &'a [f64]) -> impl Iterator<Item = (&'a VariableBlock, usize, &'a [f64])> {
         self.blocks.iter().map(move |block| (block, block.first, &x[block.unknowns()]))
     }
 
-    /// The profile of unknowns `x`.
-    pub fn profile(&self, x: &[f64]) -> Profile {
+    /// The design of the unknowns `x`.
+    pub fn profile(&self, x: &[f64]) -> DesignVector {
         let mut profile = self.own.clone();
         for (block, _, x) in self.parts(x) {
             let values = block.basis.joints(x).into_iter().enumerate().map(|(i, x)| block.unit(i) * block.value(x));
             match &block.variable {
-                Variable::Stiffness => profile.stiffness_n_m2 = values.collect(),
-                Variable::Amplitude => profile.amplitude = values.collect(),
-                Variable::Phase => profile.phase_rad = values.collect(),
-                Variable::Number(_) => {
+                DesignVariable::Stiffness => profile.stiffness_n_m2 = values.collect(),
+                DesignVariable::Amplitude => profile.amplitude = values.collect(),
+                DesignVariable::Phase => profile.phase_rad = values.collect(),
+                DesignVariable::Number(_) => {
                     profile.numbers.extend(values.zip(&block.places).map(|(value, place)| (place.clone(), value)));
                 }
             }
@@ -295,12 +244,12 @@ impl Unknowns {
         profile
     }
 
-    /// What a simulation is differentiated by: a parameter for each value of each variable.
+    /// The parameters of the simulation: one for each value of each variable.
     pub fn parameters(&self) -> Vec<Parameter> {
         self.blocks.iter().flat_map(|block| block.parameters.iter().copied()).collect()
     }
 
-    /// Derivatives by the unknowns `x` of a number whose derivatives by the parameters are `by`.
+    /// Chain rule: derivatives by the unknowns `x` from derivatives `by` the parameters.
     pub fn chain(&self, x: &[f64], by: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.count()];
         let mut by = by.iter();
@@ -308,7 +257,7 @@ impl Unknowns {
             for (i, (row, x)) in block.basis.rows.iter().zip(block.basis.joints(x)).enumerate() {
                 let size = match block.variable {
                     // The parameter is relative to what it is, as the unknown is.
-                    Variable::Amplitude => 1.0,
+                    DesignVariable::Amplitude => 1.0,
                     _ => block.unit(i) * block.slope(block.value(x)),
                 };
                 let by = by.next().map_or(0.0, |by| by * size);
@@ -318,7 +267,7 @@ impl Unknowns {
         out
     }
 
-    /// The means that are limited, over their limits, with their derivatives by all unknowns.
+    /// Bounded means over their bounds, with derivatives by all unknowns.
     pub fn means(&self, x: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut means = Vec::new();
         for (block, first, part) in self.parts(x) {
@@ -334,11 +283,11 @@ impl Unknowns {
         means
     }
 
-    fn is_ordered(&self, block: &Block) -> bool {
-        self.monotone && block.variable == Variable::Stiffness
+    fn is_ordered(&self, block: &VariableBlock) -> bool {
+        self.monotone && block.variable == DesignVariable::Stiffness
     }
 
-    /// `x` inside its bounds and order, and values moved down block by block so that it keeps its means.
+    /// `x` projected into bounds and order, and scaled down per block to satisfy the means.
     pub fn kept(&self, mut x: Vec<f64>) -> Vec<f64> {
         for _ in 0..50 {
             for block in &self.blocks {
@@ -367,7 +316,7 @@ impl Unknowns {
     }
 
     /// Adds the constraints of a step from `x`: bounds, order, and the means last.
-    pub fn constrain(&self, programme: &mut Quadratic, x: &[f64]) {
+    pub fn constrain(&self, programme: &mut QuadraticProgram, x: &[f64]) {
         let constraints = &mut programme.constraints;
         for (block, first, part) in self.parts(x) {
             let sense = block.sense();
@@ -375,7 +324,7 @@ impl Unknowns {
                 if block.is_fixed() {
                     // Two bounds in one place would leave no room inside them.
                     let room = block.unknown(block.bounds[0]) - x;
-                    constraints.push(Constraint::equal(FIXED, vec![(i, 1.0)], room));
+                    constraints.push(Constraint::equal(FIXED_UNKNOWN, vec![(i, 1.0)], room));
                     continue;
                 }
                 let place = block.place(i - first);
@@ -393,15 +342,15 @@ impl Unknowns {
         }
         let limited = self.blocks.iter().filter_map(|block| block.limited_mean().map(|most| (block, most)));
         for ((block, most), (mean, by)) in limited.zip(self.means(x)) {
-            let what = if block.variable == Variable::Amplitude { "mean amplitude" } else { "mean" };
+            let what = if block.variable == DesignVariable::Amplitude { "mean amplitude" } else { "mean" };
             let row = by.into_iter().enumerate().filter(|(_, by)| *by != 0.0).collect();
             constraints.push(Constraint::at_most(format!("{what} at most {most}"), row, (1.0 - mean).max(0.0)));
         }
     }
 
-    /// The matrix of `weight`·Σ(D₂x)² over the joints, by rows.
+    /// The matrix of `weight`·Σ(D₂x)² over the joints, in row-major order.
     pub fn roughness(&self, weight: f64) -> Vec<f64> {
-        let mut programme = Quadratic::new(self.count());
+        let mut programme = QuadraticProgram::new(self.count());
         for block in &self.blocks {
             for row in second_differences(&block.basis) {
                 let row: Vec<(usize, f64)> = row.iter().map(|(i, c)| (block.first + i, *c)).collect();
@@ -411,11 +360,11 @@ impl Unknowns {
         programme.hessian
     }
 
-    /// The standard deviation of each value of `variable` over itself, where the unknowns have the covariance
-    /// `noise`² V S⁻² Vᵀ; empty where it is not among them.
+    /// The relative standard deviation of each value of `variable`, for unknowns with the covariance `noise`² V S⁻² Vᵀ; empty if it
+    /// is not an unknown.
     pub fn deviations(
         &self,
-        variable: &Variable,
+        variable: &DesignVariable,
         x: &[f64],
         v_t: &DMatrix<f64>,
         singular: &[f64],
@@ -424,7 +373,7 @@ impl Unknowns {
         let Some((block, first, part)) = self.parts(x).find(|(block, ..)| block.variable == *variable) else {
             return Vec::new();
         };
-        let least = NOTHING * singular.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let least = RANK_TOLERANCE * singular.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let of = |(row, x): (&Vec<(usize, f64)>, f64)| {
             let along =
                 |s: usize| row.iter().map(|(i, w)| w * v_t[(s, first + i)]).sum::<f64>() / singular[s].max(least);
@@ -436,8 +385,8 @@ impl Unknowns {
         block.basis.rows.iter().zip(block.basis.joints(part)).map(of).collect()
     }
 
-    /// Starts: even, the study's gradient, its mirror image, then waves of random phase, in the first block; the scene's own
-    /// in the others.
+    /// Starts: in the first block a uniform profile, the source study's gradient, its mirror image, then waves of random phase; in
+    /// the others the scene's own values.
     pub fn first(&self, start: usize) -> Vec<f64> {
         let mut x = Vec::with_capacity(self.count());
         for (b, block) in self.blocks.iter().enumerate() {
@@ -450,7 +399,7 @@ impl Unknowns {
                     _ => match start {
                         0 => 1.0,
                         _ if b > 0 => 1.0,
-                        n if matches!(block.variable, Variable::Number(_)) => {
+                        n if matches!(block.variable, DesignVariable::Number(_)) => {
                             (0.3 * (2.399_963 * (n * (i + 1)) as f64).cos()).exp() // the golden angle
                         }
                         1 => (2.0 - xi) / 1.5,
@@ -461,8 +410,12 @@ impl Unknowns {
                         }
                     },
                 };
-                let even = if block.variable == Variable::Stiffness { block.mean.unwrap_or(1.0) } else { 1.0 };
-                x.push(block.unknown(if block.variable == Variable::Phase { factor - 1.0 } else { even * factor }));
+                let even = if block.variable == DesignVariable::Stiffness { block.mean.unwrap_or(1.0) } else { 1.0 };
+                x.push(block.unknown(if block.variable == DesignVariable::Phase {
+                    factor - 1.0
+                } else {
+                    even * factor
+                }));
             }
         }
         self.kept(x)

@@ -1,4 +1,4 @@
-//! `modelDescription.xml`, from the table of variables.
+//! `modelDescription.xml`: the FMI variables of a scene with units, start values, causality and dependencies.
 
 use std::collections::HashMap;
 use std::io::Result;
@@ -6,7 +6,8 @@ use std::io::Result;
 use quick_xml::events::{BytesDecl, Event};
 use quick_xml::writer::{ElementWriter, Writer};
 
-use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
+use super::catalogue::{Catalogue, LOG_CATEGORIES, NODES, Standard, Target};
+use super::component::Fmu;
 use crate::integrator::Pace;
 use crate::scene;
 use crate::scene::parameter::ScalarParameter;
@@ -16,7 +17,7 @@ use crate::variable::{Causality, Size, VARIABLES, Variable};
 pub(super) type Xml = Writer<Vec<u8>>;
 type Attributes = Vec<(&'static str, String)>;
 
-/// A unit: its name, what is measured in it, the exponents of kg, m, s and rad, and a unit to show it in with its factor.
+/// A unit: name, quantity, exponents of kg, m, s and rad, and a display unit with its factor.
 struct Unit(&'static str, &'static str, [i32; 4], Option<(&'static str, f64)>);
 
 /// The units of all variables and parameters.
@@ -48,12 +49,12 @@ fn unit(name: &str) -> Option<&'static Unit> {
     UNITS.iter().find(|unit| unit.0 == name)
 }
 
-/// A number as XML Schema writes it: the shortest text that reads back to the bit.
+/// A number for XML Schema: the shortest text that parses to the same bits.
 fn number(x: f64) -> String {
     format!("{x:?}")
 }
 
-/// Numbers with spaces in between.
+/// Numbers separated by spaces.
 fn numbers(values: impl Iterator<Item = f64>) -> String {
     values.map(number).collect::<Vec<_>>().join(" ")
 }
@@ -62,7 +63,7 @@ fn list(values: impl Iterator<Item = u32>) -> String {
     values.map(|x| x.to_string()).collect::<Vec<_>>().join(" ")
 }
 
-/// Typical sizes by unit, from the rod's length, stiffness and mass.
+/// Nominal values by unit, from the rod's length, stiffness and mass.
 fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
     let rod = &stepper.model().rod;
     let (length, force) = (rod.length, rod.ei / rod.length.powi(2));
@@ -86,12 +87,12 @@ fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
     (size > 0.0 && size.is_finite()).then_some(size)
 }
 
-/// A variable or a parameter as the description shows it.
-struct Entry {
+/// A variable or a parameter in the description.
+struct DescriptionEntry {
     name: String,
     reference: u32,
     description: String,
-    /// Float64 or Real, UInt64, Integer.
+    /// Element name: Float64 or Real, UInt64, Integer.
     kind: &'static str,
     /// Causality, variability, initial: attributes of the variable itself.
     role: Attributes,
@@ -102,7 +103,7 @@ struct Entry {
     sized: bool,
 }
 
-impl Entry {
+impl DescriptionEntry {
     fn variable(fmu: &Fmu<'_>, standard: Standard, place: usize, variable: &Variable, node: Option<usize>) -> Self {
         let (stepper, model) = (&fmu.stepper, fmu.stepper.model());
         let arrays = fmu.has_arrays(standard);
@@ -216,7 +217,7 @@ fn units(Unit(name, quantity, _, shown): &Unit) -> Attributes {
     [("quantity", quantity.to_string()), ("unit", name.to_string())].into_iter().chain(shown).collect()
 }
 
-/// Writes an element without content.
+/// Writes an empty element.
 pub(super) fn leaf(xml: &mut Xml, name: &str, attributes: Attributes) -> Result<()> {
     with(xml, name, &attributes).write_empty().map(|_| ())
 }
@@ -236,8 +237,18 @@ fn with<'a>(xml: &'a mut Xml, name: &str, attributes: &Attributes) -> ElementWri
     xml.create_element(name.to_string()).with_attributes(pairs)
 }
 
-/// The whole description.
-pub(super) fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
+impl Fmu<'_> {
+    /// `modelDescription.xml`.
+    ///
+    /// # Errors
+    /// [`Error::Fmu`](crate::Error::Fmu).
+    pub fn description(&self, standard: Standard) -> crate::Result<String> {
+        write(self, standard).map_err(|error| crate::Error::Fmu(format!("its description: {error}")))
+    }
+}
+
+/// Writes the description.
+fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
     let version = if standard == Standard::Fmi2 { "2.0" } else { "3.0" };
@@ -334,7 +345,7 @@ fn write_unit(xml: &mut Xml, Unit(name, _, exponents, shown): &Unit) -> Result<(
     })
 }
 
-/// The scene's duration, in its internal steps or in a thousand.
+/// The default experiment: the scene's duration, with its step or a thousandth.
 fn experiment(fmu: &Fmu<'_>) -> Attributes {
     let duration = fmu.scene.solver.duration_s.get();
     let step = match fmu.scene.pace() {
@@ -344,7 +355,7 @@ fn experiment(fmu: &Fmu<'_>) -> Attributes {
     vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
 }
 
-/// The variables of a description. FMI 2.0 does not need the time, and some of its hosts complain of it.
+/// The variables of a description. FMI 2.0 does not require the time, and some of its hosts reject it.
 fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
     fmu.catalogue.variables().filter(move |(_, variable)| match variable.causality {
         Causality::Independent => standard == Standard::Fmi3,
@@ -354,29 +365,30 @@ fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (
     })
 }
 
-/// The nodes of the entries of a variable that stand on their own.
+/// The nodes whose entries of a variable are scalar variables.
 fn nodes<'a>(fmu: &'a Fmu<'_>, variable: &Variable) -> impl Iterator<Item = usize> + 'a {
     variable.entries(fmu.stepper.model()).filter(|node| fmu.shows_node(*node))
 }
 
-/// The variables in their order, every entry of its own where there are no arrays; then the parameters.
-fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
+/// All variables in order, one per entry if there are no arrays; then the parameters.
+fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<DescriptionEntry> {
     let mut entries = Vec::new();
     for (place, variable) in variables(fmu, standard) {
         if fmu.has_arrays(standard) || variable.size == Size::Scalar {
-            entries.push(Entry::variable(fmu, standard, place, variable, None));
+            entries.push(DescriptionEntry::variable(fmu, standard, place, variable, None));
         } else {
-            entries
-                .extend(nodes(fmu, variable).map(|node| Entry::variable(fmu, standard, place, variable, Some(node))));
+            entries.extend(
+                nodes(fmu, variable).map(|node| DescriptionEntry::variable(fmu, standard, place, variable, Some(node))),
+            );
         }
     }
     let parameters = fmu.catalogue.parameters.iter().enumerate().filter(|(_, parameter)| fmu.shows(&parameter.name()));
-    entries.extend(parameters.map(|(place, parameter)| Entry::parameter(fmu, standard, place, parameter)));
+    entries.extend(parameters.map(|(place, parameter)| DescriptionEntry::parameter(fmu, standard, place, parameter)));
     entries
 }
 
-/// Outputs with the inputs that they follow at once, and what is unknown until initialisation.
-fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]) -> Result<()> {
+/// The model structure: outputs with the inputs on which they depend directly, and initial unknowns.
+fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[DescriptionEntry]) -> Result<()> {
     let (model, dynamics, form) = (fmu.stepper.model(), fmu.stepper.view().dynamics, fmu.stepper.form());
     let arrays = fmu.has_arrays(standard);
     let scalar = |variable: &Variable| variable.size == Size::Scalar;
@@ -452,7 +464,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
     }
 }
 
-/// The same, or the one entry of a scalar.
+/// The same; one entry for a scalar.
 fn nodes_or_one(fmu: &Fmu<'_>, variable: &Variable) -> Vec<usize> {
     if variable.size == Size::Scalar { vec![0] } else { nodes(fmu, variable).collect() }
 }

@@ -1,4 +1,4 @@
-//! Packing: the zip file that a host loads.
+//! Packages an FMU: the zip file that a host loads, with shared libraries for each platform.
 
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -6,15 +6,13 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-use super::{Catalogue, Standard, description, document, terminals, token};
+use super::catalogue::Standard;
+use super::component::Fmu;
+use super::{documentation, terminals};
 use crate::error::{Error, Result};
-use crate::report::tables::{write_by, write_error};
-use crate::scene::parameter::ScalarParameter;
-use crate::scene::{Document, Scene};
-use crate::stepper::Stepper;
-use crate::variable;
+use crate::files::{write_atomically, write_error};
 
-/// The folders of binaries in FMI 2.0 and 3.0 of the platform that a shared library is for, and its suffix.
+/// The folders of binaries in FMI 2.0 and 3.0 for the platform of a shared library, and its suffix.
 fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
     let two = |place: usize| library.get(place..place + 2).map(|bytes| u16::from_le_bytes([bytes[0], bytes[1]]));
     let four = |place: usize| {
@@ -45,104 +43,14 @@ fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
     None
 }
 
-/// What of a scene its FMU shows, and how.
-#[derive(Debug, Clone, Default)]
-pub struct Choice {
-    /// Names of variables and parameters; all where there are none.
-    pub variables: Option<Vec<String>>,
-    /// Nodes at which arrays have entries where every entry is a variable of its own; all where there are none.
-    pub nodes: Option<Vec<usize>>,
-    /// FMI 3.0 as hosts read it that know neither arrays nor structural parameters: every entry is a variable of its own.
-    pub plain: bool,
-}
-
-/// A scene ready to be written as an FMU.
-#[derive(Debug)]
-pub struct Fmu<'a> {
-    document: &'a Document,
-    pub(super) scene: Scene,
-    pub(super) stepper: Stepper,
-    pub(super) catalogue: Catalogue,
-    choice: Choice,
-}
-
-impl<'a> Fmu<'a> {
-    /// Prepares the FMU of a scene.
-    ///
-    /// # Errors
-    /// Those of the scene and of its first state.
-    pub fn of(document: &'a Document) -> Result<Self> {
-        let scene = document.scene()?;
-        let stepper = Stepper::of(&scene)?;
-        let catalogue = Catalogue::of(&scene, &stepper);
-        Ok(Self { document, scene, stepper, catalogue, choice: Choice::default() })
-    }
-
-    /// The same with what `choice` takes.
-    ///
-    /// # Errors
-    /// [`Error::UnknownVariable`], and [`Error::Fmu`] for a node that the rod has not.
-    pub fn showing(self, choice: Choice) -> Result<Self> {
-        let parameters = self.catalogue.parameters.iter().map(ScalarParameter::name);
-        let names: Vec<String> =
-            self.catalogue.variables().map(|(_, variable)| variable.name.to_string()).chain(parameters).collect();
-        for name in choice.variables.iter().flatten() {
-            if !names.contains(name) {
-                return Err(variable::unknown(name, self.catalogue.variables().map(|(_, variable)| variable.name)));
-            }
-        }
-        let nodes = self.stepper.model().rod.nodes;
-        match choice.nodes.iter().flatten().find(|node| **node >= nodes) {
-            Some(node) => Err(Error::Fmu(format!("node {node}: the rod has the nodes 0 to {}", nodes - 1))),
-            None => Ok(Self { choice, ..self }),
-        }
-    }
-
-    /// True if the FMU of this standard has arrays, sized by the number of nodes.
-    pub(super) fn has_arrays(&self, standard: Standard) -> bool {
-        standard == Standard::Fmi3 && !self.choice.plain
-    }
-
-    /// True if it shows the variable or parameter of this name.
-    pub(super) fn shows(&self, name: &str) -> bool {
-        self.choice.variables.as_ref().is_none_or(|names| names.iter().any(|shown| shown == name))
-    }
-
-    /// True if it shows entries at this node.
-    pub(super) fn shows_node(&self, node: usize) -> bool {
-        self.choice.nodes.as_ref().is_none_or(|nodes| nodes.contains(&node))
-    }
-
-    /// The identifier in C that names the library: the scene's name with `_` for all that C does not allow.
-    pub fn identifier(&self) -> String {
-        let mut identifier: String =
-            self.scene.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-        if !identifier.starts_with(|c: char| c.is_ascii_alphabetic()) {
-            identifier.insert_str(0, "caudal_");
-        }
-        identifier
-    }
-
-    /// See [`token`].
-    pub fn token(&self) -> String {
-        token(&self.scene)
-    }
-
-    /// `modelDescription.xml`.
-    ///
-    /// # Errors
-    /// [`Error::Fmu`].
-    pub fn description(&self, standard: Standard) -> Result<String> {
-        description::write(self, standard).map_err(|error| Error::Fmu(format!("its description: {error}")))
-    }
-
-    /// Writes the FMU with shared `libraries`, one for each platform, to `path`: the same scene and libraries, the same bytes.
+impl Fmu<'_> {
+    /// Writes the FMU with shared `libraries`, one per platform, to `path`. The same scene and libraries give the same bytes.
     ///
     /// # Errors
     /// [`Error::Fmu`], [`Error::Read`], [`Error::Write`].
     pub fn write(&self, standard: Standard, libraries: &[PathBuf], path: &Path) -> Result<()> {
         let wrong = |error: std::io::Error| Error::Fmu(format!("its description: {error}"));
-        if self.choice.nodes.is_some() && self.has_arrays(standard) {
+        if self.options.nodes.is_some() && self.has_arrays(standard) {
             let problem = "arrays of FMI 3.0 have all nodes; allowed: a choice of nodes with FMI 2.0 or plain FMI 3.0";
             return Err(Error::Fmu(problem.to_string()));
         }
@@ -169,10 +77,10 @@ impl<'a> Fmu<'a> {
                 files.push(("terminalsAndIcons/icon.png".to_string(), terminals::ICON.to_vec()));
             }
         }
-        files.extend(document::files(self).into_iter().map(|(name, text)| (name, text.into_bytes())));
+        files.extend(documentation::files(self).into_iter().map(|(name, text)| (name, text.into_bytes())));
         files.extend(self.document.packed()?.into_iter().map(|(name, bytes)| (format!("resources/{name}"), bytes)));
         let failed = |error: std::io::Error| write_error(path, &error);
-        write_by(path, |file| {
+        write_atomically(path, |file| {
             let mut archive = ZipWriter::new(BufWriter::new(file));
             for (name, bytes) in files {
                 let options = SimpleFileOptions::default()
@@ -187,16 +95,15 @@ impl<'a> Fmu<'a> {
     }
 }
 
-/// The name of the shared library as cargo builds it.
+/// The file name of the shared library that cargo builds.
 pub fn library_name() -> String {
     format!("{}caudal_fmi{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
 }
 
-/// Finds the shared library of the program `executable`: beside it, in `../lib` of it, or in the Python package of the
-/// environment that it stands in.
+/// Finds the shared library of the program `executable`: in its folder, in `../lib`, or in the Python package of its environment.
 ///
 /// # Errors
-/// [`Error::Fmu`] that says what to do.
+/// [`Error::Fmu`] with advice.
 pub fn library(executable: &Path) -> Result<PathBuf> {
     let folder = executable.parent().unwrap_or(Path::new("."));
     let near = [folder.to_path_buf(), folder.join("../lib"), folder.join("deps")];
@@ -212,7 +119,7 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
     })
 }
 
-/// Where the Python package may be in the folder `lib` of an environment, in the order of their names.
+/// The folders in which the Python package may be in the folder `lib` of an environment, in alphabetical order.
 fn python_packages(lib: PathBuf) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(&lib).into_iter().flatten().flatten();
     let versions = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("python"));

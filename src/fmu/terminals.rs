@@ -1,17 +1,17 @@
-//! `terminalsAndIcons.xml` of FMI 3.0: the variables by which an FMU is joined to others, and its icon.
+//! `terminalsAndIcons.xml` of FMI 3.0: terminals, by which variables of FMUs are connected in groups, and the icon.
 //!
-//! The head of a held tail is a bus with pose, rates and accelerations in and force and moment out; the tip of any tail gives
-//! pose and rates under the same names, so that a second tail can be held by it; the drive of the actuation is a plug of its own.
+//! The head of a held tail is a bus with pose, rates and accelerations as inputs and force and moment as outputs. The tip of any
+//! tail provides pose and rates under the same names, so that it can drive a second tail. The drive of the actuation is a plug.
 
 use std::io::Result;
 
 use quick_xml::events::{BytesDecl, Event};
 use quick_xml::writer::Writer;
 
-use super::Fmu;
+use super::component::Fmu;
 use super::description::{Xml, element, leaf};
 
-/// A terminal: its name, what it is, its kind, how its members are matched, and their names with their variables.
+/// A terminal: name, description, kind, matching rule, and member names with their variables.
 type Terminal = (&'static str, &'static str, &'static str, &'static str, &'static [(&'static str, &'static str)]);
 
 const TERMINALS: [Terminal; 3] = [

@@ -1,4 +1,5 @@
-//! Cases side by side: figures of what each axis does, and a page whose table sorts, filters and plays a case.
+//! Report of many cases: figures of the effect of each axis, and a page with a table that can be sorted and filtered, and plays a
+//! case.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -6,67 +7,67 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
-use super::heat_map::{HeatMap, Levels};
-use super::page::{Motion, Script, render};
-use super::record::Frame;
+use super::heat_map::{HeatMap, HeatMapAxis};
+use super::page::{Animation, RawJson, render};
+use super::run_record::Frame;
 use crate::error::Result;
 use crate::words::number;
 
-/// Quantities of a summary that figures and page show, in this order.
-pub const QUANTITIES: [Quantity; 22] = [
-    Quantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
-    Quantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
-    Quantity::new("mean_thrust_n", "mean thrust", "N", true),
-    Quantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
-    Quantity::new("max_head_force_n", "largest force on the head", "N", true),
-    Quantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
-    Quantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
-    Quantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
-    Quantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
-    Quantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
-    Quantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
-    Quantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
-    Quantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
-    Quantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
-    Quantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
-    Quantity::new("actuation_work_j", "actuation work", "J", true),
-    Quantity::new("viscous_work_j", "viscous work", "J", true),
-    Quantity::new("cost_of_transport", "cost of transport", "1", true),
-    Quantity::new("efficiency", "efficiency", "1", true),
-    Quantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
-    Quantity::new("newton_iterations", "Newton iterations", "1", false),
-    Quantity::new("step_halvings", "step halvings", "1", false),
+/// Quantities in figures and page, in this order.
+pub const QUANTITIES: [SummaryQuantity; 22] = [
+    SummaryQuantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
+    SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
+    SummaryQuantity::new("mean_thrust_n", "mean thrust", "N", true),
+    SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
+    SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
+    SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
+    SummaryQuantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
+    SummaryQuantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
+    SummaryQuantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
+    SummaryQuantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
+    SummaryQuantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
+    SummaryQuantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
+    SummaryQuantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
+    SummaryQuantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
+    SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
+    SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
+    SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
+    SummaryQuantity::new("cost_of_transport", "cost of transport", "1", true),
+    SummaryQuantity::new("efficiency", "efficiency", "1", true),
+    SummaryQuantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
+    SummaryQuantity::new("newton_iterations", "Newton iterations", "1", false),
+    SummaryQuantity::new("step_halvings", "step halvings", "1", false),
 ];
 
-/// Lines that join cases in a figure, at most.
-const JOINED: usize = 200;
-/// Dots of a figure, at most.
-const DOTS: usize = 2000;
-/// Parts in which a sampled axis is averaged.
-const PARTS: usize = 10;
-/// Rows of the page's table, at most.
-const ROWS: usize = 20_000;
-/// Paths in a figure, at most.
-const PATHS: usize = 120;
-/// Cells of a heat map, at most.
-const CELLS: usize = 10_000;
+/// Most lines that join cases in a figure.
+const MAX_JOINED_LINES: usize = 200;
+/// Most dots of a figure.
+const MAX_DOTS: usize = 2000;
+/// Number of bins in which a sampled axis is averaged.
+const SAMPLE_BINS: usize = 10;
+/// Most rows of the page's table.
+const MAX_TABLE_ROWS: usize = 20_000;
+/// Most paths in a figure.
+const MAX_PATHS: usize = 120;
+/// Most cells of a heat map.
+const MAX_CELLS: usize = 10_000;
 
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
-pub struct Quantity {
+pub struct SummaryQuantity {
     /// Its key in the summary.
     pub key: &'static str,
-    /// Its name in words.
+    /// Its name.
     pub name: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// True where it has figures.
+    /// True if it has figures.
     pub drawn: bool,
-    /// True where a held head has none that means anything.
+    /// True if it is meaningless for a held head.
     pub of_free_heads: bool,
 }
 
-impl Quantity {
+impl SummaryQuantity {
     const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
         Self { key, name, unit, drawn, of_free_heads: false }
     }
@@ -78,26 +79,26 @@ impl Quantity {
 
 /// An axis along which the cases differ.
 #[derive(Debug, Clone)]
-pub struct Axis {
+pub struct CaseAxis {
     /// Its name.
     pub name: String,
-    /// Its levels as text.
+    /// Labels of its levels.
     pub labels: Vec<String>,
-    /// Its levels as numbers, where all are.
+    /// Its levels as numbers, if all are.
     pub numbers: Option<Vec<f64>>,
-    /// True where every case has a level of its own.
+    /// True if each case has its own level.
     pub sampled: bool,
-    /// True where equal steps are equal factors.
+    /// True for a geometric sequence.
     pub logarithmic: bool,
 }
 
-impl Axis {
-    /// Where level `i` is drawn: at its number, or at its place in the list.
+impl CaseAxis {
+    /// The position at which level `i` is drawn: its number, or its index.
     fn at(&self, i: usize) -> f64 {
         self.numbers.as_ref().map_or(i as f64, |numbers| numbers[i])
     }
 
-    /// How it is drawn: levels that are no numbers are categories.
+    /// The scale: levels that are not numbers are categories.
     fn scale(&self) -> Scale {
         match &self.numbers {
             Some(numbers) if self.logarithmic && numbers.iter().all(|x| *x > 0.0) => Scale::LogX,
@@ -106,7 +107,7 @@ impl Axis {
         }
     }
 
-    /// The levels in groups that are averaged together: each by itself, or equal parts of a sample.
+    /// Groups of levels that are averaged: each level, or the bins of a sample.
     fn groups(&self) -> Groups {
         let at: Vec<f64> = (0..self.labels.len()).map(|i| self.at(i)).collect();
         let mut order: Vec<usize> = (0..at.len()).collect();
@@ -118,7 +119,7 @@ impl Axis {
             let (at, labels) = order.iter().map(|level| (at[*level], self.labels[*level].clone())).unzip();
             return Groups { of, at, labels };
         }
-        let parts = PARTS.min(at.len());
+        let parts = SAMPLE_BINS.min(at.len());
         let mut group = vec![0; at.len()];
         // On a logarithmic axis the middle is that of the logarithms.
         let [onto, back]: [fn(f64) -> f64; 2] =
@@ -136,18 +137,18 @@ impl Axis {
     }
 }
 
-/// Levels in groups.
+/// Groups of levels.
 struct Groups {
     /// The group of each level.
     of: Vec<usize>,
-    /// Where each group is drawn.
+    /// Position at which each group is drawn.
     at: Vec<f64>,
     /// Its name.
     labels: Vec<String>,
 }
 
 impl Groups {
-    /// The mean of the values, given with their levels, in each group; NaN of an empty one.
+    /// The mean in each group of values, given with their levels; NaN for an empty group.
     fn means(&self, values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.at.len()];
         for (level, value) in values {
@@ -158,18 +159,18 @@ impl Groups {
     }
 }
 
-/// What is shown of the cases of a sweep.
+/// The data of the report.
 #[derive(Debug)]
 pub struct Cases {
     name: String,
     text: String,
-    axes: Vec<Axis>,
+    axes: Vec<CaseAxis>,
     split: Option<usize>,
     size: usize,
-    /// Numbers of the cases that are there, and their levels, axis by axis.
+    /// Indices of the cases, and their levels on each axis.
     indices: Vec<usize>,
     levels: Vec<Vec<usize>>,
-    /// One column for each of [`QUANTITIES`]; NaN where there is none.
+    /// One column for each of [`QUANTITIES`]; NaN for missing values.
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
     motions: BTreeMap<usize, Vec<Frame>>,
@@ -177,7 +178,7 @@ pub struct Cases {
 
 /// A case in the page's data.
 #[derive(Serialize)]
-struct Content<'a> {
+struct PageContent<'a> {
     name: &'a str,
     version: &'static str,
     size: usize,
@@ -187,23 +188,23 @@ struct Content<'a> {
     played: usize,
     text: &'a str,
     figures: &'a [Figure],
-    data: Script<Data<'a>>,
+    data: RawJson<PageData<'a>>,
 }
 
 #[derive(Serialize)]
-struct Data<'a> {
+struct PageData<'a> {
     axes: Vec<(&'a str, &'a [String])>,
     quantities: Vec<(&'static str, &'static str)>,
     indices: Vec<usize>,
     levels: Vec<Vec<usize>>,
     columns: Vec<Vec<Option<f64>>>,
     endings: &'a BTreeMap<usize, String>,
-    motions: BTreeMap<usize, Motion>,
+    motions: BTreeMap<usize, Animation>,
 }
 
 impl Cases {
-    /// No cases yet of a sweep of `size` cases along `axes`, whose file is `text`; the levels of `split` are shown apart.
-    pub fn new(name: &str, axes: Vec<Axis>, split: Option<usize>, size: usize, text: &str) -> Self {
+    /// An empty report for a sweep of `size` cases along `axes`, whose file is `text`; the levels of `split` are shown separately.
+    pub fn new(name: &str, axes: Vec<CaseAxis>, split: Option<usize>, size: usize, text: &str) -> Self {
         Self {
             name: name.to_string(),
             text: text.to_string(),
@@ -218,8 +219,8 @@ impl Cases {
         }
     }
 
-    /// Adds a case: its number, its level on every axis, its quantities, `complete` and `ending` among them, and its motion
-    /// if that is kept.
+    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion,
+    /// if any.
     pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Vec<Frame>) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
@@ -239,7 +240,7 @@ impl Cases {
         }
     }
 
-    /// The levels that are shown apart, with the positions of their cases.
+    /// The levels that are shown separately, with the indices of their cases.
     fn parts(&self) -> Vec<(String, Vec<usize>)> {
         let all = 0..self.indices.len();
         match self.split {
@@ -252,10 +253,10 @@ impl Cases {
         }
     }
 
-    /// The figures: heat maps of a sweep along two axes, each axis' effect on the displacement or thrust, main effects on every quantity, paths of the centres of mass, and the
-    /// split's levels against each other.
+    /// The figures: heat maps for two axes, the effect of each axis on displacement or thrust, main effects on each quantity, paths
+    /// of the centres of mass, and a comparison of the split's levels.
     pub fn figures(&self) -> Vec<Figure> {
-        let (mut figures, mut names) = (Vec::new(), Names::default());
+        let (mut figures, mut names) = (Vec::new(), FileNames::default());
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
         let shown: Vec<usize> =
@@ -317,26 +318,27 @@ impl Cases {
         if label.is_empty() { format!("{}: {what}", self.name) } else { format!("{}, {label}: {what}", self.name) }
     }
 
-    /// A quantity over two axes; none over a sampled one, whose cases are no grid, and none of too many cells.
+    /// A quantity over two axes; `None` for sampled axes, whose cases are not a grid, and for too many cells.
     fn heat_map(
         &self,
         axes: [usize; 2],
-        quantity: &Quantity,
+        quantity: &SummaryQuantity,
         column: &[f64],
         label: &str,
         cases: &[usize],
     ) -> Option<HeatMap> {
         let of = axes.map(|axis| &self.axes[axis]);
-        if of.iter().any(|axis| axis.sampled) || of.iter().map(|axis| axis.labels.len()).product::<usize>() > CELLS {
+        if of.iter().any(|axis| axis.sampled) || of.iter().map(|axis| axis.labels.len()).product::<usize>() > MAX_CELLS
+        {
             return None;
         }
-        let [across, up] = of.map(Axis::groups);
+        let [across, up] = of.map(CaseAxis::groups);
         let cell = |i: &usize| {
             let [x, y] = axes.map(|axis| self.levels[axis][*i]);
             (across.of[x], up.of[y], column[*i], self.indices[*i])
         };
         let cells = cases.iter().map(cell).collect();
-        let levels = |axis: &Axis, groups: &Groups| Levels {
+        let levels = |axis: &CaseAxis, groups: &Groups| HeatMapAxis {
             name: axis.name.clone(),
             at: groups.at.clone(),
             scale: axis.scale(),
@@ -350,8 +352,8 @@ impl Cases {
         })
     }
 
-    /// A quantity against one axis: lines join the cases that differ in nothing else, and a line of means lies on top.
-    fn against(&self, axis: usize, quantity: &Quantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
+    /// A quantity against one axis: lines join cases that differ in nothing else, with a line of means.
+    fn against(&self, axis: usize, quantity: &SummaryQuantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
         let of = &self.axes[axis];
         let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
         let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
@@ -371,10 +373,10 @@ impl Cases {
             }
         }
         joined.values_mut().for_each(|line| line.sort_by(|a, b| a.0.total_cmp(&b.0)));
-        let stride = order.len().div_ceil(JOINED).max(1);
+        let stride = order.len().div_ceil(MAX_JOINED_LINES).max(1);
         let lines = order.iter().step_by(stride).map(|key| joined[key].clone()).filter(|line| line.len() > 1);
         let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
-        let stride = cases().count().div_ceil(DOTS).max(1);
+        let stride = cases().count().div_ceil(MAX_DOTS).max(1);
         series.push(Series::new("cases", cases().step_by(stride).map(point).collect(), Mark::Dots));
         let groups = of.groups();
         let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
@@ -388,8 +390,14 @@ impl Cases {
         }
     }
 
-    /// The main effects of all axes on a quantity: means at each level, relative to the mean of all where signs allow.
-    fn effects(&self, shown: &[usize], quantity: &Quantity, column: &[f64], parts: &[(String, Vec<usize>)]) -> Effects {
+    /// Main effects of all axes on a quantity: means at each level, relative to the overall mean if signs allow.
+    fn effects(
+        &self,
+        shown: &[usize],
+        quantity: &SummaryQuantity,
+        column: &[f64],
+        parts: &[(String, Vec<usize>)],
+    ) -> Effects {
         let values = || column.iter().filter(|x| x.is_finite());
         let relative = values().all(|x| *x > 0.0) || values().all(|x| *x < 0.0);
         let groups: Vec<_> = shown.iter().map(|axis| self.axes[*axis].groups()).collect();
@@ -410,7 +418,7 @@ impl Cases {
                 .iter()
                 .zip(&groups)
                 .map(|(axis, group)| {
-                    let Axis { name, numbers, .. } = &self.axes[*axis];
+                    let CaseAxis { name, numbers, .. } = &self.axes[*axis];
                     EffectAxis { name: name.clone(), labels: group.labels.clone(), joined: numbers.is_some() }
                 })
                 .collect(),
@@ -418,8 +426,8 @@ impl Cases {
         }
     }
 
-    /// The cases of each level of the split beside each other, in the order of the first level's sizes.
-    fn compared(&self, quantity: &Quantity, column: &[f64]) -> Option<Chart> {
+    /// The cases of each level of the split side by side, sorted by the first level's values.
+    fn compared(&self, quantity: &SummaryQuantity, column: &[f64]) -> Option<Chart> {
         let split = self.split?;
         let others = |i: usize| -> Vec<usize> {
             (0..self.axes.len()).filter(|a| *a != split).map(|a| self.levels[a][i]).collect()
@@ -431,7 +439,7 @@ impl Cases {
         let series = parts.iter().map(|(label, cases)| {
             let place =
                 |i: &usize| Some((*rank.get(&others(*i))? as f64, column[*i])).filter(|point| point.1.is_finite());
-            let stride = cases.len().div_ceil(DOTS).max(1);
+            let stride = cases.len().div_ceil(MAX_DOTS).max(1);
             Series::new(label.clone(), cases.iter().step_by(stride).filter_map(place).collect(), Mark::Dots)
         });
         let size = |of: fn(f64, f64) -> f64, start| column.iter().map(|x| x.abs()).filter(|x| *x > 0.0).fold(start, of);
@@ -446,7 +454,7 @@ impl Cases {
         })
     }
 
-    /// The x of the centres of mass in time; the least, the middle and the largest displacement stand out.
+    /// The x of the centres of mass over time; the least, median and largest displacement are highlighted.
     fn paths(&self, label: &str, cases: &[usize]) -> Option<Chart> {
         // A case that failed has no place among the others.
         let complete = cases.iter().filter(|i| !self.endings.contains_key(&self.indices[**i]));
@@ -456,7 +464,7 @@ impl Cases {
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
         let path =
             |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
-        let stride = moved.len().div_ceil(PATHS).max(1);
+        let stride = moved.len().div_ceil(MAX_PATHS).max(1);
         let mut series: Vec<_> =
             moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
         let last = moved.len().checked_sub(1)?;
@@ -473,7 +481,7 @@ impl Cases {
         })
     }
 
-    /// How the cases ended that did not reach their end.
+    /// Endings of the cases that did not reach their end.
     pub fn into_endings(self) -> BTreeMap<usize, String> {
         self.endings
     }
@@ -483,13 +491,13 @@ impl Cases {
     /// # Errors
     /// [`Error::Page`](crate::Error::Page).
     pub fn page(&self, figures: &[Figure]) -> Result<String> {
-        let stride = self.indices.len().div_ceil(ROWS).max(1);
+        let stride = self.indices.len().div_ceil(MAX_TABLE_ROWS).max(1);
         // Six digits are plenty to look at; the table has them all.
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
         let shown: Vec<usize> = self.indices.iter().step_by(stride).copied().collect();
         let quantities: Vec<usize> =
             (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite())).collect();
-        let content = Content {
+        let content = PageContent {
             name: &self.name,
             version: env!("CARGO_PKG_VERSION"),
             size: self.size,
@@ -499,7 +507,7 @@ impl Cases {
             played: self.motions.len(),
             text: &self.text,
             figures,
-            data: Script(Data {
+            data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
                 quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
                 indices: shown,
@@ -509,25 +517,25 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
-                motions: self.motions.iter().map(|(index, frames)| (*index, Motion::of(frames))).collect(),
+                motions: self.motions.iter().map(|(index, frames)| (*index, Animation::of(frames))).collect(),
             }),
         };
         render(include_str!("cases.html"), &content)
     }
 }
 
-/// Names of files, each given once.
+/// Unique file names.
 #[derive(Debug, Default)]
-struct Names(Vec<String>);
+struct FileNames(Vec<String>);
 
-/// At most so many letters of a part are in the name of a file.
-const PART: usize = 40;
+/// Most letters of each part of a file name.
+const MAX_NAME_LENGTH: usize = 40;
 
-impl Names {
-    /// The name of a figure's file: letters, digits and few signs of its parts, with a number where that is taken already.
+impl FileNames {
+    /// The name of a figure's file: letters, digits and a few other characters of its parts, with a number if it is taken.
     fn file(&mut self, parts: &[&str]) -> String {
         let sign = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
-        let clean = |part: &&str| part.chars().take(PART).map(sign).collect::<String>();
+        let clean = |part: &&str| part.chars().take(MAX_NAME_LENGTH).map(sign).collect::<String>();
         let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
         let stem = parts.join("_");
         // Some file systems take A for a.

@@ -1,39 +1,38 @@
-//! Charts as SVG text: one look for every figure of the program. Whatever the data, a chart takes time and memory in proportion
-//! to them, and all that it draws is inside it.
+//! Charts as SVG: line and scatter plots with axes, legend and labels, in one style for all figures. Time and memory are
+//! proportional to the data, and nothing is drawn outside the chart, whatever the data.
 
 use nalgebra::Vector2;
 
-use super::axis::{Axis, superscript};
+use super::chart_axis::{ChartAxis, superscript};
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 
 /// Width of a chart and height of its plot, px.
 pub(super) const WIDTH: f64 = 640.0;
 const PLOT: f64 = 310.0;
 
-/// Sizes of letters, px.
+/// Font sizes, px.
 pub(super) const TITLE: f64 = 17.0;
 const NAME: f64 = 15.0;
 pub(super) const LABEL: f64 = 13.0;
 
 /// Height of a line of the legend, px, and most lines of it.
 pub(super) const LINE: f64 = 19.0;
-const LINES: usize = 8;
+const MAX_LEGEND_LINES: usize = 8;
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     /// A line.
     Line,
-    /// A line with a dot at every point.
+    /// A line with a dot at each point.
     Dotted,
     /// Dots only.
     Dots,
-    /// A thin grey line in the background, without an entry in the legend of its own.
+    /// A thin grey line in the background, without a legend entry.
     Ghost,
-    /// Not drawn: it only widens the axes, so that charts can be compared.
+    /// Invisible: it only extends the axes, so that charts can be compared.
     Unseen,
-    /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
-    /// shows a slope.
+    /// A thin dark closed line with its label next to the last point, without a legend entry: the triangle that shows a slope.
     Slope,
     /// The same with its label above the last point: a level.
     Level,
@@ -42,23 +41,23 @@ pub enum Mark {
 /// One series of a chart.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// Text in the legend.
+    /// Legend label.
     pub label: String,
     /// Points.
     pub points: Vec<(f64, f64)>,
-    /// Look.
+    /// Its style.
     pub mark: Mark,
-    /// Number of its colour and dashes, where it is the same in all figures; else its place among the series.
+    /// Index of its colour and dashes, if it is the same in all figures; otherwise its index among the series.
     pub colour: Option<usize>,
 }
 
 impl Series {
-    /// A series with a look.
+    /// A series with a style.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
         Self { label: label.into(), points, mark, colour: None }
     }
 
-    /// With colour and dashes of its own, the `k`-th.
+    /// With the `k`-th colour and dashes.
     pub fn coloured(self, k: usize) -> Self {
         Self { colour: Some(k), ..self }
     }
@@ -69,17 +68,17 @@ impl Series {
 pub enum Scale {
     /// Both linear.
     Linear,
-    /// Both linear, and a metre is as long on one axis as on the other.
+    /// Both linear, with equal scales.
     Equal,
     /// x logarithmic; only positive x are shown.
     LogX,
-    /// y logarithmic; values are shown by their size, down to this many decades below the largest.
+    /// y logarithmic; absolute values, down to this many decades below the largest.
     LogY(i32),
-    /// y logarithmic towards both signs, this many decades each; what is smaller is zero.
+    /// y logarithmic in both directions, with this many decades each; smaller values are zero.
     SignedLogY(i32),
     /// Both logarithmic; only positive numbers are shown.
     LogLog,
-    /// x is the place of a category, 0, 1, 2 …, with these names. Nothing is between two of them: lines become bars.
+    /// x is the index of a category, 0, 1, 2 …, with these names. Lines become bars.
     Categories(Vec<String>),
 }
 
@@ -98,12 +97,12 @@ pub struct Chart {
     pub series: Vec<Series>,
 }
 
-/// A figure as it is kept and shown.
+/// A figure with its file name and caption.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Figure {
     /// Name of its file.
     pub file: String,
-    /// What it shows, in a sentence.
+    /// Its caption.
     pub caption: String,
     /// Its SVG document.
     pub svg: String,
@@ -116,9 +115,9 @@ impl Figure {
     }
 }
 
-/// The frame of a plot, px.
+/// The plot area, px.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame {
+pub(super) struct PlotArea {
     pub(super) left: f64,
     pub(super) top: f64,
     pub(super) width: f64,
@@ -147,7 +146,7 @@ impl Chart {
             .collect();
         let legend = Legend::of(&entries);
         let [x, y] = self.axes();
-        let frame = Frame::about(&y, legend.height());
+        let frame = PlotArea::about(&y, legend.height());
         let [x, y] = match self.scale {
             Scale::Equal => {
                 let pixel = (x.size() / frame.width).max(y.size() / frame.height);
@@ -180,28 +179,27 @@ impl Chart {
         svg.finish()
     }
 
-    fn axes(&self) -> [Axis; 2] {
+    fn axes(&self) -> [ChartAxis; 2] {
         let x = || self.series.iter().flat_map(|series| &series.points).map(|p| p.0);
         let y = || self.series.iter().flat_map(|series| &series.points).map(|p| p.1);
         match &self.scale {
-            Scale::Linear | Scale::Equal => [Axis::linear(x()), Axis::linear(y())],
-            Scale::LogX => [Axis::logarithmic(x()), Axis::linear(y())],
-            Scale::LogY(decades) => [Axis::linear(x()), Axis::decades(y(), *decades)],
-            Scale::SignedLogY(decades) => [Axis::linear(x()), Axis::signed(y(), *decades)],
-            Scale::LogLog => [Axis::logarithmic(x()), Axis::logarithmic(y())],
-            Scale::Categories(labels) => [Axis::categories(labels), Axis::linear(y())],
+            Scale::Linear | Scale::Equal => [ChartAxis::linear(x()), ChartAxis::linear(y())],
+            Scale::LogX => [ChartAxis::logarithmic(x()), ChartAxis::linear(y())],
+            Scale::LogY(decades) => [ChartAxis::linear(x()), ChartAxis::decades(y(), *decades)],
+            Scale::SignedLogY(decades) => [ChartAxis::linear(x()), ChartAxis::signed(y(), *decades)],
+            Scale::LogLog => [ChartAxis::logarithmic(x()), ChartAxis::logarithmic(y())],
+            Scale::Categories(labels) => [ChartAxis::categories(labels), ChartAxis::linear(y())],
         }
     }
 
-    /// Draws a series, the `named`-th with a colour of its own, through its points where these are on the chart; `slot` is the
-    /// width of a category in the frame, px.
+    /// Draws the visible points of a series, with the `named`-th colour; `slot` is the width of a category, px.
     fn draw(
         &self,
         svg: &mut Svg,
         series: &Series,
         points: &[Option<(f64, f64)>],
         named: usize,
-        (frame, slot): (&Frame, f64),
+        (frame, slot): (&PlotArea, f64),
     ) {
         let there = || points.iter().flatten().copied();
         let categories = matches!(self.scale, Scale::Categories(_));
@@ -240,22 +238,22 @@ impl Chart {
 }
 
 impl Series {
-    /// True where it has a colour and may have an entry in the legend.
+    /// True if it has a colour and may have a legend entry.
     fn is_named(&self) -> bool {
         matches!(self.mark, Mark::Line | Mark::Dotted | Mark::Dots)
     }
 }
 
-/// The unbroken pieces of a line, without points that change nothing of the picture.
+/// The contiguous pieces of a line, without points that do not change the picture.
 fn pieces(points: &[Option<(f64, f64)>]) -> impl Iterator<Item = Vec<(f64, f64)>> {
     points.split(Option::is_none).map(|piece| thinned(piece.iter().flatten().map(|(x, y)| Vector2::new(*x, *y))))
 }
 
-/// What is seen of a line, px.
-const SEEN: f64 = 0.1;
+/// Smallest visible deviation of a line, px.
+const VISIBLE: f64 = 0.1;
 
-/// The line through `points` without those that it passes within [`SEEN`] all the same: from the last point kept, directions
-/// that pass all points since within that are a cone, and a point beyond it, or nearer than the one before, begins anew.
+/// Simplifies the line through `points`, with deviations below [`VISIBLE`]. The directions from the last kept point that pass all
+/// later points within that form a cone; a point outside it, or closer than the previous one, starts a new segment.
 fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
     let Some(mut from) = points.next() else { return Vec::new() };
     let (mut kept, mut last) = (vec![(from.x, from.y)], None::<Vector2<f64>>);
@@ -265,16 +263,17 @@ fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
         let mut way = point - from;
         let inside =
             |way: &Vector2<f64>| cone.is_none_or(|[right, left]| right.perp(way) >= 0.0 && way.perp(&left) >= 0.0);
-        if let Some(passed) = last.filter(|_| (way.norm_squared() < reached && reached > SEEN * SEEN) || !inside(&way))
+        if let Some(passed) =
+            last.filter(|_| (way.norm_squared() < reached && reached > VISIBLE * VISIBLE) || !inside(&way))
         {
             kept.push((passed.x, passed.y));
             (from, cone) = (passed, None);
             way = point - from;
         }
         (last, reached) = (Some(point), way.norm_squared());
-        if reached > SEEN * SEEN {
-            let side = Vector2::new(-way.y, way.x) * SEEN;
-            let ahead = way * (reached - SEEN * SEEN).sqrt();
+        if reached > VISIBLE * VISIBLE {
+            let side = Vector2::new(-way.y, way.x) * VISIBLE;
+            let ahead = way * (reached - VISIBLE * VISIBLE).sqrt();
             let [right, left] = [ahead - side, ahead + side];
             cone = Some(cone.map_or([right, left], |[old_right, old_left]| {
                 [
@@ -288,14 +287,14 @@ fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
     kept
 }
 
-/// The entries of a legend in lines, between title and plot: beside the curves, not on them.
+/// The legend entries in lines, between title and plot.
 struct Legend {
     entries: Vec<(usize, f64, f64, String)>,
     lines: usize,
 }
 
 impl Legend {
-    /// The legend of named series; of one alone there is none.
+    /// The legend of named series; empty for a single one.
     fn of(labels: &[(usize, &str)]) -> Self {
         let mut entries = Vec::new();
         let (mut left, mut line) = (20.0, 0);
@@ -306,7 +305,7 @@ impl Legend {
                 if left > 20.0 && left + room > WIDTH - 8.0 {
                     (left, line) = (20.0, line + 1);
                 }
-                if line == LINES {
+                if line == MAX_LEGEND_LINES {
                     let last: Option<&mut (usize, f64, f64, String)> = entries.last_mut();
                     if let Some(last) = last {
                         last.3 = format!("{} … and {} more", last.3, labels.len() - k);
@@ -317,7 +316,7 @@ impl Legend {
                 left += room;
             }
         }
-        let lines = entries.last().map_or(0, |_| line.min(LINES - 1) + 1);
+        let lines = entries.last().map_or(0, |_| line.min(MAX_LEGEND_LINES - 1) + 1);
         Self { entries, lines }
     }
 
@@ -333,8 +332,8 @@ impl Legend {
     }
 }
 
-/// The name of an axis with the power of ten that its labels lack, before its unit where it has one.
-pub(super) fn titled(name: &str, axis: &Axis) -> String {
+/// The label of an axis with the common power of ten of its tick labels, before its unit.
+pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
     let power = format!("10{}", superscript(axis.power));
     match name.strip_suffix(')').and_then(|name| name.rsplit_once('(')) {
         _ if axis.power == 0 => name.to_string(),
@@ -343,20 +342,20 @@ pub(super) fn titled(name: &str, axis: &Axis) -> String {
     }
 }
 
-impl Frame {
-    /// The plot under a title and a legend of some height, with room for the labels of y.
-    pub(super) fn about(y: &Axis, legend: f64) -> Self {
+impl PlotArea {
+    /// The plot area below a title and a legend of this height, with room for the labels of y.
+    pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
         let left = 42.0 + widest.min(110.0);
         Self { left, top: 42.0 + legend, width: WIDTH - left - 18.0, height: PLOT }
     }
 
-    /// Where a point is, given from 0 to 1.
+    /// Pixel position of a point that is given from 0 to 1.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, f64) {
         (self.left + x * self.width, self.top + (1.0 - y) * self.height)
     }
 
-    pub(super) fn draw_y(&self, svg: &mut Svg, y: &Axis, name: &str) {
+    pub(super) fn draw_y(&self, svg: &mut Svg, y: &ChartAxis, name: &str) {
         for (place, label) in y.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             let at = self.at(0.0, *place);
             svg.line(&[at, self.at(1.0, *place)], Colour::GRID, 1.0, "");
@@ -371,7 +370,7 @@ impl Frame {
         svg.upright((17.0, self.top + 0.5 * self.height), &cut(&titled(name, y), NAME, room), NAME, Colour::INK);
     }
 
-    pub(super) fn draw_x(&self, svg: &mut Svg, x: &Axis, name: &str, categories: bool) {
+    pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
         let labelled = || x.ticks.iter().filter(|(_, label)| !label.is_empty());
         let count = labelled().count().max(1);
         let every = if categories { count.div_ceil(12) } else { 1 };
@@ -395,14 +394,14 @@ impl Frame {
     }
 }
 
-/// Main effects: what several axes do, each by itself, to the mean of a quantity; one panel an axis, one scale for all.
+/// Main effects: the effect of each axis on the mean of a quantity; one panel per axis, with a common scale.
 #[derive(Debug, Clone)]
 pub struct Effects {
     /// Title.
     pub title: String,
     /// Label of the y axis.
     pub y: String,
-    /// The axes, with their levels in words.
+    /// The axes, with the labels of their levels.
     pub axes: Vec<EffectAxis>,
     /// Label, and the mean at each level of each axis.
     pub series: Vec<(String, Vec<Vec<f64>>)>,
@@ -413,41 +412,41 @@ pub struct Effects {
 pub struct EffectAxis {
     /// Its name.
     pub name: String,
-    /// Its levels in words.
+    /// Labels of its levels.
     pub labels: Vec<String>,
-    /// True where something is between two levels, so that a line may join them.
+    /// True if a line may join the levels.
     pub joined: bool,
 }
 
 /// Least width of a panel of main effects, px.
-const PANEL: f64 = 110.0;
+const MIN_PANEL_WIDTH: f64 = 110.0;
 
 impl Effects {
-    /// The figure as an SVG document: the panels in as many rows as they need.
+    /// The figure as an SVG document, with as many rows of panels as needed.
     pub fn svg(&self) -> String {
         let entries: Vec<_> = self.series.iter().map(|(label, _)| label.as_str()).enumerate().collect();
         let legend = Legend::of(&entries);
-        let y = Axis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
-        let first = Frame::about(&y, legend.height());
-        let columns = self.axes.len().clamp(1, (first.width / PANEL) as usize);
+        let y = ChartAxis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
+        let first = PlotArea::about(&y, legend.height());
+        let columns = self.axes.len().clamp(1, (first.width / MIN_PANEL_WIDTH) as usize);
         let rows = self.axes.len().div_ceil(columns).max(1);
         let pitch = PLOT + 62.0;
         let mut svg = Svg::new(WIDTH, first.top + pitch * rows as f64 - 6.0, &self.title);
         svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
         legend.draw(&mut svg);
         for (row, axes) in self.axes.chunks(columns).enumerate() {
-            let frame = Frame { top: first.top + pitch * row as f64, ..first };
+            let frame = PlotArea { top: first.top + pitch * row as f64, ..first };
             frame.draw_y(&mut svg, &y, &self.y);
             for (column, axis) in axes.iter().enumerate() {
                 let panel = frame.width / columns as f64;
-                let inside = Frame { left: frame.left + panel * column as f64, width: panel, ..frame };
+                let inside = PlotArea { left: frame.left + panel * column as f64, width: panel, ..frame };
                 self.panel(&mut svg, &inside, &y, axis, row * columns + column);
             }
         }
         svg.finish()
     }
 
-    fn panel(&self, svg: &mut Svg, frame: &Frame, y: &Axis, axis: &EffectAxis, index: usize) {
+    fn panel(&self, svg: &mut Svg, frame: &PlotArea, y: &ChartAxis, axis: &EffectAxis, index: usize) {
         let count = axis.labels.len();
         let place = |level: usize| match axis.joined && count > 1 {
             true => 0.14 + 0.72 * level as f64 / (count - 1) as f64,
@@ -563,20 +562,23 @@ mod tests {
 
     #[test]
     fn axes_label_round_numbers_with_as_many_digits_as_tell_them_apart() {
-        let labels = |axis: Axis| {
+        let labels = |axis: ChartAxis| {
             let labels = axis.ticks.into_iter().map(|(_, label)| label).filter(|label| !label.is_empty());
             labels.collect::<Vec<_>>().join(" ")
         };
-        assert_eq!(labels(Axis::linear([0.0, 1.0].into_iter())), "0.0 0.2 0.4 0.6 0.8 1.0".replace("0.0", "0"));
-        let small = Axis::linear([0.0, 4e-6].into_iter());
+        assert_eq!(labels(ChartAxis::linear([0.0, 1.0].into_iter())), "0.0 0.2 0.4 0.6 0.8 1.0".replace("0.0", "0"));
+        let small = ChartAxis::linear([0.0, 4e-6].into_iter());
         assert_eq!((small.power, labels(small)), (-6, "0 1 2 3 4".to_string()));
-        assert_eq!(labels(Axis::linear([1.00000, 1.00004].into_iter())), "1.00000 1.00001 1.00002 1.00003 1.00004");
         assert_eq!(
-            labels(Axis::logarithmic([1e-6, 1e6].into_iter())),
+            labels(ChartAxis::linear([1.00000, 1.00004].into_iter())),
+            "1.00000 1.00001 1.00002 1.00003 1.00004"
+        );
+        assert_eq!(
+            labels(ChartAxis::logarithmic([1e-6, 1e6].into_iter())),
             "10⁻⁶ 10⁻⁴ 0.01 1 100 10⁴ 10⁶".replace("10⁴", "10000")
         );
-        assert_eq!(labels(Axis::logarithmic([1.0, 30.0].into_iter())), "1 10 2 5 20");
-        assert_eq!(labels(Axis::logarithmic([0.7, 1.0].into_iter())), "0.7 0.8 0.9 1");
-        assert_eq!(labels(Axis::decades([1e-160, 0.0].into_iter(), 12)).split(' ').count(), 7);
+        assert_eq!(labels(ChartAxis::logarithmic([1.0, 30.0].into_iter())), "1 10 2 5 20");
+        assert_eq!(labels(ChartAxis::logarithmic([0.7, 1.0].into_iter())), "0.7 0.8 0.9 1");
+        assert_eq!(labels(ChartAxis::decades([1e-160, 0.0].into_iter(), 12)).split(' ').count(), 7);
     }
 }

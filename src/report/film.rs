@@ -10,38 +10,38 @@ use std::process::{Command, Stdio};
 use gif::{Encoder, Frame, Repeat};
 
 use super::chart::{Chart, Mark, Scale, Series};
-use super::picture::Painter;
-use super::tables::{write_by, write_error};
+use super::picture::SvgRenderer;
 use crate::error::{Error, Result};
+use crate::files::{write_atomically, write_error};
 
-/// How a film is made.
+/// Settings of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Film {
-    /// Pictures per second.
+pub struct FilmSettings {
+    /// Frames per second.
     pub per_second: u32,
     /// Seconds of the run per second of the film.
     pub speed: f64,
     /// Pixels per px of the figure.
     pub sharpness: f64,
-    /// First and last time that it shows, s, as far as the run has them.
+    /// First and last time that it shows, s, limited to those of the run.
     pub window: [f64; 2],
 }
 
-impl Default for Film {
+impl Default for FilmSettings {
     fn default() -> Self {
         Self { per_second: 25, speed: 1.0, sharpness: 1.0, window: [f64::NEG_INFINITY, f64::INFINITY] }
     }
 }
 
-/// The most pictures of a film.
-const MOST: f64 = 100_000.0;
+/// Most frames of a film.
+const MAX_FRAMES: f64 = 100_000.0;
 
-/// A rod over time: positions by rows, one per time and with one entry per node.
+/// The motion of a rod: positions in rows, one per time with one entry per node.
 #[derive(Debug, Clone, Copy)]
-pub struct Motion<'a> {
+pub struct RodMotion<'a> {
     /// Name of the scene.
     pub name: &'a str,
-    /// Times, s, rising.
+    /// Times, s, increasing.
     pub times: &'a [f64],
     /// Positions, m.
     pub x: &'a [f64],
@@ -49,8 +49,8 @@ pub struct Motion<'a> {
     pub y: &'a [f64],
 }
 
-impl Motion<'_> {
-    /// The rod at a time, linear between those that are there.
+impl RodMotion<'_> {
+    /// The rod at a time, by linear interpolation.
     fn at(&self, time: f64) -> Vec<(f64, f64)> {
         let nodes = self.x.len() / self.times.len();
         let next = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
@@ -61,7 +61,7 @@ impl Motion<'_> {
         (0..nodes).map(|k| (at(self.x, k), at(self.y, k))).collect()
     }
 
-    /// Two corners between which the rod is at all times from `first` to `last`.
+    /// Corners of the bounding box of the rod from `first` to `last`.
     fn corners(&self, [first, last]: [f64; 2]) -> Vec<(f64, f64)> {
         let nodes = self.x.len() / self.times.len();
         // With the times next to them, between which its first and last picture lie.
@@ -75,7 +75,7 @@ impl Motion<'_> {
         vec![(left, low), (right, high)]
     }
 
-    /// The picture of a time, with axes that hold for all between `corners`.
+    /// The frame at a time, with axes for all between `corners`.
     fn svg(&self, time: f64, corners: &[(f64, f64)]) -> String {
         let rod = self.at(time);
         let head = rod.first().copied().into_iter().collect();
@@ -88,15 +88,17 @@ impl Motion<'_> {
     }
 }
 
-impl Film {
-    /// Writes a film to `path`, which ends in .gif or .mp4; `watch` is asked before every picture, with the part that is done.
+impl FilmSettings {
+    /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
+    /// may stop it.
     ///
     /// # Errors
-    /// [`Error::Write`] for another ending, a run of one time or a window without any of it, no font, no ffmpeg for an MP4, or a disk that is full.
+    /// [`Error::Write`] for another extension, a run of one time, a window outside the run, no font, no ffmpeg for an MP4, or a
+    /// full disk.
     pub fn write(
         &self,
         path: &Path,
-        motion: &Motion<'_>,
+        motion: &RodMotion<'_>,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
@@ -117,11 +119,11 @@ impl Film {
             return Err(refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s")));
         }
         let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
-        if !(count <= MOST && self.per_second > 0 && self.speed > 0.0) {
+        if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
             let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
-            return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MOST} pictures")));
+            return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures")));
         }
-        let (painter, corners) = (Painter::new(), motion.corners([first, last]));
+        let (painter, corners) = (SvgRenderer::new(), motion.corners([first, last]));
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
             painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)
@@ -131,7 +133,7 @@ impl Film {
             stopped = watch(n / count);
             stopped.is_continue().then(|| draw(n))
         });
-        write_by(path, |file| match is_gif {
+        write_atomically(path, |file| match is_gif {
             true => self.gif(path, file.path(), &mut frames),
             false => self.mp4(path, file.path(), &mut frames),
         })?;

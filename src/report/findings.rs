@@ -1,18 +1,18 @@
-//! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
+//! Findings of a study: answers in sentences, numbers, tables and figures, written to one folder with a page.
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::chart::Figure;
 use super::folder::Folder;
-use super::page::{Motion, Script, render};
-use super::tables::Kept;
+use super::page::{Animation, RawJson, render};
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 use crate::scene::Document;
 use crate::words::number;
 
-/// Up to this many rows of a table are on the page.
-const ROWS: usize = 60;
+/// Most rows of a table on the page.
+const MAX_TABLE_ROWS: usize = 60;
 
 /// A table of texts and numbers.
 #[derive(Debug, Clone)]
@@ -23,16 +23,16 @@ pub struct Table {
     pub title: &'static str,
     /// Names of its columns, with units.
     pub columns: Vec<String>,
-    /// Its rows; a number that is not finite, or null, is an empty field.
+    /// Its rows; null and non-finite numbers are empty cells.
     pub rows: Vec<Vec<Value>>,
 }
 
-/// All that a study found.
+/// The findings of a study.
 #[derive(Debug, Clone, Default)]
 pub struct Findings {
-    /// What was studied: `natural modes` …
+    /// Subject of the study: `natural modes` …
     pub subject: &'static str,
-    /// The answer, a sentence or two each.
+    /// The answers, of a sentence or two each.
     pub answers: Vec<String>,
     /// The numbers behind it, for summary.json.
     pub numbers: Map<String, Value>,
@@ -42,8 +42,8 @@ pub struct Findings {
     pub tables: Vec<Table>,
     /// Other files: name and text.
     pub files: Vec<(String, String)>,
-    /// A motion that the page plays, and what it shows.
-    pub motion: Option<Box<(Motion, String)>>,
+    /// An animation for the page, and its caption.
+    pub motion: Option<Box<(Animation, String)>>,
 }
 
 #[derive(Serialize)]
@@ -56,11 +56,11 @@ struct PageTable {
 }
 
 impl Findings {
-    /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each put in place whole.
+    /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each atomically.
     ///
     /// # Errors
     /// [`Error::Page`].
-    pub fn write(&self, folder: &mut Folder, name: &str, document: &Document) -> Result<Kept> {
+    pub fn write(&self, folder: &mut Folder, name: &str, document: &Document) -> Result<WrittenFiles> {
         let summary = json!({
             "name": name,
             "caudal_version": env!("CARGO_PKG_VERSION"),
@@ -89,7 +89,7 @@ impl Findings {
             "answers": self.answers,
             "figures": self.figures,
             "tables": tables,
-            "motion": self.motion.as_ref().map(|motion| Script(&motion.0)),
+            "motion": self.motion.as_ref().map(|motion| RawJson(&motion.0)),
             "shown": self.motion.as_ref().map(|motion| &motion.1),
             "scene": document.text(),
             "overrides": document.overrides(),
@@ -99,7 +99,7 @@ impl Findings {
 }
 
 impl Table {
-    /// Its text as CSV.
+    /// The table as CSV.
     pub(crate) fn csv(&self) -> std::result::Result<String, csv::Error> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(&self.columns)?;
@@ -121,8 +121,8 @@ impl Table {
             title: self.title,
             file: self.file,
             columns: self.columns.clone(),
-            rows: self.rows.iter().take(ROWS).map(|row| row.iter().map(cell).collect()).collect(),
-            more: self.rows.len().saturating_sub(ROWS),
+            rows: self.rows.iter().take(MAX_TABLE_ROWS).map(|row| row.iter().map(cell).collect()).collect(),
+            more: self.rows.len().saturating_sub(MAX_TABLE_ROWS),
         }
     }
 }

@@ -12,44 +12,45 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
-use super::tables::{Csv, Kept, Made, PARTIAL, beside, file_of, put_in_place, write_error};
+use super::tables::CsvTable;
 use crate::error::{Error, Result};
+use crate::files::{CreatedFolders, PARTIAL, WrittenFiles, partial_file, partial_file_with, persist, write_error};
 use crate::jobs::{BUILD, Journal};
 use crate::scene::Scene;
 
 /// Name of the manifest.
 pub const MANIFEST: &str = "manifest.json";
 
-/// What is wrong with a file of its name that is none.
+/// The error of a file of its name that is not a manifest.
 const NO_MANIFEST: &str = "it is no manifest of results; choose another folder with --out, or replace it with --force";
 
-/// Ending of the names of journals, in which unfinished work is kept.
+/// Extension of journals, which store unfinished work.
 pub const JOURNAL: &str = ".journal";
 
-/// How long a claim that is held for moments only is waited for.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Timeout for a lock that others hold only briefly.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Whose results they are.
+/// The owner of results.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Owner {
-    /// What made them: `run`, `sweep`, `design`, `study modes` …
+    /// The kind of results: `run`, `sweep`, `design`, `study modes` …
     pub kind: String,
     /// The name of the scene or the sweep.
     pub name: String,
-    /// The file that says what is computed.
+    /// The file of the scene or sweep.
     pub source: PathBuf,
-    /// Hash of what it says.
+    /// Hash of its content.
     pub fingerprint: String,
 }
 
 impl Owner {
-    /// Results of `kind` of a scene.
+    /// The owner of results of `kind` of a scene.
     pub fn of(kind: &str, scene: &Scene) -> Self {
         let (name, source, fingerprint) = (scene.name.clone(), scene.file(), scene.fingerprint_text());
         Self { kind: kind.to_string(), name, source, fingerprint }
     }
 
-    /// True where both are of the same kind and name, and of the same file or the same content.
+    /// True if kind and name are equal, and the file or its content too.
     fn is_same(&self, other: &Self) -> bool {
         (&self.kind, &self.name) == (&other.kind, &other.name)
             && (self.source == other.source || self.fingerprint == other.fingerprint)
@@ -62,24 +63,24 @@ impl fmt::Display for Owner {
     }
 }
 
-/// What a claim does with results that are there already.
+/// What a claim does with existing results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Claim {
-    /// Those of the same owner are replaced file by file, others refused.
+    /// Replaces those of the same owner file by file; those of others are an error.
     #[default]
     Own,
-    /// Those of others are removed.
+    /// Removes those of others.
     Force,
 }
 
 impl Claim {
-    /// [`Force`](Self::Force) where that is asked for.
+    /// [`Force`](Self::Force) if `force` is set.
     pub fn forced(force: bool) -> Self {
         if force { Self::Force } else { Self::Own }
     }
 }
 
-/// Files that were made of results for other programs.
+/// Files that were exported from results for other programs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Export {
     of: Owner,
@@ -91,16 +92,16 @@ struct Export {
 struct Manifest {
     /// Version and build of the program that wrote it.
     caudal_build: String,
-    /// Whose results they are; none where there are only exports.
+    /// The owner; `None` if there are only exports.
     #[serde(default)]
     owner: Option<Owner>,
-    /// Files that say what is computed, where these were written here too: they stay as long as the owner.
+    /// Source files that were written here too; they stay as long as the owner.
     #[serde(default)]
     sources: BTreeSet<String>,
-    /// The files of the results, which may not all be there yet.
+    /// The files of the results, some of which may not exist yet.
     #[serde(default)]
     files: BTreeSet<String>,
-    /// Where unfinished work is kept.
+    /// Journals of unfinished work.
     #[serde(default)]
     journals: BTreeSet<String>,
     #[serde(default)]
@@ -108,7 +109,7 @@ struct Manifest {
 }
 
 impl Manifest {
-    /// That of the folder at `path`; none where there is none.
+    /// The manifest of the folder at `path`; `None` if there is none.
     fn read(path: &Path) -> Result<Option<Self>> {
         let file = path.join(MANIFEST);
         match std::fs::read(&file) {
@@ -135,8 +136,8 @@ impl Manifest {
     }
 }
 
-/// A folder of results that this program holds: made where there was none, and gone again with what was made around it where
-/// nothing came into it.
+/// A claimed folder of results. If it was created and nothing was written to it, it is removed again, along with its created
+/// parents.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
@@ -144,27 +145,28 @@ pub struct Folder {
     owner: Owner,
     claim: Claim,
     manifest: Manifest,
-    /// True where the manifest was made by this claim.
+    /// True if this claim created the manifest.
     new: bool,
-    made: Made,
+    made: CreatedFolders,
 }
 
 impl Folder {
-    /// Claims the folder at `path` for results of `owner`, which will surely have the files `certain`; holds it until it is dropped.
+    /// Claims the folder at `path` for results of `owner`, which will have at least the files `certain`. The claim lasts until it
+    /// is dropped.
     ///
     /// # Errors
-    /// [`Error::Busy`] where another program holds it; [`Error::Occupied`] where it has results of others, or files of these names
-    /// that no manifest lists, unless the claim is forced; [`Error::Read`], [`Error::Write`].
+    /// [`Error::Busy`] if another program has claimed it; [`Error::Occupied`] if it has results of others, or unlisted files of
+    /// these names, unless the claim is forced; [`Error::Read`], [`Error::Write`].
     pub fn claim(path: &Path, owner: Owner, claim: Claim, certain: &[&str]) -> Result<Self> {
         Self::claim_within(path, owner, claim, certain, Duration::ZERO)
     }
 
-    /// The same for what holds folders for moments only ([`let_others`](Self::let_others)), which are waited for.
+    /// The same for folders that programs share ([`let_others`](Self::let_others)): waits for brief claims of others.
     ///
     /// # Errors
     /// Those of [`claim`](Self::claim).
     pub fn claim_shared(path: &Path, owner: Owner, claim: Claim, certain: &[&str]) -> Result<Self> {
-        Self::claim_within(path, owner, claim, certain, PATIENCE)
+        Self::claim_within(path, owner, claim, certain, LOCK_TIMEOUT)
     }
 
     fn claim_within(path: &Path, owner: Owner, claim: Claim, certain: &[&str], patience: Duration) -> Result<Self> {
@@ -180,31 +182,31 @@ impl Folder {
                 folder.manifest = Manifest { owner: Some(folder.owner.clone()), ..Manifest::default() };
             }
         } else {
-            beside(&folder.path.join(MANIFEST))?; // so that what cannot be written is known before the work
+            partial_file(&folder.path.join(MANIFEST))?; // so that what cannot be written is known before the work
         }
         Ok(folder)
     }
 
-    /// Opens the folder at `path` to add files that are made of `owner`, to whatever results it has.
+    /// Claims the folder at `path` to add exports of `owner` to existing results.
     ///
     /// # Errors
     /// [`Error::Busy`], [`Error::Read`], [`Error::Write`].
     pub fn export(path: &Path, owner: Owner, claim: Claim) -> Result<Self> {
-        let folder = Self::hold(path, owner, claim, PATIENCE)?;
+        let folder = Self::hold(path, owner, claim, LOCK_TIMEOUT)?;
         folder.clear_leftovers();
         Ok(folder)
     }
 
-    /// Makes and locks it, and reads its manifest.
+    /// Creates and locks it, and reads its manifest.
     fn hold(path: &Path, owner: Owner, claim: Claim, patience: Duration) -> Result<Self> {
-        let (made, manifest) = (Made::at(path)?, Manifest::default());
+        let (made, manifest) = (CreatedFolders::at(path)?, Manifest::default());
         let mut folder = Self { path: path.to_path_buf(), lock: None, owner, claim, manifest, new: false, made };
         folder.lock(patience)?;
         folder.read()?;
         Ok(folder)
     }
 
-    /// Waits for others who hold it at most for `patience`.
+    /// Waits for the lock, at most for `patience`.
     fn lock(&mut self, patience: Duration) -> Result<()> {
         let begun = Instant::now();
         loop {
@@ -217,7 +219,7 @@ impl Folder {
                     continue;
                 }
                 Err(TryLockError::WouldBlock) => {
-                    self.made = Made::default(); // it is the other program's
+                    self.made = CreatedFolders::default(); // it is the other program's
                     return Err(Error::Busy { path: self.path.clone() });
                 }
                 Ok(()) | Err(TryLockError::Error(_)) => {}
@@ -238,7 +240,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Whether the claim can be had.
+    /// Checks that the claim is allowed.
     fn check(&self, certain: &[&str]) -> Result<()> {
         let Self { manifest, owner, claim, .. } = self;
         let there = |name: &str| self.path.join(name).exists();
@@ -269,24 +271,24 @@ impl Folder {
         }
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whose results it is held for.
+    /// The owner of the claim.
     pub fn owner(&self) -> &Owner {
         &self.owner
     }
 
-    /// Lets other programs of the same owner at it.
+    /// Unlocks it for other programs of the same owner.
     pub fn let_others(&mut self) {
         if let Some(lock) = self.lock.take() {
             let _ = lock.unlock();
         }
     }
 
-    /// Holds it again, with what others put into its manifest.
+    /// Locks it again and reads its manifest.
     ///
     /// # Errors
     /// [`Error::Busy`], [`Error::Read`], [`Error::Write`].
@@ -300,10 +302,10 @@ impl Folder {
         Ok(())
     }
 
-    /// Writes files, names and contents, that say what is computed here.
+    /// Writes source files (names and contents) next to the results.
     ///
     /// # Errors
-    /// Those of [`admit`](Self::admit), and none is written then; [`Error::Write`].
+    /// Those of [`admit`](Self::admit), before anything is written; [`Error::Write`].
     pub fn keep_sources(&mut self, files: &[(String, Vec<u8>)]) -> Result<()> {
         files.iter().try_for_each(|(name, _)| self.admit(name))?;
         let names: BTreeSet<String> = files.iter().map(|(name, _)| name.clone()).collect();
@@ -313,15 +315,15 @@ impl Folder {
         }
         for (name, content) in files {
             let path = self.path.join(name);
-            put_in_place(file_of(&path, content)?, path)?;
+            persist(partial_file_with(&path, content)?, path)?;
         }
         Ok(())
     }
 
-    /// Where its journal `name` is, which is listed from now on.
+    /// The path of its journal `name`, which is listed from now on.
     ///
     /// # Errors
-    /// [`Error::Occupied`] where there is a file of that name which is not; [`Error::Write`].
+    /// [`Error::Occupied`] if there is an unlisted file of that name; [`Error::Write`].
     pub fn journal(&mut self, name: &str) -> Result<PathBuf> {
         self.admit(name)?;
         let path = self.path.join(name);
@@ -336,10 +338,10 @@ impl Folder {
         Ok(path)
     }
 
-    /// Removes its results, and of its journals the one of this name or, without a name, all.
+    /// Removes its results, and the journal of this name or, without a name, all journals.
     ///
     /// # Errors
-    /// Those of [`Journal::clear`], and nothing is removed then.
+    /// Those of [`Journal::clear`], before anything is removed.
     pub fn begin_anew(&mut self, journal: Option<&str>) -> Result<()> {
         let journals: Vec<String> =
             self.manifest.journals.iter().filter(|name| journal.is_none_or(|own| own == *name)).cloned().collect();
@@ -352,14 +354,14 @@ impl Folder {
         self.save()
     }
 
-    /// Removes those of its journals whose work is complete.
+    /// Removes journals of completed work.
     pub fn forget_journals(&mut self) {
         let journals = std::mem::take(&mut self.manifest.journals);
         self.remove(journals.iter());
         let _ = self.save(); // that of before lists what is there, and more
     }
 
-    /// Refuses the name of a file that is there and not listed.
+    /// Refuses the name of an existing unlisted file.
     ///
     /// # Errors
     /// [`Error::Occupied`].
@@ -378,22 +380,21 @@ impl Folder {
         Err(Error::Occupied { path, holds, wanted: self.owner.to_string() })
     }
 
-    /// Begins to write its results.
-    pub fn results(&mut self) -> Writing<'_> {
-        Writing { folder: self, kept: Kept::default(), exports: false, earlier: BTreeSet::new() }
+    /// Starts writing results.
+    pub fn results(&mut self) -> FolderWriter<'_> {
+        FolderWriter { folder: self, kept: WrittenFiles::default(), exports: false, earlier: BTreeSet::new() }
     }
 
-    /// Begins to write files that are made of results.
-    pub fn exports(&mut self) -> Writing<'_> {
-        Writing { folder: self, kept: Kept::default(), exports: true, earlier: BTreeSet::new() }
+    /// Starts writing exports.
+    pub fn exports(&mut self) -> FolderWriter<'_> {
+        FolderWriter { folder: self, kept: WrittenFiles::default(), exports: true, earlier: BTreeSet::new() }
     }
 
     fn remove<'a>(&self, names: impl Iterator<Item = &'a String>) {
         names.for_each(|name| drop(std::fs::remove_file(self.path.join(name))));
     }
 
-    /// Removes what killed programs left of its files in the making: what lies beside a file that the manifest lists, and no program
-    /// holds.
+    /// Removes partial files of killed programs: those next to listed files that no program has locked.
     fn clear_leftovers(&self) {
         for entry in std::fs::read_dir(&self.path).into_iter().flatten().flatten() {
             let name = entry.file_name();
@@ -413,7 +414,7 @@ impl Folder {
         self.manifest.caudal_build = BUILD.to_string();
         let path = self.path.join(MANIFEST);
         let text = serde_json::to_string_pretty(&self.manifest).map_err(|e| Error::Page { reason: e.to_string() })?;
-        put_in_place(file_of(&path, text + "\n")?, path).map(drop)
+        persist(partial_file_with(&path, text + "\n")?, path).map(drop)
     }
 }
 
@@ -428,40 +429,40 @@ impl Drop for Folder {
     }
 }
 
-/// Files on their way into a [`Folder`]: each is put there whole, and none is lost because a later one fails.
+/// Writes files to a [`Folder`], each atomically; an error in one does not affect the others.
 #[derive(Debug)]
-pub struct Writing<'a> {
+pub struct FolderWriter<'a> {
     folder: &'a mut Folder,
-    kept: Kept,
+    kept: WrittenFiles,
     exports: bool,
-    /// Those of an earlier result of the same content that could not be replaced.
+    /// Files of an earlier result with the same content that could not be replaced.
     earlier: BTreeSet<String>,
 }
 
-impl Writing<'_> {
+impl FolderWriter<'_> {
     /// The folder.
     pub fn path(&self) -> &Path {
         &self.folder.path
     }
 
-    /// Lists a file that is written by others.
+    /// Lists a file that others write.
     ///
     /// # Errors
-    /// [`Error::Occupied`] where there is a file of that name which is not replaced; [`Error::Write`].
+    /// [`Error::Occupied`] if there is a file of that name that may not be replaced; [`Error::Write`].
     pub fn admit(&mut self, name: &str) -> Result<()> {
         self.folder.admit(name)?;
         self.folder.enter(&[name], self.exports)
     }
 
-    /// Lists files that are going to be written, all at once.
+    /// Lists several files before they are written.
     pub fn list<'n>(&mut self, names: impl IntoIterator<Item = &'n str>) {
         let Self { folder, exports, .. } = self;
         let admitted: Vec<&str> = names.into_iter().filter(|name| folder.admit(name).is_ok()).collect();
         let _ = folder.enter(&admitted, *exports); // what cannot be listed is told where it is written
     }
 
-    /// Puts the file `name` in place, or notes why it cannot be there. One of that name from an earlier result goes then, unless
-    /// that is of the same content: it would not belong to the others.
+    /// Puts the file `name` in place, or records the error. An earlier file of that name is then removed, unless it has the same
+    /// content, since it would not belong to the others.
     pub fn put(&mut self, name: &str, file: Result<NamedTempFile>) {
         let path = self.folder.path.join(name);
         if let Err(error) = self.admit(name) {
@@ -471,7 +472,7 @@ impl Writing<'_> {
             });
             return;
         }
-        match file.and_then(|file| put_in_place(file, path.clone())) {
+        match file.and_then(|file| persist(file, path.clone())) {
             Ok(path) => self.kept.files.push(path),
             Err(error) => {
                 self.kept.lost.push(error);
@@ -487,8 +488,8 @@ impl Writing<'_> {
         }
     }
 
-    /// The same for a table in the making.
-    pub fn put_table(&mut self, table: Csv) {
+    /// The same for a table.
+    pub fn put_table(&mut self, table: CsvTable) {
         let name = table.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         match table.complete() {
             Ok((file, _, lost)) => {
@@ -501,13 +502,12 @@ impl Writing<'_> {
 
     /// The same for a file with `content`.
     pub fn put_file(&mut self, name: &str, content: Result<impl AsRef<[u8]>>) {
-        let file = content.and_then(|content| file_of(&self.folder.path.join(name), content));
+        let file = content.and_then(|content| partial_file_with(&self.folder.path.join(name), content));
         self.put(name, file);
     }
 
-    /// Puts files, names and texts, in place one after the other, so that those that come first are there whatever happens to the
-    /// others.
-    pub fn all(mut self, files: &[(String, String)]) -> Kept {
+    /// Writes files (names and texts) in order, so that the first ones exist whatever happens to the others.
+    pub fn all(mut self, files: &[(String, String)]) -> WrittenFiles {
         self.list(files.iter().map(|(name, _)| name.as_str()));
         for (name, text) in files {
             self.put_file(name, Ok(text));
@@ -515,13 +515,13 @@ impl Writing<'_> {
         self.finish()
     }
 
-    /// Notes an error that took rows from a file.
+    /// Records an error that truncated a file.
     pub fn note(&mut self, error: Option<Error>) {
         self.kept.lost.extend(error);
     }
 
-    /// Removes the files of earlier results that these have not, and says so in the manifest.
-    pub fn finish(self) -> Kept {
+    /// Removes files of earlier results that were not written again, and updates the manifest.
+    pub fn finish(self) -> WrittenFiles {
         let Self { folder, kept, exports, earlier } = self;
         if !exports {
             let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
@@ -536,7 +536,7 @@ impl Writing<'_> {
 }
 
 impl Folder {
-    /// Lists files as results or exports, where they are not yet.
+    /// Lists files as results or exports, unless they are listed.
     fn enter(&mut self, names: &[&str], exports: bool) -> Result<()> {
         let Manifest { files, exports: exported, .. } = &self.manifest;
         let own = exported.iter().find(|export| export.of == self.owner).map(|export| &export.files);
@@ -562,7 +562,7 @@ impl Folder {
     }
 }
 
-/// True where `handle` is what is at `path`.
+/// True if `handle` is the file at `path`.
 fn is_at(handle: &File, path: &Path) -> bool {
     #[cfg(unix)]
     {

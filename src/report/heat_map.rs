@@ -1,14 +1,14 @@
-//! Heat maps: a number over two axes as the colour of cells, with the largest and the least marked.
+//! Heat maps: a quantity over two axes as cell colours, with extreme values marked.
 
-use super::axis::Axis;
-use super::chart::{Frame, LABEL, LINE, Scale, TITLE, WIDTH};
-use super::map::edges;
+use super::chart::{LABEL, LINE, PlotArea, Scale, TITLE, WIDTH};
+use super::chart_axis::ChartAxis;
+use super::outcome_map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
 use crate::words::significant;
 
-/// Colours from the least to the largest number, of rising lightness, so that print and any kind of colour vision keep their
-/// order: matplotlib's viridis at equal steps.
-const RISING: [[u8; 3]; 10] = [
+/// Sequential colour map with increasing lightness, which survives print and colour-vision deficiency: matplotlib's viridis at
+/// equal steps.
+const SEQUENTIAL: [[u8; 3]; 10] = [
     [68, 1, 84],
     [72, 40, 120],
     [62, 73, 137],
@@ -20,39 +20,39 @@ const RISING: [[u8; 3]; 10] = [
     [181, 222, 43],
     [253, 231, 37],
 ];
-/// Colours from one sign to the other, zero in the middle: ColorBrewer's RdBu, from blue to red.
-const SIGNED: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
+/// Diverging colour map with zero in the middle: ColorBrewer's RdBu, from blue to red.
+const DIVERGING: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
 
-/// Different colours of a map.
-const SHADES: usize = 64;
-/// Positive numbers whose largest is this many times the least are coloured by their logarithms.
-const WIDE: f64 = 100.0;
-/// Room for the scale of colours with its labels, px.
-const SCALE: f64 = 88.0;
+/// Number of colours.
+const COLOUR_COUNT: usize = 64;
+/// Positive values are coloured by their logarithm if the largest exceeds this multiple of the least.
+const LOG_SCALE_RANGE: f64 = 100.0;
+/// Width of the colour scale with its labels, px.
+const SCALE_WIDTH: f64 = 88.0;
 
 /// An axis of a heat map.
 #[derive(Debug, Clone)]
-pub struct Levels {
+pub struct HeatMapAxis {
     /// Its name.
     pub name: String,
-    /// Where its levels are drawn, rising; of categories 0, 1, 2 …
+    /// Positions of its levels, increasing; for categories 0, 1, 2 …
     pub at: Vec<f64>,
-    /// How they are spaced: linear, logarithmic or categories.
+    /// Its scale: linear, logarithmic or categories.
     pub scale: Scale,
 }
 
-impl Levels {
+impl HeatMapAxis {
     /// The borders between the levels.
     fn edges(&self) -> Vec<f64> {
         edges(&self.at, self.scale != Scale::LogX)
     }
 
-    fn axis(&self) -> Axis {
+    fn axis(&self) -> ChartAxis {
         let edges = self.edges();
         match &self.scale {
-            Scale::Categories(labels) => Axis::categories(labels),
-            Scale::LogX => Axis::logarithmic(edges.into_iter()),
-            _ => Axis::linear(edges.into_iter()),
+            Scale::Categories(labels) => ChartAxis::categories(labels),
+            Scale::LogX => ChartAxis::logarithmic(edges.into_iter()),
+            _ => ChartAxis::linear(edges.into_iter()),
         }
     }
 
@@ -61,18 +61,18 @@ impl Levels {
     }
 }
 
-/// A number over two axes.
+/// A quantity over two axes.
 #[derive(Debug, Clone)]
 pub struct HeatMap {
     /// Title.
     pub title: String,
-    /// The axes.
-    pub x: Levels,
-    /// The axis upwards.
-    pub y: Levels,
-    /// What the number is, with its unit.
+    /// The horizontal axis.
+    pub x: HeatMapAxis,
+    /// The vertical axis.
+    pub y: HeatMapAxis,
+    /// Label of the quantity, with its unit.
     pub value: String,
-    /// Level of x, level of y, number, and the case that has it. A cell of several cases has the last.
+    /// Level of x, level of y, value, and index of the case. If several cases share a cell, the last one is shown.
     pub cells: Vec<(usize, usize, f64, usize)>,
 }
 
@@ -82,10 +82,10 @@ impl HeatMap {
         let known = || self.cells.iter().filter(|cell| cell.2.is_finite());
         let by_value = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| a.2.total_cmp(&b.2);
         let (least, largest) = (known().min_by(by_value), known().max_by(by_value));
-        let scale = Shades::of(known().map(|cell| cell.2));
+        let scale = ColourScale::of(known().map(|cell| cell.2));
         let (x, y) = (self.x.axis(), self.y.axis());
-        let frame = Frame::about(&y, LINE);
-        let frame = Frame { width: frame.width - SCALE, ..frame };
+        let frame = PlotArea::about(&y, LINE);
+        let frame = PlotArea { width: frame.width - SCALE_WIDTH, ..frame };
         let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
         svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
         frame.draw_y(&mut svg, &y, &self.y.name);
@@ -97,7 +97,7 @@ impl HeatMap {
             let (low, high) = (frame.at(columns[i], rows[j]), frame.at(columns[i + 1], rows[j + 1]));
             [low.0, high.1, high.0 - low.0, low.1 - high.1]
         };
-        let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); SHADES];
+        let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); COLOUR_COUNT];
         for (i, j, value, _) in known() {
             fields[scale.shade(*value)].push(field(*i, *j));
         }
@@ -132,48 +132,48 @@ impl HeatMap {
     }
 }
 
-/// The colours of numbers.
-struct Shades {
-    axis: Axis,
+/// The colour scale.
+struct ColourScale {
+    axis: ChartAxis,
     signed: bool,
 }
 
-impl Shades {
+impl ColourScale {
     fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
         let least = values.clone().fold(f64::INFINITY, f64::min);
         let largest = values.clone().fold(f64::NEG_INFINITY, f64::max);
         let signed = least < 0.0 && largest > 0.0;
         let axis = if signed {
             let most = largest.max(-least);
-            Axis::linear([-most, most].into_iter())
-        } else if least > 0.0 && largest > WIDE * least {
-            Axis::logarithmic(values)
+            ChartAxis::linear([-most, most].into_iter())
+        } else if least > 0.0 && largest > LOG_SCALE_RANGE * least {
+            ChartAxis::logarithmic(values)
         } else {
-            Axis::linear(values)
+            ChartAxis::linear(values)
         };
         Self { axis, signed }
     }
 
     fn shade(&self, value: f64) -> usize {
         let place = self.axis.place(value).unwrap_or(0.0).clamp(0.0, 1.0);
-        ((place * SHADES as f64) as usize).min(SHADES - 1)
+        ((place * COLOUR_COUNT as f64) as usize).min(COLOUR_COUNT - 1)
     }
 
-    /// That of a shade: linear between the colours that are given.
+    /// A colour of the map, by linear interpolation.
     fn colour(&self, shade: usize) -> [u8; 3] {
-        let given: &[[u8; 3]] = if self.signed { &SIGNED } else { &RISING };
-        let place = shade as f64 / (SHADES - 1) as f64 * (given.len() - 1) as f64;
+        let given: &[[u8; 3]] = if self.signed { &DIVERGING } else { &SEQUENTIAL };
+        let place = shade as f64 / (COLOUR_COUNT - 1) as f64 * (given.len() - 1) as f64;
         let low = (place as usize).min(given.len() - 2);
         let part = place - low as f64;
         let mixed = |k: usize| (1.0 - part) * f64::from(given[low][k]) + part * f64::from(given[low + 1][k]);
         [0, 1, 2].map(|k| mixed(k).round() as u8)
     }
 
-    /// The scale, right of the map.
-    fn draw(&self, svg: &mut Svg, frame: &Frame, name: &str) {
-        let (left, wide, step) = (frame.left + frame.width + 16.0, 14.0, frame.height / SHADES as f64);
-        for shade in 0..SHADES {
-            let top = frame.top + step * (SHADES - 1 - shade) as f64;
+    /// Draws the scale to the right of the map.
+    fn draw(&self, svg: &mut Svg, frame: &PlotArea, name: &str) {
+        let (left, wide, step) = (frame.left + frame.width + 16.0, 14.0, frame.height / COLOUR_COUNT as f64);
+        for shade in 0..COLOUR_COUNT {
+            let top = frame.top + step * (COLOUR_COUNT - 1 - shade) as f64;
             svg.cell([left, top], [wide, step + 0.3], self.colour(shade));
         }
         for (place, label) in self.axis.ticks.iter().filter(|(_, label)| !label.is_empty()) {
@@ -195,8 +195,8 @@ mod tests {
         let categories = Scale::Categories(["water", "oil"].map(str::to_string).to_vec());
         HeatMap {
             title: "thrust".to_string(),
-            x: Levels { name: "frequency (Hz)".to_string(), at: vec![1.0, 2.0, 8.0], scale: Scale::LogX },
-            y: Levels { name: "fluid".to_string(), at: vec![0.0, 1.0], scale: categories },
+            x: HeatMapAxis { name: "frequency (Hz)".to_string(), at: vec![1.0, 2.0, 8.0], scale: Scale::LogX },
+            y: HeatMapAxis { name: "fluid".to_string(), at: vec![0.0, 1.0], scale: categories },
             value: "thrust (N)".to_string(),
             cells,
         }
@@ -206,15 +206,15 @@ mod tests {
     fn the_colours_of_a_rising_map_grow_lighter_and_those_of_a_signed_one_are_lightest_at_zero() {
         let light = |[r, g, b]: [u8; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
         let of = |values: &[f64]| {
-            let scale = Shades::of(values.iter().copied());
-            (0..SHADES).map(|shade| light(scale.colour(shade))).collect::<Vec<_>>()
+            let scale = ColourScale::of(values.iter().copied());
+            (0..COLOUR_COUNT).map(|shade| light(scale.colour(shade))).collect::<Vec<_>>()
         };
         assert!(of(&[1.0, 2.0]).windows(2).all(|pair| pair[0] < pair[1]));
         let signed = of(&[-1.0, 3.0]);
-        assert!(signed[..SHADES / 2].windows(2).all(|pair| pair[0] < pair[1]));
-        assert!(signed[SHADES / 2..].windows(2).all(|pair| pair[0] > pair[1]));
-        let scale = Shades::of([-1.0, 3.0].into_iter());
-        assert_eq!(scale.shade(0.0), SHADES / 2, "zero is in the middle");
+        assert!(signed[..COLOUR_COUNT / 2].windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(signed[COLOUR_COUNT / 2..].windows(2).all(|pair| pair[0] > pair[1]));
+        let scale = ColourScale::of([-1.0, 3.0].into_iter());
+        assert_eq!(scale.shade(0.0), COLOUR_COUNT / 2, "zero is in the middle");
     }
 
     #[test]

@@ -1,31 +1,33 @@
-//! What a run or a study leaves behind: tables, figures, numbers and a page, in one folder.
+//! Reports: what a run, sweep, study or design writes to its folder: tables, figures (SVG), numbers (JSON) and a self-contained
+//! page (HTML).
 
-mod axis;
 pub mod cases;
 pub mod chart;
-mod figures;
+mod chart_axis;
 #[cfg(feature = "pictures")]
 pub mod film;
 mod findings;
 mod folder;
 mod heat_map;
-pub mod map;
+pub mod outcome_map;
 mod output;
 mod page;
 #[cfg(feature = "parquet")]
 pub mod parquet;
 #[cfg(feature = "pictures")]
 pub mod picture;
-mod record;
+mod run_figures;
+mod run_record;
+mod summary;
 mod svg;
-pub(crate) mod tables;
+pub mod tables;
 pub mod trajectory;
 pub mod vtk;
 
 pub use chart::Figure;
 pub use findings::{Findings, Table};
-pub use folder::{Claim, Folder, JOURNAL, MANIFEST, Owner, Writing};
-pub use output::Output;
-pub use page::Motion;
-pub use record::Frame;
-pub use tables::{Kept, room, write_file};
+pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner};
+pub use output::RunOutput;
+pub use page::Animation;
+pub use run_record::Frame;
+pub use summary::{FluidError, Summary};

@@ -1,21 +1,22 @@
-//! The files of a run: each is written beside its place and put there whole.
+//! Output folder of a run: trajectory and node tables, written step by step, then summary, figures and page.
 
 use std::ops::ControlFlow;
 use std::path::Path;
 
 use tempfile::NamedTempFile;
 
+use super::Summary;
 use super::chart::Figure;
-use super::figures;
 use super::page::Page;
 #[cfg(feature = "parquet")]
 use super::parquet::Parquet;
-use super::record::{Record, Times};
-use super::tables::{Csv, Kept, file_of, room};
-use super::{Claim, Folder, Owner, Writing};
-use crate::check::recorded;
+use super::run_figures;
+use super::run_record::{RecordingTimes, RunRecord};
+use super::tables::CsvTable;
+use super::{Claim, Folder, FolderWriter, Owner};
+use crate::assessment::recorded_size;
 use crate::error::{Error, Result};
-use crate::run::Summary;
+use crate::files::{WrittenFiles, free_space, partial_file_with};
 use crate::scene::{Document, NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::system::State;
@@ -23,28 +24,28 @@ use crate::variable::{Variable, View};
 
 /// The output folder of a run in progress.
 #[derive(Debug)]
-pub struct Output {
-    trajectory: Csv,
-    nodes: Nodes,
-    record: Record,
+pub struct RunOutput {
+    trajectory: CsvTable,
+    nodes: NodesWriter,
+    record: RunRecord,
     columns: Vec<&'static Variable>,
-    times: Times,
+    times: RecordingTimes,
     period: Option<f64>,
-    /// Room for the summary, so that a disk that the tables fill still takes it.
+    /// Reserved disk space for the summary, so that tables cannot fill the disk before it is written.
     reserve: NamedTempFile,
     folder: Folder, // the last one to be dropped: it goes where it is empty
 }
 
-/// The summary's size, bytes: of its numbers, of each final position, and at most what is reserved for it.
-const SUMMARY: [usize; 3] = [8192, 90, 1 << 20];
+/// Size of the summary, bytes: of its numbers, per final position, and the most that is reserved.
+const SUMMARY_BYTES: [usize; 3] = [8192, 90, 1 << 20];
 
-impl Output {
-    /// Whether the tables of a run of `scene` fit into `folder`.
+impl RunOutput {
+    /// Checks that the tables of a run of `scene` fit into `folder`.
     ///
     /// # Errors
-    /// [`Error::Room`] where they do not.
+    /// [`Error::Room`] if they do not.
     pub fn fits(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<()> {
-        match (recorded(scene, stepper), room(folder)) {
+        match (recorded_size(scene, stepper), free_space(folder)) {
             (Some((rows, needed)), Some(free)) if needed > free as f64 => {
                 let what = format!(
                     "{rows:.3e} rows of trajectory.csv and the table of nodes (record.every, record.interval_s)"
@@ -58,7 +59,7 @@ impl Output {
     /// Claims `folder` for a run of `scene` and records its first state.
     ///
     /// # Errors
-    /// [`Error::Room`]; those of [`Folder::claim`]. There is no folder then where there was none.
+    /// [`Error::Room`]; those of [`Folder::claim`]. A folder that did not exist is then not created.
     pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper, claim: Claim) -> Result<Self> {
         Self::fits(folder, scene, stepper)?;
         let nodes_file = match scene.nodes_table() {
@@ -66,24 +67,25 @@ impl Output {
             NodesTable::Parquet => Some(NODES_FILES[1]),
             NodesTable::None => None,
         };
-        let certain: Vec<&str> = OWN.into_iter().chain(nodes_file).collect();
+        let certain: Vec<&str> = RUN_FILES.into_iter().chain(nodes_file).collect();
         let mut opened = Folder::claim(folder, Owner::of("run", scene), claim, &certain)?;
         // Also for a disk that is full by then.
-        opened.results().list(certain.iter().copied().chain(figures::FILES));
+        opened.results().list(certain.iter().copied().chain(run_figures::FILES));
         let nodes = stepper.model().rod.nodes;
-        let [numbers, position, most] = SUMMARY;
-        let reserve = file_of(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
+        let [numbers, position, most] = SUMMARY_BYTES;
+        let reserve =
+            partial_file_with(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
         let columns: Vec<_> = stepper.variables().iter().copied().filter(|v| v.recorded).collect();
         let header = columns.iter().map(|v| v.name.to_string());
-        let trajectory = Csv::create(folder.join("trajectory.csv"), header)?;
-        let nodes = Nodes::create(folder, scene)?;
+        let trajectory = CsvTable::create(folder.join("trajectory.csv"), header)?;
+        let nodes = NodesWriter::create(folder, scene)?;
         let period = scene.actuation.as_ref().map(|a| a.frequency_hz.get()).filter(|f| *f > 0.0).map(|f| 1.0 / f);
         let mut output = Self {
             trajectory,
             nodes,
-            record: Record::start(scene, stepper),
+            record: RunRecord::start(scene, stepper),
             columns,
-            times: Times::of(scene, stepper),
+            times: RecordingTimes::of(scene, stepper),
             period,
             reserve,
             folder: opened,
@@ -92,7 +94,7 @@ impl Output {
         Ok(output)
     }
 
-    /// Sees the state after a step; `watch` is asked at every time that is recorded, and may end it.
+    /// Records the state after a step. `watch` is called at each recorded time, and may stop the run.
     ///
     /// # Errors
     /// [`Error::Write`]; those of [`Stepper::at`].
@@ -119,9 +121,15 @@ impl Output {
         self.nodes.row(view.state)
     }
 
-    /// Completes every file with the state at the end and puts it in place: first the summary, then tables, figures, and the
-    /// page, each of them whatever happens to those after it.
-    pub fn finish(mut self, stepper: &Stepper, summary: &Summary, document: &Document, notes: &[String]) -> Kept {
+    /// Completes all files with the final state and puts them in place: first the summary, then tables, figures, and the page. An
+    /// error in one does not affect the others.
+    pub fn finish(
+        mut self,
+        stepper: &Stepper,
+        summary: &Summary,
+        document: &Document,
+        notes: &[String],
+    ) -> WrittenFiles {
         let last = match self.trajectory.last == Some(stepper.time()) {
             true => Ok(()),
             false => self.row(&stepper.view()),
@@ -135,7 +143,7 @@ impl Output {
         results.put_file("summary.json", json.map(|json| json + "\n"));
         results.put_table(trajectory);
         nodes.keep(&mut results);
-        let figures = figures::all(&summary.name, &record, period);
+        let figures = run_figures::all(&summary.name, &record, period);
         for Figure { file, svg, .. } in &figures {
             results.put_file(file, Ok(svg));
         }
@@ -146,40 +154,41 @@ impl Output {
     }
 }
 
-/// The files that every run has.
-const OWN: [&str; 6] = ["summary.json", "trajectory.csv", "report.html", "shape.svg", "com_path.svg", "energy.svg"];
+/// The files that every run writes.
+const RUN_FILES: [&str; 6] =
+    ["summary.json", "trajectory.csv", "report.html", "shape.svg", "com_path.svg", "energy.svg"];
 
-/// The names that the table of node positions may have.
+/// Possible names of the table of node positions.
 const NODES_FILES: [&str; 2] = ["nodes.csv", "nodes.parquet"];
 
 /// The table of node positions.
 #[derive(Debug)]
-struct Nodes {
-    table: Form,
+struct NodesWriter {
+    table: NodesFormat,
     chosen: Vec<usize>,
     from: f64,
 }
 
 #[derive(Debug)]
-enum Form {
-    Csv(Box<Csv>),
+enum NodesFormat {
+    Csv(Box<CsvTable>),
     #[cfg(feature = "parquet")]
     Parquet(Box<Parquet>),
     None,
 }
 
-impl Nodes {
+impl NodesWriter {
     fn create(folder: &Path, scene: &Scene) -> Result<Self> {
         let (chosen, from) = (scene.recorded_nodes(), scene.record.nodes_from_s.get());
         let table = match scene.nodes_table() {
             NodesTable::Csv => {
                 let columns = chosen.iter().flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]);
                 let header = ["time_s".to_string()].into_iter().chain(columns);
-                Form::Csv(Box::new(Csv::create(folder.join(NODES_FILES[0]), header)?))
+                NodesFormat::Csv(Box::new(CsvTable::create(folder.join(NODES_FILES[0]), header)?))
             }
             #[cfg(feature = "parquet")]
-            NodesTable::Parquet => Form::Parquet(Box::new(Parquet::create(folder.join(NODES_FILES[1]))?)),
-            _ => Form::None,
+            NodesTable::Parquet => NodesFormat::Parquet(Box::new(Parquet::create(folder.join(NODES_FILES[1]))?)),
+            _ => NodesFormat::None,
         };
         Ok(Self { table, chosen, from })
     }
@@ -190,23 +199,23 @@ impl Nodes {
             return Ok(());
         }
         match &mut self.table {
-            Form::Csv(table) => {
+            NodesFormat::Csv(table) => {
                 let positions = self.chosen.iter().flat_map(|k| [q[2 * k], q[2 * k + 1]]);
                 table.row(time, [time].into_iter().chain(positions))
             }
             #[cfg(feature = "parquet")]
-            Form::Parquet(table) => table.rows(time, &self.chosen, q),
-            Form::None => Ok(()),
+            NodesFormat::Parquet(table) => table.rows(time, &self.chosen, q),
+            NodesFormat::None => Ok(()),
         }
     }
 
-    /// Puts it in place.
-    fn keep(self, results: &mut Writing<'_>) {
+    /// Puts the table in place.
+    fn keep(self, results: &mut FolderWriter<'_>) {
         match self.table {
-            Form::Csv(table) => results.put_table(*table),
+            NodesFormat::Csv(table) => results.put_table(*table),
             #[cfg(feature = "parquet")]
-            Form::Parquet(table) => results.put(NODES_FILES[1], table.complete()),
-            Form::None => {}
+            NodesFormat::Parquet(table) => results.put(NODES_FILES[1], table.complete()),
+            NodesFormat::None => {}
         }
     }
 }

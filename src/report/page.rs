@@ -1,23 +1,23 @@
-//! report.html: one self-contained file that plays the run and shows its figures and numbers.
+//! report.html: a self-contained page with an animation of the run, its figures and numbers.
 
 use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment};
 use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 
+use super::Summary;
 use super::chart::Figure;
-use super::record::Frame;
+use super::run_record::Frame;
 use crate::error::{Error, Result};
-use crate::run::Summary;
 use crate::words::number;
 
-/// Everything the page shows.
+/// The content of the page.
 pub struct Page<'a> {
     /// Summary of the run.
     pub summary: &'a Summary,
-    /// The scene's text, and the overrides of its keys.
+    /// The scene's text, and its overrides.
     pub scene: (&'a str, &'a [String]),
-    /// What `caudal check` says of the scene, line by line.
+    /// The assessment of the scene, line by line.
     pub notes: &'a [String],
     /// Frames of the animation.
     pub frames: &'a [Frame],
@@ -25,9 +25,9 @@ pub struct Page<'a> {
     pub figures: &'a [Figure],
 }
 
-/// What the template sees.
+/// The data for the template.
 #[derive(Serialize)]
-struct Content<'a> {
+struct RunPageContent<'a> {
     summary: &'a Summary,
     displacement: String,
     step: String,
@@ -37,43 +37,43 @@ struct Content<'a> {
     notes: &'a [String],
     scene: &'a str,
     overrides: &'a [String],
-    motion: Script<Motion>,
+    motion: RawJson<Animation>,
 }
 
-/// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
+/// Data of an animation; numbers are rounded to a few micrometres for a rod of a metre.
 #[derive(Debug, Clone, Serialize)]
-pub struct Motion {
+pub struct Animation {
     times: Vec<f64>,
     points: Vec<Vec<f64>>,
     com: Vec<[f64; 2]>,
-    /// Semi-axes and angle of the body around the first node.
+    /// Semi-axes and angle of the body at the head.
     #[serde(skip_serializing_if = "Option::is_none")]
     body: Option<Vec<[f64; 3]>>,
-    /// Other rods at the same times, by their names.
-    beside: Vec<Beside>,
-    /// The media behind the rod, where there are several.
+    /// Other rods at the same times, with their names.
+    beside: Vec<Companion>,
+    /// The media in the background, if there are several.
     media: Option<Media>,
 }
 
-/// A rod beside the one that is played.
+/// Another rod in the same animation.
 #[derive(Debug, Clone, Serialize)]
-struct Beside {
+struct Companion {
     name: String,
     points: Vec<Vec<f64>>,
 }
 
-/// Media behind parallel interfaces, for the picture behind the rod.
+/// Layered media in the background.
 #[derive(Debug, Clone, Serialize)]
 struct Media {
     /// Direction across the interfaces.
     normal: [f64; 2],
-    /// From where to where along the normal every interface blends, m, at the start.
+    /// Initial extent of each interface along the normal, m.
     edges: Vec<[f64; 2]>,
-    /// The same at every time, where interfaces move.
+    /// The same at each time, if interfaces move.
     moved: Option<Vec<Vec<[f64; 2]>>>,
-    /// Every fluid in words.
+    /// Description of each fluid.
     names: Vec<String>,
-    /// Its tint, from 0 of the lightest to 4 of the densest.
+    /// Its tint, from 0 for the lightest to 4 for the densest.
     tints: Vec<usize>,
 }
 
@@ -103,10 +103,10 @@ impl Media {
     }
 }
 
-/// Fills a page's template, which may include the style, a player with its `motion`, or the player and its script apart.
+/// Renders a page's template, which may include the style sheet and the animation player.
 ///
 /// # Errors
-/// [`Error::Page`] where the template fails.
+/// [`Error::Page`] if the template fails.
 pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
     let mut environment = Environment::new();
@@ -123,11 +123,10 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     environment.render_str(template, Serde(content)).map_err(failed)
 }
 
-/// Data that a page takes into a script: to the template it is a text, JSON that may stand there. A template that saw the data itself
-/// would make a value of its own of every number first.
-pub struct Script<T>(pub T);
+/// Data for a script in a page, as JSON text, so that the template engine does not convert each number.
+pub struct RawJson<T>(pub T);
 
-impl<T: Serialize> Serialize for Script<T> {
+impl<T: Serialize> Serialize for RawJson<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let mut text = serde_json::to_string(&self.0).map_err(S::Error::custom)?;
         for (sign, escape) in [('<', "\\u003c"), ('>', "\\u003e"), ('&', "\\u0026"), ('\'', "\\u0027")] {
@@ -143,7 +142,7 @@ impl Page<'_> {
     /// The page's HTML.
     ///
     /// # Errors
-    /// [`Error::Page`] where the template fails.
+    /// [`Error::Page`] if the template fails.
     pub fn html(&self) -> Result<String> {
         let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         let rows: Vec<(String, String)> = numbers
@@ -153,7 +152,7 @@ impl Page<'_> {
             .filter(|(key, _)| !["final_positions_m", "notes"].contains(&key.as_str()))
             .map(|(key, value)| (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_string)))
             .collect();
-        let content = Content {
+        let content = RunPageContent {
             summary: self.summary,
             displacement: format!("{:.6e}", self.summary.net_displacement_m),
             step: number(self.summary.time_step_s),
@@ -163,14 +162,14 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: Script(Motion::of(self.frames)),
+            motion: RawJson(Animation::of(self.frames)),
         };
         render(include_str!("page.html"), &content)
     }
 }
 
-impl Motion {
-    /// The motion of `frames`.
+impl Animation {
+    /// The animation of `frames`.
     pub fn of(frames: &[Frame]) -> Self {
         // Six digits of the rod's own extent, wherever it is.
         let side = |frame: &Frame, axis: usize| {
@@ -193,10 +192,9 @@ impl Motion {
         }
     }
 
-    /// The same with another rod, whose frames are at the same times: in the background, or with a colour of its own where it
-    /// has a name.
+    /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name.
     pub fn beside(mut self, name: &str, frames: &[Frame]) -> Self {
-        self.beside.push(Beside { name: name.to_string(), points: Self::of(frames).points });
+        self.beside.push(Companion { name: name.to_string(), points: Self::of(frames).points });
         self
     }
 }

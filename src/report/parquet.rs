@@ -13,16 +13,17 @@ use parquet::schema::types::Type as SchemaType;
 use serde_json::Value;
 use tempfile::NamedTempFile;
 
-use super::tables::{ColumnType, beside, write_error};
+use super::tables::ColumnType;
 use crate::error::{Error, Result};
+use crate::files::{partial_file, write_error};
 
-/// Rows of a Parquet file that are kept in memory before they are written as one group.
-const GROUP: usize = 1 << 17;
+/// Rows per row group; a group is kept in memory until it is written.
+const ROWS_PER_GROUP: usize = 1 << 17;
 
-/// The same of tables of cases, whose rows are some 5 kB.
-const CASES: usize = 1 << 10;
+/// The same for tables of cases, whose rows have about 5 kB.
+const CASES_PER_GROUP: usize = 1 << 10;
 
-/// A Parquet file in the making: one row per time and node, with the columns time_s, node, x_m, y_m.
+/// Writer of a Parquet file with one row per time and node, with the columns time_s, node, x_m, y_m.
 pub struct Parquet {
     path: PathBuf,
     writer: SerializedFileWriter<BufWriter<NamedTempFile>>,
@@ -39,7 +40,7 @@ impl std::fmt::Debug for Parquet {
 }
 
 impl Parquet {
-    /// Begins the file.
+    /// Creates the file.
     pub fn create(path: PathBuf) -> Result<Self> {
         const SCHEMA: &str = "message nodes { required double time_s; required int32 node; required double x_m; \
             required double y_m; }";
@@ -55,7 +56,7 @@ impl Parquet {
             self.nodes.push(*k as i32); // at most 10⁷
             self.x.push(q[2 * k]);
             self.y.push(q[2 * k + 1]);
-            if self.times.len() == GROUP {
+            if self.times.len() == ROWS_PER_GROUP {
                 self.write_group()?;
             }
         }
@@ -89,16 +90,16 @@ impl Parquet {
         buffer.into_inner().map_err(|e| write_error(&self.path, e.error()))
     }
 
-    /// Where it belongs.
+    /// Its path.
     pub fn path(&self) -> PathBuf {
         self.path.clone()
     }
 }
 
-/// Begins a Parquet file beside `path`.
+/// Creates a Parquet file next to `path`.
 fn parquet_writer(path: &Path, schema: SchemaType) -> Result<SerializedFileWriter<BufWriter<NamedTempFile>>> {
     let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
-    let file = BufWriter::new(beside(path)?);
+    let file = BufWriter::new(partial_file(path)?);
     SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(|e| parquet_error(path, &e))
 }
 
@@ -118,7 +119,7 @@ fn parquet_error(path: &Path, error: &parquet::errors::ParquetError) -> Error {
     Error::Write { path: path.to_path_buf(), reason: error.to_string() }
 }
 
-/// A Parquet file of `rows` of any JSON values with the columns' names and types.
+/// Writes `rows` of JSON values to a Parquet file with these column names and types.
 ///
 /// # Errors
 /// Those of `rows`; [`Error::Write`].
@@ -142,7 +143,7 @@ pub fn parquet_of(
     let mut writer = parquet_writer(path, schema)?;
     let mut rows = rows.peekable();
     while rows.peek().is_some() {
-        let group: Vec<Vec<Value>> = rows.by_ref().take(CASES).collect::<Result<_>>()?;
+        let group: Vec<Vec<Value>> = rows.by_ref().take(CASES_PER_GROUP).collect::<Result<_>>()?;
         let mut out = writer.next_row_group().map_err(failed)?;
         for (i, (_, kind)) in header.iter().enumerate() {
             let cells = || group.iter().map(|row| &row[i]);
@@ -166,7 +167,7 @@ pub fn parquet_of(
     buffer.into_inner().map_err(|e| write_error(path, e.error()))
 }
 
-/// Writes the next column of a group, in which some values are missing.
+/// Writes the next column of a group, with missing values.
 fn optional<T: DataType, W: Write + Send>(
     group: &mut SerializedRowGroupWriter<'_, W>,
     cells: impl Iterator<Item = Option<T::T>>,

@@ -1,4 +1,4 @@
-//! Figures as PNG and PDF files. They are SVG; resvg draws them, with the fonts of the system.
+//! Figures as PNG and PDF files: SVG rendered by resvg with the fonts of the system.
 
 use std::path::{Path, PathBuf};
 
@@ -6,25 +6,25 @@ use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree, WriteOptions};
 
 use super::folder::{Claim, Folder, Owner};
-use super::tables::Kept;
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 
-/// Families that have no serifs, of which most systems have one.
+/// Sans-serif font families, of which most systems have one.
 const FAMILIES: [&str; 6] = ["Inter", "Noto Sans", "DejaVu Sans", "Liberation Sans", "Arial", "Helvetica"];
 
-/// Pixels of a picture per px of its figure.
+/// Pixels per px of a figure.
 pub const SHARPNESS: f64 = 2.0;
 
-/// A kind of file that a figure can be turned into.
+/// A file format for figures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// Pixels.
+pub enum PictureFormat {
+    /// Raster graphics.
     Png,
-    /// Vectors, letters as outlines.
+    /// Vector graphics, with letters as outlines.
     Pdf,
 }
 
-impl Format {
+impl PictureFormat {
     fn ending(self) -> &'static str {
         match self {
             Self::Png => "png",
@@ -33,14 +33,14 @@ impl Format {
     }
 }
 
-/// What draws: the fonts of the system.
+/// Renders SVG with the fonts of the system.
 #[derive(Debug)]
-pub struct Painter {
+pub struct SvgRenderer {
     options: Options<'static>,
 }
 
-impl Painter {
-    /// Finds the fonts.
+impl SvgRenderer {
+    /// Loads the fonts.
     pub fn new() -> Self {
         let mut options = Options::default();
         let fonts = options.fontdb_mut();
@@ -53,7 +53,7 @@ impl Painter {
         Self { options }
     }
 
-    /// The picture of an SVG document, `sharpness` pixels per px.
+    /// Renders an SVG document with `sharpness` pixels per px.
     ///
     /// # Errors
     /// Why it cannot be drawn.
@@ -66,14 +66,14 @@ impl Painter {
         Ok(pixels)
     }
 
-    /// An SVG document as the bytes of another file.
+    /// Converts an SVG document to another format.
     ///
     /// # Errors
     /// Why it cannot be drawn.
-    pub fn bytes(&self, svg: &str, format: Format) -> std::result::Result<Vec<u8>, String> {
+    pub fn bytes(&self, svg: &str, format: PictureFormat) -> std::result::Result<Vec<u8>, String> {
         match format {
-            Format::Png => self.pixels(svg, SHARPNESS)?.encode_png().map_err(|error| error.to_string()),
-            Format::Pdf => {
+            PictureFormat::Png => self.pixels(svg, SHARPNESS)?.encode_png().map_err(|error| error.to_string()),
+            PictureFormat::Pdf => {
                 let outlines = self.tree(svg)?.to_string(&WriteOptions::default());
                 let (conversion, page) = (svg2pdf::ConversionOptions::default(), svg2pdf::PageOptions::default());
                 svg2pdf::to_pdf(&self.tree(&outlines)?, conversion, page).map_err(|error| error.to_string())
@@ -89,18 +89,24 @@ impl Painter {
     }
 }
 
-impl Default for Painter {
+impl Default for SvgRenderer {
     fn default() -> Self {
         Self::new()
     }
 }
 
-/// Turns all figures of `folder` (`.svg`), or those of these `names`, into files of these `formats` in `out`, which may be the
+/// Converts all figures of `folder` (`.svg`), or those of these `names`, to these `formats` in the folder `out`, which may be the
 /// same.
 ///
 /// # Errors
-/// [`Error::Read`] where there is no such figure; those of [`Folder::export`]; what cannot be written is in the result.
-pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out: &Path, claim: Claim) -> Result<Kept> {
+/// [`Error::Read`] if there is no such figure; those of [`Folder::export`]. Write errors are in the result.
+pub fn convert(
+    folder: &Path,
+    names: Option<&[String]>,
+    formats: &[PictureFormat],
+    out: &Path,
+    claim: Claim,
+) -> Result<WrittenFiles> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
     let files: Vec<PathBuf> = match names {
         Some(names) => names.iter().map(|name| folder.join(Path::new(name).with_extension("svg"))).collect(),
@@ -115,7 +121,7 @@ pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out:
     if files.is_empty() {
         return Err(read(folder, "it holds no figures (.svg); `caudal run` leaves some".to_string()));
     }
-    let painter = Painter::new();
+    let painter = SvgRenderer::new();
     let of = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
     let name = of.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let fingerprint = of.display().to_string();

@@ -1,13 +1,13 @@
-//! SVG text: shapes at coordinates with decimals, in colours that follow the reader's choice of a light or a dark page.
+//! SVG documents: lines, dots, rectangles and texts, in colours that follow the light or dark theme of the reader.
 
 use std::fmt::Write;
 
-/// A colour on a light page and on a dark one.
+/// A colour for light and for dark pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Colour(usize);
 
-/// The colours of the series, after those which people with any kind of colour vision tell apart (Okabe and Ito 2008), each with a
-/// contrast of at least three to the page, and those of the chart itself.
+/// The colours of series, which people with colour-vision deficiency can distinguish (Okabe and Ito 2008), with a contrast of at
+/// least three to the page; then those of the chart itself.
 const PALETTE: [[&str; 2]; 13] = [
     ["#0072b2", "#4fa8e0"],
     ["#d55e00", "#f08a3c"],
@@ -24,30 +24,30 @@ const PALETTE: [[&str; 2]; 13] = [
     ["#ffffff", "#161b21"], // paper
 ];
 
-/// Number of colours of series.
+/// Number of series colours.
 pub const SERIES: usize = 8;
 
-/// Dashes of the lines of series, by which they are told apart without colours.
+/// Dash patterns, which distinguish series without colours.
 const DASHES: [&str; SERIES] = ["", "9 3", "2 2.5", "9 3 2 3", "16 4", "5 2 1.5 2 1.5 2", "5 3", "1.5 4"];
 
-/// The dashes of series number `k`; those that have the colour of an earlier one have the dashes of the one after it.
+/// The dash pattern of series `k`; when colours repeat, patterns differ.
 pub fn dashes(k: usize) -> &'static str {
     DASHES[(k + k / SERIES) % SERIES]
 }
 
 impl Colour {
-    /// Of earlier shapes and single cases in the background.
+    /// Earlier shapes and single cases in the background.
     pub const GHOST: Self = Self(8);
-    /// Of titles and axes.
+    /// Titles and axes.
     pub const INK: Self = Self(9);
-    /// Of labels.
+    /// Labels.
     pub const SOFT: Self = Self(10);
-    /// Of grid lines.
+    /// Grid lines.
     pub const GRID: Self = Self(11);
-    /// Of the page.
+    /// The page.
     pub const PAPER: Self = Self(12);
 
-    /// That of series number `k`; from [`SERIES`] on they come again.
+    /// The colour of series `k`; from [`SERIES`] on they repeat.
     pub fn series(k: usize) -> Self {
         Self(k % SERIES)
     }
@@ -57,23 +57,23 @@ impl Colour {
     }
 }
 
-/// Where a text stands about its point.
+/// Alignment of a text at its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// It begins there.
+    /// Left-aligned.
     Start,
-    /// Its middle is there.
+    /// Centred.
     Middle,
-    /// It ends there.
+    /// Right-aligned.
     End,
 }
 
-/// About the width of a text of a size, px.
+/// Approximate width of a text of this font size, px.
 pub fn width(text: &str, size: f64) -> f64 {
     text.chars().map(|c| if c.is_ascii() { 0.56 } else { 0.9 }).sum::<f64>() * size
 }
 
-/// A text of a size cut to a width, px.
+/// A text of this font size, truncated to a width, px.
 pub fn cut(text: &str, size: f64, room: f64) -> String {
     if width(text, size) <= room {
         return text.to_string();
@@ -86,12 +86,12 @@ pub fn cut(text: &str, size: f64, room: f64) -> String {
     text.chars().take_while(fits).chain(['…']).collect()
 }
 
-/// An SVG document in the making.
+/// Writer of an SVG document.
 #[derive(Debug)]
 pub struct Svg(String);
 
 impl Svg {
-    /// A document of a size in px.
+    /// An empty document with this size in px.
     pub fn new(width: f64, height: f64, title: &str) -> Self {
         let mut dark = String::new();
         for (i, [_, colour]) in PALETTE.iter().enumerate() {
@@ -109,7 +109,7 @@ impl Svg {
         svg
     }
 
-    /// A line through points; nothing through less than two.
+    /// A line through points; nothing for fewer than two.
     pub fn line(&mut self, points: &[(f64, f64)], colour: Colour, width: f64, dashes: &str) {
         if points.len() < 2 {
             return;
@@ -147,13 +147,12 @@ impl Svg {
         self.field(at, size, colour.light(), &format!(" class=\"f{}\"", colour.0));
     }
 
-    /// The same in a colour that is the same on any page.
+    /// The same in a colour that does not depend on the theme.
     pub fn cell(&mut self, at: [f64; 2], size: [f64; 2], [r, g, b]: [u8; 3]) {
         self.field(at, size, &format!("#{r:02x}{g:02x}{b:02x}"), "");
     }
 
-    /// Rectangles in one colour that is the same on any page, each by left, top, width and height; they overlap by a hair, so that
-    /// no page shows between them.
+    /// Rectangles (left, top, width, height) in one colour that does not depend on the theme. They overlap slightly, to avoid gaps.
     pub fn cells(&mut self, cells: &[[f64; 4]], [r, g, b]: [u8; 3]) {
         self.0 += "<path d=\"";
         for cell in cells {
@@ -171,12 +170,12 @@ impl Svg {
         );
     }
 
-    /// A text whose base line goes through a point.
+    /// A text with its baseline at a point.
     pub fn text(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor, colour: Colour) {
         self.words(&format!("x=\"{}\" y=\"{}\"", decimal(x), decimal(y)), text, size, anchor, colour);
     }
 
-    /// A text that runs upwards, about a point.
+    /// A vertical text, centred at a point.
     pub fn upright(&mut self, (x, y): (f64, f64), text: &str, size: f64, colour: Colour) {
         let place = format!("transform=\"translate({} {}) rotate(-90)\"", decimal(x), decimal(y));
         self.words(&place, text, size, Anchor::Middle, colour);
@@ -220,7 +219,7 @@ impl std::fmt::Display for Decimal {
 }
 
 impl Decimal {
-    /// Its digits, with no zero at the end of its decimals.
+    /// Its digits without trailing zeros.
     fn text(self, room: &mut [u8; 16]) -> &str {
         let (mut rest, mut at) = (self.0.unsigned_abs(), room.len());
         let mut put = |digit: u8| {

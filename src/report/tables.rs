@@ -1,152 +1,32 @@
-//! Files in the making: each grows beside its place and is put there whole, and none is lost because a later one fails.
+//! CSV tables, written row by row, and the column types of Parquet tables.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use tempfile::{Builder, NamedTempFile};
+use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
+use crate::files::{partial_file, write_error};
 
-/// The error of writing `path`.
-pub fn write_error(path: &Path, error: &std::io::Error) -> Error {
-    Error::Write { path: path.to_path_buf(), reason: error.to_string() }
-}
-
-/// A file beside `path`, which disappears unless it is put in place. It is locked while its program lives, so that others
-/// can tell it from one that a killed program left.
-pub fn beside(path: &Path) -> Result<NamedTempFile> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let prefix = format!(".{name}.");
-    let mut builder = Builder::new();
-    builder.prefix(&prefix).suffix(PARTIAL);
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's mask, as any file
-    let file = builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))?;
-    let _ = file.as_file().try_lock(); // a file system without locks is no reason not to write
-    Ok(file)
-}
-
-/// What the names of files in the making end with; they begin with a dot.
-pub const PARTIAL: &str = ".partial";
-
-/// Folders that were made for something, the innermost first; those that nothing came into go again when it is dropped.
-#[derive(Debug, Default)]
-pub struct Made(Vec<PathBuf>);
-
-impl Made {
-    /// Makes the folder at `path` and what it lies in, where they are not there.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
-    pub fn at(path: &Path) -> Result<Self> {
-        let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
-        let made = Self(path.ancestors().take_while(missing).map(Path::to_path_buf).collect());
-        if !made.0.is_empty() {
-            std::fs::create_dir_all(path).map_err(|e| write_error(path, &e))?;
-        }
-        Ok(made)
-    }
-}
-
-impl Drop for Made {
-    fn drop(&mut self) {
-        for folder in &self.0 {
-            let _ = std::fs::remove_dir(folder); // which takes none that holds anything
-        }
-    }
-}
-
-/// Room on the disk of `folder`, or of what it would be made in, bytes; `None` where the system does not say.
-pub fn room(folder: &Path) -> Option<u64> {
-    #[cfg(unix)]
-    {
-        let disk = rustix::fs::statvfs(existing(folder)).ok()?;
-        Some(disk.f_bavail.saturating_mul(disk.f_frsize))
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = folder;
-        None
-    }
-}
-
-/// The innermost folder on the way to `folder` that there is.
-fn existing(folder: &Path) -> &Path {
-    let found = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.exists());
-    found.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// The files of a result as far as they could be written.
-#[derive(Debug, Default)]
-pub struct Kept {
-    /// What is there.
-    pub files: Vec<PathBuf>,
-    /// What could not be written, and why.
-    pub lost: Vec<Error>,
-}
-
-impl Kept {
-    /// One error of all that is lost, if any is.
-    ///
-    /// # Errors
-    /// The first, with the number of others.
-    pub fn complete(self) -> Result<Vec<PathBuf>> {
-        let others = self.lost.len().saturating_sub(1);
-        match self.lost.into_iter().next() {
-            None => Ok(self.files),
-            Some(Error::Write { path, reason }) if others > 0 => {
-                Err(Error::Write { path, reason: format!("{reason}; nor can {others} other files") })
-            }
-            Some(error) => Err(error),
-        }
-    }
-}
-
-/// Writes `content` to `path` as a whole or not at all, and makes its folder where there is none.
-///
-/// # Errors
-/// [`Error::Write`].
-pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
-    write_by(path, |file| fill(file, path, content.as_ref()))
-}
-
-/// The same for what `write` leaves in the file beside `path` that it is given.
-///
-/// # Errors
-/// [`Error::Write`]; those of `write`.
-pub fn write_by(path: &Path, write: impl FnOnce(&mut NamedTempFile) -> Result<()>) -> Result<()> {
-    let _made = path.parent().map(Made::at).transpose()?;
-    let mut file = beside(path)?;
-    write(&mut file)?;
-    put_in_place(file, path.to_path_buf()).map(|_| ())
-}
-
-/// Gives a finished file its name.
-pub fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
-    file.persist(&path).map_err(|e| write_error(&path, &e.error))?;
-    Ok(path)
-}
-
-/// A CSV file in the making.
+/// Writer of a CSV file.
 #[derive(Debug)]
-pub struct Csv {
+pub struct CsvTable {
     path: PathBuf,
     file: NamedTempFile,
-    /// Whole rows on their way to the file.
+    /// Rows that are not yet written to the file.
     rows: String,
     /// Time of the last row, s.
     pub last: Option<f64>,
-    /// Where the file ended when a write failed: nothing that comes after it counts.
+    /// Length of the file when a write failed; later rows are ignored.
     broken: Option<u64>,
 }
 
-/// Rows go to the file in pieces of about this size, bytes.
-const PIECE: usize = 1 << 16;
+/// Rows are written in chunks of about this size, bytes.
+const CHUNK_BYTES: usize = 1 << 16;
 
-/// Adds the shortest text that is read as `x` again.
+/// Appends the shortest text that parses to `x`.
 fn push_number(text: &mut String, x: f64) {
     let mut buffer = zmij::Buffer::new();
     let digits = buffer.format(x);
@@ -158,15 +38,15 @@ fn push_number(text: &mut String, x: f64) {
     }
 }
 
-impl Csv {
-    /// Begins the file with a header of plain names.
+impl CsvTable {
+    /// Creates the file with its header.
     pub fn create(path: PathBuf, columns: impl Iterator<Item = String>) -> Result<Self> {
-        let file = beside(&path)?;
+        let file = partial_file(&path)?;
         let rows = columns.collect::<Vec<_>>().join(",") + "\n";
         Ok(Self { path, file, rows, last: None, broken: None })
     }
 
-    /// Adds a row; nothing after a row that failed.
+    /// Appends a row, unless an earlier one failed.
     pub fn row(&mut self, time: f64, values: impl Iterator<Item = f64>) -> Result<()> {
         if self.broken.is_some() {
             return Ok(());
@@ -178,7 +58,7 @@ impl Csv {
             push_number(&mut self.rows, x);
         }
         self.rows.push('\n');
-        if self.rows.len() >= PIECE {
+        if self.rows.len() >= CHUNK_BYTES {
             self.flush()?;
         }
         self.last = Some(time);
@@ -196,15 +76,15 @@ impl Csv {
         write_error(&self.path, &error)
     }
 
-    /// Where it belongs.
+    /// Its path.
     pub fn path(&self) -> PathBuf {
         self.path.clone()
     }
 
-    /// The finished file, its place, and what kept its last rows out of it, unless that was said before.
+    /// The finished file, its path, and the error that truncated it, unless it was reported before.
     ///
     /// # Errors
-    /// [`Error::Write`] where not even that can be had.
+    /// [`Error::Write`] if even the truncated file cannot be completed.
     pub fn complete(mut self) -> Result<(NamedTempFile, PathBuf, Option<Error>)> {
         let lost = match self.broken {
             None => self.flush().err(),
@@ -218,7 +98,7 @@ impl Csv {
     }
 }
 
-/// Takes half a line from the end of a file.
+/// Removes an incomplete last line.
 fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
     let mut end = file.metadata()?.len();
     let mut block = [0; 4096];
@@ -235,36 +115,25 @@ fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
     file.set_len(0)
 }
 
-/// A file with `content` beside `path`.
-pub fn file_of(path: &Path, content: impl AsRef<[u8]>) -> Result<NamedTempFile> {
-    let mut file = beside(path)?;
-    fill(&mut file, path, content.as_ref())?;
-    Ok(file)
-}
-
-fn fill(file: &mut NamedTempFile, path: &Path, content: &[u8]) -> Result<()> {
-    file.as_file_mut().write_all(content).map_err(|e| write_error(path, &e))
-}
-
-/// A CSV table of texts, numbers and truths in the making.
+/// Writer of a CSV table with texts, numbers and booleans.
 #[derive(Debug)]
-pub struct Mixed {
+pub struct MixedCsvTable {
     path: PathBuf,
     writer: csv::Writer<NamedTempFile>,
 }
 
-impl Mixed {
-    /// Begins the table at `path` with its header.
+impl MixedCsvTable {
+    /// Creates the table at `path` with its header.
     ///
     /// # Errors
     /// [`Error::Write`].
     pub fn create(path: &Path, header: &[String]) -> Result<Self> {
-        let mut table = Self { path: path.to_path_buf(), writer: csv::Writer::from_writer(beside(path)?) };
+        let mut table = Self { path: path.to_path_buf(), writer: csv::Writer::from_writer(partial_file(path)?) };
         table.record(|writer| writer.write_record(header))?;
         Ok(table)
     }
 
-    /// Adds a row; null is an empty cell.
+    /// Appends a row; null is an empty cell.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -299,14 +168,14 @@ impl Mixed {
 pub enum ColumnType {
     /// Numbers.
     Number,
-    /// Yes or no.
+    /// Booleans.
     Truth,
-    /// Anything else.
+    /// Anything else, as text.
     Text,
 }
 
 impl ColumnType {
-    /// The type that holds `value` and all that one of this type (`None`: nothing yet) holds.
+    /// The type that can hold `value` along with all values of the `known` type (`None`: no values yet).
     pub fn widened(known: Option<Self>, value: &Value) -> Option<Self> {
         let own = match value {
             Value::Null => return known,

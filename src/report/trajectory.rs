@@ -1,43 +1,43 @@
-//! A run's trajectory in memory, for faces that hand it on as arrays, and the page that plays it.
+//! A run's trajectory in memory as arrays (for Python), and a page that plays it.
 
 use std::ops::ControlFlow;
 
 use serde::Serialize;
 
-use super::page::{Motion, Script, render};
-use super::record::{Record, Times};
+use super::Summary;
+use super::page::{Animation, RawJson, render};
+use super::run_record::{RecordingTimes, RunRecord};
 use crate::error::Result;
-use crate::run::Summary;
 use crate::scene::{NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::variable::{Size, Variable, View};
 
-/// Node positions, recorded where the scene would table them.
+/// Node positions, which are recorded if the scene tables them.
 const POSITIONS: [&str; 2] = ["x_m", "y_m"];
 
-/// The rows of one variable.
+/// The values of one variable over time.
 #[derive(Debug, Clone)]
-pub struct Column {
+pub struct TrajectoryColumn {
     /// The variable.
     pub variable: &'static Variable,
     /// The nodes of its entries; `[0]` for a scalar.
     pub nodes: Vec<usize>,
-    /// One entry per node, row after row.
+    /// One entry per node, row by row.
     pub values: Vec<f64>,
 }
 
-/// Variables at the times that a scene records.
+/// Variables at the recorded times of a scene.
 #[derive(Debug)]
-pub struct Trajectory {
-    columns: Vec<Column>,
-    times: Times,
+pub struct TrajectoryTable {
+    columns: Vec<TrajectoryColumn>,
+    times: RecordingTimes,
     last: f64,
-    record: Record,
+    record: RunRecord,
 }
 
-impl Trajectory {
-    /// Begins with the state now. Beside the time it holds the variables `names`; without names those of trajectory.csv,
-    /// and the node positions of `scene.record` if they are tabled.
+impl TrajectoryTable {
+    /// Starts with the current state. Along with the time it records the variables `names`, by default those of trajectory.csv, and
+    /// the node positions of `scene.record` if they are tabled.
     ///
     /// # Errors
     /// [`Error::UnknownVariable`](crate::Error::UnknownVariable).
@@ -56,16 +56,20 @@ impl Trajectory {
                 Size::Nodes => scene.recorded_nodes(),
                 Size::Scalar | Size::Joints => variable.entries(stepper.model()).collect(),
             };
-            Column { variable, nodes, values: Vec::new() }
+            TrajectoryColumn { variable, nodes, values: Vec::new() }
         };
         let columns = chosen.into_iter().map(column).collect();
-        let mut trajectory =
-            Self { columns, times: Times::of(scene, stepper), last: 0.0, record: Record::start(scene, stepper) };
+        let mut trajectory = Self {
+            columns,
+            times: RecordingTimes::of(scene, stepper),
+            last: 0.0,
+            record: RunRecord::start(scene, stepper),
+        };
         trajectory.row(&stepper.view());
         Ok(trajectory)
     }
 
-    /// Sees the state after a step; `watch` is asked at every time that is recorded, and may end it.
+    /// Records the state after a step. `watch` is called at each recorded time, and may stop the run.
     ///
     /// # Errors
     /// Those of [`Stepper::at`].
@@ -86,7 +90,7 @@ impl Trajectory {
         outcome
     }
 
-    /// Sees the state at the end, unless it is there already.
+    /// Records the final state, unless it was recorded.
     pub fn finish(&mut self, stepper: &Stepper) {
         let view = stepper.view();
         if self.last != view.state.t {
@@ -97,18 +101,18 @@ impl Trajectory {
 
     fn row(&mut self, view: &View<'_>) {
         self.last = view.state.t;
-        for Column { variable, nodes, values } in &mut self.columns {
+        for TrajectoryColumn { variable, nodes, values } in &mut self.columns {
             values.extend(nodes.iter().map(|k| variable.at(view, *k).unwrap_or(f64::NAN)));
         }
     }
 
     /// The columns, in the order of the table of variables.
-    pub fn columns(&self) -> &[Column] {
+    pub fn columns(&self) -> &[TrajectoryColumn] {
         &self.columns
     }
 
     /// The same, to keep.
-    pub fn into_columns(self) -> Vec<Column> {
+    pub fn into_columns(self) -> Vec<TrajectoryColumn> {
         self.columns
     }
 
@@ -120,8 +124,8 @@ impl Trajectory {
         #[derive(Serialize)]
         struct Content<'a> {
             summary: &'a Summary,
-            motion: Script<Motion>,
+            motion: RawJson<Animation>,
         }
-        render(include_str!("inline.html"), &Content { summary, motion: Script(Motion::of(self.record.frames())) })
+        render(include_str!("inline.html"), &Content { summary, motion: RawJson(Animation::of(self.record.frames())) })
     }
 }

@@ -1,34 +1,34 @@
-//! A run as VTK files: one polyline with its fields per time, and a collection of them.
+//! VTK files (for ParaView): one polyline with its fields per time, and a collection of them.
 
 use std::collections::HashMap;
 use std::fmt::Write;
 
 use super::folder::Folder;
-use super::tables::Kept;
-use super::trajectory::Column;
+use super::trajectory::TrajectoryColumn;
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 use crate::rod::Rod;
 use crate::stepper::Stepper;
 use crate::variable::Size;
 
-/// What the points are made of.
+/// The coordinates of the points.
 pub const POSITIONS: [&str; 2] = ["x_m", "y_m"];
 
-/// Pairs that are vectors in VTK, and their names there.
+/// Pairs of variables that are vectors in VTK, with their names there.
 const VECTORS: [(&str, &str, &str); 2] = [("vx_m_s", "vy_m_s", "velocity_m_s"), ("force_x_n", "force_y_n", "force_n")];
 
-/// The variables that a run is exported with: those of nodes and joints, and those of trajectory.csv.
+/// The exported variables: those of nodes and joints, and those of trajectory.csv.
 pub fn fields(stepper: &Stepper) -> Vec<String> {
     let chosen = stepper.variables().iter().filter(|variable| variable.recorded || variable.size != Size::Scalar);
     chosen.map(|variable| variable.name.to_string()).collect()
 }
 
-/// Writes `name`.pvd and one `name`_000000.vtp per time of the `columns` of a run: points by positions, arc length and radius,
-/// what belongs to nodes and joints as fields of points (not a number where there is no joint), numbers as field data.
+/// Writes `name`.pvd and one `name`_000000.vtp per time of the `columns` of a run: positions as points, arc length and radius,
+/// quantities of nodes and joints as point data (NaN without a joint), scalars as field data.
 ///
 /// # Errors
 /// [`Error::UnknownVariable`] without positions or times.
-pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> Result<Kept> {
+pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[TrajectoryColumn]) -> Result<WrittenFiles> {
     let find = |name: &'static str| {
         let found = columns.iter().find(|column| column.variable.name == name);
         found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None, needs: None })
@@ -43,7 +43,7 @@ pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> 
     for (row, t) in time.values.iter().enumerate() {
         let file = file_of(row);
         let _ = writeln!(collection, r#"    <DataSet timestep="{t}" file="{file}"/>"#);
-        let of = |column: &Column| -> Vec<f64> {
+        let of = |column: &TrajectoryColumn| -> Vec<f64> {
             let own = &column.values[row * column.nodes.len()..(row + 1) * column.nodes.len()];
             if column.nodes == *nodes {
                 return own.to_vec();

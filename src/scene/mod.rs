@@ -13,7 +13,6 @@ pub mod layers;
 mod loads;
 mod override_layers;
 pub mod parameter;
-mod parcel;
 mod placeholders;
 mod record;
 mod rod;
@@ -41,7 +40,6 @@ pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
 #[cfg(feature = "report")]
 pub(crate) use override_layers::exclusive_keys;
-pub use parcel::Parcel;
 pub use record::{NodesTable, RecordTable};
 pub use rod::RodTable;
 pub(crate) use solver::whole_steps;

@@ -404,12 +404,13 @@ impl Simulation {
     /// Notes of a run of the scene: model, steps or energy balance that are out of range.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::check::Assessment).
+    /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::assessment::Assessment).
     #[cfg(feature = "faer")]
     pub fn notes(&mut self) -> Result<Vec<String>> {
-        let warnings = crate::check::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
+        let warnings =
+            crate::assessment::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
         let (metrics, end) = self.problem.simulate_metrics()?;
-        Ok(crate::run::notes(&self.scene, self.problem.model(), &metrics, &end, self.scene.pace(), &warnings))
+        Ok(crate::diagnostics::notes(&self.scene, self.problem.model(), &metrics, &end, self.scene.pace(), &warnings))
     }
 
     /// The parameters with these names.

@@ -3,10 +3,10 @@
 use nalgebra::Vector2;
 
 use super::Stepper;
-use crate::batch::Measured;
 use crate::fluid::force::Powers;
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{Pace, Rule};
+use crate::metrics::Measured;
 use crate::newton::Progress;
 use crate::system::{State, System};
 

@@ -1,4 +1,4 @@
-//! What theory says of a uniform beam in a flow along it, clamped where the flow comes from.
+//! Theory of flutter: a uniform cantilever beam in axial flow, clamped at the upstream end, by the Galerkin method.
 //!
 //! EI y⁗ + m_a U² y″ + 2 m_a U ẏ′ + (m + m_a) ÿ = 0, which is also that of a pipe that conveys fluid; of the force that the water
 //! loses with its tip, m_a U(ẏ + U y′), the wake takes the share χ. In lengths L and times L²√((m + m_a)/EI), with
@@ -8,13 +8,15 @@
 
 use faer::{Mat, c64};
 
-/// Modes.
+use super::root_search::first_crossing;
+
+/// Number of modes.
 const MODES: usize = 12;
 
 /// Intervals of Simpson's rule.
 const INTERVALS: usize = 2000;
 
-/// The integrals of the method.
+/// The integrals of the Galerkin method.
 #[derive(Debug)]
 pub(super) struct Beam {
     wave_numbers: [f64; MODES],
@@ -24,7 +26,7 @@ pub(super) struct Beam {
     tip: [[f64; 2]; MODES],
 }
 
-/// φ, φ′, φ″ of the mode of that wave number at `x`.
+/// φ, φ′, φ″ at `x` of the mode with this wave number.
 fn mode(wave: f64, x: f64) -> [f64; 3] {
     // φ = cosh − cos − s(sinh − sin), without the difference of large numbers.
     let (sin, cos) = wave.sin_cos();
@@ -72,7 +74,7 @@ impl Beam {
         Self { wave_numbers, integrals, tip }
     }
 
-    /// The growth rate σ of the motion that grows fastest, and its ω, in units of time; none where the iteration fails.
+    /// Growth rate σ and frequency ω of the fastest growing motion, in units of time; `None` if the iteration fails.
     pub(super) fn leading(&self, beta: f64, u: f64, shedding: f64) -> Option<[f64; 2]> {
         let kept = 1.0 - shedding;
         // Times of the highest mode, so that both halves of the matrix are of one size.
@@ -95,14 +97,14 @@ impl Beam {
         Some([leading.re * scale, leading.im.abs() * scale])
     }
 
-    /// The least u up to `most` from which the beam does not stay straight.
+    /// The least u, up to `most`, at which the straight beam is unstable.
     pub(super) fn critical(&self, beta: f64, shedding: f64, most: f64) -> Option<f64> {
         let growth = |u: f64| self.leading(beta, u, shedding).map_or(f64::NEG_INFINITY, |[growth, _]| growth - GROWS);
-        super::flutter::first(0.0, most, growth)
+        first_crossing(0.0, most, growth)
     }
 }
 
-/// Growth below this is rounding.
+/// Growth rates below this are rounding errors.
 const GROWS: f64 = 1e-7;
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! `caudal study stability --vary flow`: where a tail that is held in a flow stays straight, flutters or diverges, over the speed
-//! of the flow and the mass of the tail, from the eigenvalues of small motions about its rest, beside theory's line.
+//! `caudal study stability --vary flow`: flutter and divergence of a held tail in a flow, over the flow speed and the mass of the
+//! tail, from the eigenvalues of small motions about its equilibrium; compared with beam theory.
 
 use std::f64::consts::TAU;
 
@@ -8,115 +8,45 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::beam::Beam;
-use super::stability::{Stability, spread};
-use super::{Desk, Studied};
+use super::root_search::{SAMPLES, first_rise};
+use super::runner::{StudyOutcome, StudyRunner};
+use super::stability::{StabilityOptions, geometric_sequence};
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::linear_stability::{SteadyState, Unsteady, grows};
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::map::{Category, Map, Panel};
+use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Figure, Findings, Table};
 use crate::scene::{HeadKind, Scene};
 
-/// Most nodes that eigenvalues are computed for: their cost grows as N³, and the error at so many is 0.1 %.
-const NODES: usize = 65;
+/// Most nodes for which eigenvalues are computed: the cost grows as N³, and the error with this many is 0.1 %.
+const MAX_NODES: usize = 65;
 
-/// Smallest and largest share of the water in the inertia, β.
-const SHARES: [f64; 2] = [0.05, 0.95];
+/// Range of the mass ratio β, the share of the water in the inertia.
+const MASS_RATIO_RANGE: [f64; 2] = [0.05, 0.95];
 
-/// Smallest and largest speed where none are asked for, in units of √(EI/m_a)/L.
-const SPEEDS: [f64; 2] = [1.0, 20.0];
+/// Default range of the flow speed, in units of √(EI/m_a)/L.
+const DEFAULT_SPEED_RANGE: [f64; 2] = [1.0, 20.0];
 
-/// Part of the length up to which a rest is straight, of EI/L² up to which loads along it are none, and up to which stretched
-/// edges are alike.
-const STRAIGHT: f64 = 1e-2;
+/// An equilibrium is straight, a load along it zero (over EI/L²), and edges are equally long, up to this fraction.
+const MAX_DEVIATION: f64 = 1e-2;
 
-/// Motions whose growth and frequency are followed over the speed.
-const FOLLOWED: usize = 5;
+/// Number of modes that are tracked over the speed.
+const TRACKED_MODES: usize = 5;
 
-/// Speeds at which they are, for every one of the map.
-const FINER: usize = 4;
+/// Speeds of the tracked modes per speed of the map.
+const TRACKING_REFINEMENT: usize = 4;
 
-/// Intervals in which a first speed is looked for, and halvings of the one where it is.
-const LOOKS: usize = 60;
-const HALVINGS: usize = 30;
-
-/// Looks for the top of a narrow peak between samples.
-const CLIMBS: usize = 24;
-
-/// The golden section.
-const GOLDEN: f64 = 0.618_033_988_749_895;
-
-/// Two neighbours between which `f` first rises above zero, after `samples` (x, f(x)) with rising x: where it peaks between samples
-/// below zero, the top of the peak is looked for.
-fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
-    for i in 0..samples.len() {
-        let (x, here) = samples[i];
-        if here > 0.0 {
-            return Some([if i == 0 { x } else { samples[i - 1].0 }, x]);
-        }
-        let Some(((from, before), (to, after))) = i.checked_sub(1).map(|i| samples[i]).zip(samples.get(i + 1).copied())
-        else {
-            continue;
-        };
-        if after > 0.0 || here <= before || here < after {
-            continue;
-        }
-        // The golden section: the inner one of two places that is higher stays inside.
-        let (mut low, mut high) = (from, to);
-        let mut places = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
-        let mut heights = places.map(&mut f);
-        for _ in 0..CLIMBS {
-            if let Some(top) = (0..2).find(|i| heights[*i] > 0.0) {
-                return Some([from, places[top]]);
-            }
-            if heights[0] > heights[1] {
-                high = places[1];
-                places = [high - GOLDEN * (high - low), places[0]];
-                heights = [f(places[0]), heights[0]];
-            } else {
-                low = places[0];
-                places = [places[1], low + GOLDEN * (high - low)];
-                heights = [heights[1], f(places[1])];
-            }
-        }
-    }
-    None
-}
-
-/// The first x between `low` and `high` from which `f` is above zero.
-pub(super) fn first(low: f64, high: f64, mut f: impl FnMut(f64) -> f64) -> Option<f64> {
-    let at = |i: usize| low + (high - low) * i as f64 / LOOKS as f64;
-    let mut samples = Vec::with_capacity(LOOKS);
-    // Beyond the first place that is above it there is nothing to look for.
-    for x in (1..=LOOKS).map(at) {
-        let here = f(x);
-        samples.push((x, here));
-        if here > 0.0 {
-            break;
-        }
-    }
-    let [mut below, mut above] = first_rise(&samples, &mut f)?;
-    if below == above {
-        below = low;
-    }
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (below + above);
-        if f(middle) > 0.0 { above = middle } else { below = middle }
-    }
-    Some(0.5 * (below + above))
-}
-
-/// What becomes of the rest.
+/// What happens to the equilibrium.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-enum Outcome {
+enum RestStability {
     Stable,
     Flutter,
     Divergence,
     NoRest,
 }
 
-impl Outcome {
+impl RestStability {
     const ALL: [Self; 4] = [Self::Stable, Self::Flutter, Self::Divergence, Self::NoRest];
 
     fn category(self) -> Category {
@@ -130,29 +60,29 @@ impl Outcome {
     }
 }
 
-/// One mass of the rod, over speeds of the flow.
+/// One mass ratio, over flow speeds.
 #[derive(Debug)]
-struct Case {
+struct SpeedScan {
     share: f64,
     speeds: Vec<f64>,
-    /// Also where it first leaves its rest.
+    /// True to search for the critical speed too.
     critical: bool,
 }
 
-/// What is found at a speed.
+/// The result at one speed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Point {
-    outcome: Outcome,
-    /// σ (1/s) and ω (rad/s) of the motion that grows fastest.
+struct FlutterPoint {
+    outcome: RestStability,
+    /// σ (1/s) and ω (rad/s) of the fastest growing mode.
     leading: [f64; 2],
-    /// Those of the slowest motions.
+    /// σ and ω of the slowest modes.
     slowest: Vec<[f64; 2]>,
 }
 
-impl Point {
-    /// Above zero where the rest is left; below, how little of its size the least damped oscillation loses, less than none.
+impl FlutterPoint {
+    /// Positive if the equilibrium is unstable; otherwise minus the relative damping of the least damped oscillation.
     fn rise(&self) -> f64 {
-        if self.outcome != Outcome::Stable {
+        if self.outcome != RestStability::Stable {
             return 1.0;
         }
         let swinging = self.slowest.iter().filter(|[_, omega]| *omega > 0.0);
@@ -161,41 +91,41 @@ impl Point {
     }
 }
 
-/// What is found of a mass.
+/// The results for one mass ratio.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Column {
-    points: Vec<Point>,
-    /// The first speed (m/s) at which the rest is left, how, and ω (rad/s) there.
-    critical: Option<(f64, Outcome, f64)>,
+struct ScanResult {
+    points: Vec<FlutterPoint>,
+    /// The critical speed (m/s), the kind of instability, and ω (rad/s) there.
+    critical: Option<(f64, RestStability, f64)>,
 }
 
-/// What the tail is like, and what theory measures it by.
-struct Tail {
+/// Properties of the tail, and the scales of the theory.
+struct HeldTail {
     /// Direction of the flow.
     direction: [f64; 2],
-    /// The flow comes against the free end.
+    /// True if the flow comes from the free end.
     is_reversed: bool,
-    /// Mass of the rod and of the water that goes with it across, kg.
+    /// Mass of the rod and added mass across it, kg.
     masses: [f64; 2],
     /// √(EI/m_a)/L, m/s.
     unit: f64,
-    /// Share χ of the wake, where theory has this rod; else why it has not.
+    /// Share χ of the wake, if the theory covers this rod; otherwise the reason why not.
     theory: std::result::Result<f64, &'static str>,
 }
 
-impl Tail {
+impl HeldTail {
     fn share(&self) -> f64 {
         self.masses[1] / (self.masses[0] + self.masses[1])
     }
 
-    /// The factor on the rod's density that gives the water the share β.
+    /// The factor on the rod's density that gives the mass ratio β.
     fn factor(&self, share: f64) -> f64 {
         self.masses[1] * (1.0 - share) / (share * self.masses[0])
     }
 }
 
-/// What the tail of `scene` is like, by its rest.
-fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Unsteady> {
+/// The properties of the tail of `scene` at its equilibrium.
+fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail, Unsteady> {
     let refuse = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
     let Some(reactive) = scene.reactive_on().cloned() else {
         return Err(refuse("reactive", "missing; without the water's inertia no flow makes a tail flutter or diverge"));
@@ -210,25 +140,25 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Un
     let direction = if speed > 0.0 { (model.fluid.flow / speed).into() } else { along };
     let masses = [rod.total_mass(), added.iter().sum()];
     let unit = (rod.ei / (masses[1] / rod.length)).sqrt() / rod.length;
-    let alike = |values: &[f64]| values.iter().all(|value| (value / values[0] - 1.0).abs() < STRAIGHT);
+    let alike = |values: &[f64]| values.iter().all(|value| (value / values[0] - 1.0).abs() < MAX_DEVIATION);
     let inner = 1..rod.nodes - 1;
     let uniform = alike(&rod.joint[inner.clone()]) && alike(&rod.mass[inner.clone()]) && alike(&added[inner]);
     let is_reversed = direction[0] * along[0] + direction[1] * along[1] < 0.0;
     let aligned = (direction[0] - along[0]).hypot(direction[1] - along[1]) < 1e-9;
     let load: f64 = (0..rod.nodes).map(|k| steady.load(k).dot(&nalgebra::Vector2::from(along)).abs()).sum();
-    let tensioned = load * rod.length * rod.length > STRAIGHT * rod.ei || bend > STRAIGHT * rod.length;
+    let tensioned = load * rod.length * rod.length > MAX_DEVIATION * rod.ei || bend > MAX_DEVIATION * rod.length;
     let theory = match (uniform, aligned, tensioned) {
         (false, ..) => Err("it is for a rod that is the same all along"),
         (_, false, _) => Err("it is for a flow along the rod, from its head"),
         (.., true) => Err("it is for a straight rod without loads along it"),
         _ => Ok(reactive.shedding.get()),
     };
-    Ok(Tail { direction, is_reversed, masses, unit, theory })
+    Ok(HeldTail { direction, is_reversed, masses, unit, theory })
 }
 
-/// The tail in a flow of that speed (m/s), with that factor on its density.
-fn point(scene: &Scene, tail: &Tail, factor: f64, speed: f64) -> Point {
-    let none = Point { outcome: Outcome::NoRest, leading: [0.0; 2], slowest: Vec::new() };
+/// The tail at this flow speed (m/s), with this factor on its density.
+fn point(scene: &Scene, tail: &HeldTail, factor: f64, speed: f64) -> FlutterPoint {
+    let none = FlutterPoint { outcome: RestStability::NoRest, leading: [0.0; 2], slowest: Vec::new() };
     let scene = scene.with_rod_density(factor).with_flow(tail.direction.map(|x| x * speed));
     let Ok(Ok(mut steady)) = scene.model().map(SteadyState::of) else { return none };
     let Ok(found) = steady.eigenvalues() else { return none };
@@ -239,16 +169,16 @@ fn point(scene: &Scene, tail: &Tail, factor: f64, speed: f64) -> Point {
     let Some(leading) = growing.or_else(|| fastest(&mut values.iter().copied())) else { return none };
     values.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
     let outcome = match growing {
-        None => Outcome::Stable,
-        Some(value) if value.im > 0.0 => Outcome::Flutter,
-        Some(_) => Outcome::Divergence,
+        None => RestStability::Stable,
+        Some(value) if value.im > 0.0 => RestStability::Flutter,
+        Some(_) => RestStability::Divergence,
     };
-    let slowest = values.iter().take(FOLLOWED).map(|value| [value.re, value.im]).collect();
-    Point { outcome, leading: [leading.re, leading.im], slowest }
+    let slowest = values.iter().take(TRACKED_MODES).map(|value| [value.re, value.im]).collect();
+    FlutterPoint { outcome, leading: [leading.re, leading.im], slowest }
 }
 
 /// Maps flutter and divergence of the tail of `scene`.
-pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn flutter(scene: &Scene, asked: &StabilityOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let refused =
         |Unsteady { key, problem }: Unsteady| Error::Scene { place: scene.name.clone(), key: key.to_string(), problem };
     if scene.head.kind == HeadKind::Free {
@@ -259,27 +189,27 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
     let left = scene.reactive.as_ref().is_some_and(|reactive| reactive.auto);
     let own = if left { scene.with_reactive(true) } else { scene.clone() };
     let nodes = scene.rod.nodes.get();
-    let coarse = if nodes > NODES { own.with_nodes(NODES as u64) } else { own };
+    let coarse = if nodes > MAX_NODES { own.with_nodes(MAX_NODES as u64) } else { own };
     let model = coarse.model()?;
     let own_speed = model.fluid.flow.norm();
     let mut steady = SteadyState::of(model).map_err(refused)?;
     let tail = tail(&coarse, &mut steady).map_err(refused)?;
-    let range = asked.range.unwrap_or(SPEEDS.map(|speed| speed * tail.unit));
-    let speeds = spread(range, asked.points);
+    let range = asked.range.unwrap_or(DEFAULT_SPEED_RANGE.map(|speed| speed * tail.unit));
+    let speeds = geometric_sequence(range, asked.points);
     let even = |[low, high]: [f64; 2], count: usize| {
         let last = count.max(2) - 1;
         (0..=last).map(move |i| low + (high - low) * i as f64 / last as f64)
     };
-    let finer = even(range, FINER * asked.points).collect();
-    let shares: Vec<f64> = even(SHARES, asked.points).collect();
-    let mut cases = vec![Case { share: tail.share(), speeds: finer, critical: true }];
-    cases.extend(shares.iter().map(|share| Case { share: *share, speeds: speeds.clone(), critical: true }));
-    let run = |case: &Case| {
+    let finer = even(range, TRACKING_REFINEMENT * asked.points).collect();
+    let shares: Vec<f64> = even(MASS_RATIO_RANGE, asked.points).collect();
+    let mut cases = vec![SpeedScan { share: tail.share(), speeds: finer, critical: true }];
+    cases.extend(shares.iter().map(|share| SpeedScan { share: *share, speeds: speeds.clone(), critical: true }));
+    let run = |case: &SpeedScan| {
         let factor = tail.factor(case.share);
         let at = |speed: f64| point(&coarse, &tail, factor, speed);
-        let points: Vec<Point> = case.speeds.iter().map(|speed| at(*speed)).collect();
+        let points: Vec<FlutterPoint> = case.speeds.iter().map(|speed| at(*speed)).collect();
         // Between speeds that are far apart, others are looked at, up to the first that leaves the rest.
-        let between = LOOKS.div_ceil(case.speeds.len());
+        let between = SAMPLES.div_ceil(case.speeds.len());
         let mut samples: Vec<(f64, f64)> = Vec::new();
         for (i, point) in points.iter().enumerate().filter(|_| case.critical) {
             let (before, here) = (case.speeds[i.saturating_sub(1)], case.speeds[i]);
@@ -295,14 +225,14 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
             let mut then = at(above);
             if below == above {
                 let still = at(0.0);
-                if still.outcome != Outcome::Stable {
+                if still.outcome != RestStability::Stable {
                     return (0.0, still.outcome, still.leading[1]);
                 }
                 below = 0.0;
             }
             while above - below > 1e-5 * above {
                 let middle = at(0.5 * (below + above));
-                if middle.outcome == Outcome::Stable {
+                if middle.outcome == RestStability::Stable {
                     below = 0.5 * (below + above);
                 } else {
                     above = 0.5 * (below + above);
@@ -311,28 +241,28 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
             }
             (0.5 * (below + above), then.outcome, then.leading[1])
         });
-        Some(Column { points, critical })
+        Some(ScanResult { points, critical })
     };
-    let columns = match desk.work("flutter", scene, &cases, jobs::cores(), run)? {
+    let columns = match runner.run_all("flutter", scene, &cases, jobs::cores(), run)? {
         Ok(columns) => columns,
         Err(interrupted) => return Ok(interrupted),
     };
     let own = (own_speed > 0.0).then(|| (own_speed, point(&coarse, &tail, 1.0, own_speed)));
-    let report = Report { scene, tail: &tail, own, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
-    Ok(Studied::Complete(report.findings()))
+    let report = FlutterReport { scene, tail: &tail, own, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
+    Ok(StudyOutcome::Complete(report.findings()))
 }
 
-struct Report<'a> {
+struct FlutterReport<'a> {
     scene: &'a Scene,
-    tail: &'a Tail,
-    /// The scene's own flow (m/s), and what is found there.
-    own: Option<(f64, Point)>,
+    tail: &'a HeldTail,
+    /// The scene's own flow speed (m/s), and the result there.
+    own: Option<(f64, FlutterPoint)>,
     nodes: usize,
-    cases: &'a [Case],
-    columns: Vec<Column>,
+    cases: &'a [SpeedScan],
+    columns: Vec<ScanResult>,
 }
 
-impl Report<'_> {
+impl FlutterReport<'_> {
     fn findings(&self) -> Findings {
         let mut findings = Findings { subject: "stability in flow", ..Findings::default() };
         let Self { scene, tail, cases, columns, .. } = self;
@@ -352,8 +282,8 @@ impl Report<'_> {
             ),
             Some((speed, outcome, frequency)) => {
                 let how = match outcome {
-                    Outcome::Divergence => "small motions about that rest diverge".to_string(),
-                    Outcome::NoRest => "no rest is found".to_string(),
+                    RestStability::Divergence => "small motions about that rest diverge".to_string(),
+                    RestStability::NoRest => "no rest is found".to_string(),
                     _ => format!("small motions about that rest flutter, at {:.4} Hz", frequency / TAU),
                 };
                 format!(
@@ -379,12 +309,12 @@ impl Report<'_> {
         if let Some((flow, point)) = &self.own {
             let omega = point.leading[1];
             let says = match point.outcome {
-                Outcome::Stable => "they die out".to_string(),
-                Outcome::Flutter => {
+                RestStability::Stable => "they die out".to_string(),
+                RestStability::Flutter => {
                     format!("they grow as flutter, at {:.4} Hz: the run will not stay there", omega / TAU)
                 }
-                Outcome::Divergence => "they diverge: the run will not stay there".to_string(),
-                Outcome::NoRest => "no rest is found".to_string(),
+                RestStability::Divergence => "they diverge: the run will not stay there".to_string(),
+                RestStability::NoRest => "no rest is found".to_string(),
             };
             findings
                 .answers
@@ -417,20 +347,21 @@ impl Report<'_> {
         let lines: Vec<(f64, Option<f64>)> = map.iter().map(|(case, _)| (case.share, theory(case.share))).collect();
         let boundary: Vec<(f64, f64)> = lines.iter().filter_map(|(share, speed)| Some((*share, (*speed)?))).collect();
 
-        let index = |point: &Point| Outcome::ALL.iter().position(|other| *other == point.outcome).unwrap_or(0);
+        let index =
+            |point: &FlutterPoint| RestStability::ALL.iter().position(|other| *other == point.outcome).unwrap_or(0);
         let cells = map.iter().map(|(_, column)| column.points.iter().map(index).collect()).collect();
-        let figure = Map {
+        let figure = OutcomeMap {
             title: format!("{}: what the flow does to the tail", scene.name),
             x: ("mass ratio m_a/(m + m_a)".into(), map.iter().map(|(case, _)| case.share).collect()),
             linear: true,
             y: ("flow speed (m/s)".into(), map.first().map(|(case, _)| case.speeds.clone()).unwrap_or_default()),
             boundary: "theory, without drag".into(),
-            categories: Outcome::ALL.map(Outcome::category).to_vec(),
+            categories: RestStability::ALL.map(RestStability::category).to_vec(),
             panels: vec![Panel { title: "small motions about the rest".into(), cells, boundary: boundary.clone() }],
         };
         let caption = "Where the tail stays at rest, flutters and diverges.";
         findings.figures.push(Figure::new("stability.svg", caption, figure.svg()));
-        let speeds_of = |of: &dyn Fn(Outcome) -> bool| {
+        let speeds_of = |of: &dyn Fn(RestStability) -> bool| {
             let critical =
                 map.iter().filter_map(|(case, column)| column.critical.map(|(speed, how, _)| (case.share, speed, how)));
             critical.filter(|(.., how)| of(*how)).map(|(share, speed, _)| (share, speed)).collect::<Vec<_>>()
@@ -441,8 +372,8 @@ impl Report<'_> {
             y: "flow speed (m/s)".into(),
             scale: Scale::Linear,
             series: [
-                Series::new("flutter", speeds_of(&|how| how == Outcome::Flutter), Mark::Dotted),
-                Series::new("divergence", speeds_of(&|how| how == Outcome::Divergence), Mark::Dotted),
+                Series::new("flutter", speeds_of(&|how| how == RestStability::Flutter), Mark::Dotted),
+                Series::new("divergence", speeds_of(&|how| how == RestStability::Divergence), Mark::Dotted),
                 Series::new("theory, without drag", boundary, Mark::Line),
                 Series::new(
                     "this scene",
@@ -485,7 +416,7 @@ impl Report<'_> {
         findings
     }
 
-    fn map_table(&self, map: &[(&Case, &Column)]) -> Table {
+    fn map_table(&self, map: &[(&SpeedScan, &ScanResult)]) -> Table {
         let rows = map.iter().flat_map(|(case, column)| {
             case.speeds.iter().zip(&column.points).map(|(speed, point)| {
                 vec![
@@ -509,7 +440,7 @@ impl Report<'_> {
     }
 }
 
-fn critical_table(tail: &Tail, lines: &[(f64, Option<f64>)], map: &[(&Case, &Column)]) -> Table {
+fn critical_table(tail: &HeldTail, lines: &[(f64, Option<f64>)], map: &[(&SpeedScan, &ScanResult)]) -> Table {
     let rows = map.iter().zip(lines).map(|((case, column), (_, theory))| {
         let (speed, how, omega) = column.critical.map_or((None, None, None), |(a, b, c)| (Some(a), Some(b), Some(c)));
         vec![
@@ -540,7 +471,7 @@ fn critical_table(tail: &Tail, lines: &[(f64, Option<f64>)], map: &[(&Case, &Col
     }
 }
 
-fn motions_table(own: &Case, column: &Column) -> Table {
+fn motions_table(own: &SpeedScan, column: &ScanResult) -> Table {
     let rows = own.speeds.iter().zip(&column.points).flat_map(|(speed, point)| {
         (1..).zip(&point.slowest).map(move |(i, [growth, omega])| {
             vec![json!(speed), json!(i), json!(growth), json!(omega / TAU), json!(-growth / growth.hypot(*omega))]

@@ -1,167 +1,26 @@
-//! Studies of a scene: what a user asks before trusting a run. Each makes [`Findings`].
+//! Studies of a scene: accuracy, stability, scaling, natural modes, and a comparison of fluid models. Each produces [`Findings`](crate::report::Findings).
 //!
-//! A study is a list of independent runs and what follows from their results. The runs are kept in a journal in its folder
-//! until all are there, so that a study goes on where it was interrupted. [`Runs`] hands them to programs elsewhere.
+//! A study is a list of independent runs and an evaluation of their results. Finished runs are stored in a journal in its folder, so
+//! that an interrupted study resumes. [`DistributedStudy`] lets workers run them.
 
 mod accuracy;
 mod beam;
-mod desk;
+mod definition;
+mod distributed;
 mod fluid;
 mod flutter;
 mod modes;
-mod runs;
+mod root_search;
+mod runner;
 mod scaling;
 mod stability;
-mod trial;
+mod study_run;
 
-use std::path::{Path, PathBuf};
-
-use serde::{Deserialize, Serialize};
-
-use crate::error::{Error, Result};
-use crate::report::{Claim, Findings, Folder, Kept, Owner};
-use crate::scene::{Document, NODES, Scene};
-pub use accuracy::Accuracy;
-pub use desk::Desk;
-pub use fluid::Fluid;
-pub use modes::Spectrum;
-pub use runs::{Runs, make_runs};
-pub use scaling::Scaling;
-pub use stability::{Stability, Vary};
-
-/// A study, with what is asked of it.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Study {
-    /// Natural frequencies and mode shapes.
-    Modes(Spectrum),
-    /// Time, memory and error of a step over the mesh.
-    Scaling(Scaling),
-    /// Error against cost of methods, steps and meshes.
-    Accuracy(Accuracy),
-    /// What methods do over the step and a parameter.
-    Stability(Stability),
-    /// The same motion under every law of the fluid.
-    Fluid(Fluid),
-}
-
-impl Study {
-    /// Its name in commands and folders.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Modes(_) => "modes",
-            Self::Scaling(_) => "scaling",
-            Self::Accuracy(_) => "accuracy",
-            Self::Stability(_) => "stability",
-            Self::Fluid(_) => "fluid",
-        }
-    }
-
-    /// The folder of its results where none is asked for.
-    pub fn folder(&self, scene: &Scene) -> PathBuf {
-        PathBuf::from("out").join(format!("{}-study-{}", scene.name, self.name()))
-    }
-
-    /// Claims `folder` for its results on `scene`.
-    ///
-    /// # Errors
-    /// Those of [`Folder::claim`].
-    pub fn claim(&self, scene: &Scene, folder: &Path, claim: Claim) -> Result<Folder> {
-        let kind = format!("study of {}", self.name());
-        Folder::claim(folder, Owner::of(&kind, scene), claim, &["summary.json", "report.html"])
-    }
-
-    /// Makes it on `scene`.
-    ///
-    /// # Errors
-    /// [`Error::Study`] for what is not allowed, [`Error::Scene`] where the scene has not what is studied; those of
-    /// [`Scene::model`], [`Error::Write`], [`Error::Journal`].
-    pub fn make(&self, scene: &Scene, desk: Desk<'_>) -> Result<Studied> {
-        if let Some(problem) = self.refused() {
-            return Err(Error::Study { problem });
-        }
-        match self {
-            Self::Modes(asked) => modes::modes(scene, asked.count).map(Studied::Complete),
-            Self::Scaling(asked) => scaling::scaling(scene, asked, desk),
-            Self::Accuracy(asked) => accuracy::accuracy(scene, asked, desk),
-            Self::Stability(asked) => stability::stability(scene, asked, desk),
-            Self::Fluid(asked) => fluid::fluid(scene, asked, desk),
-        }
-    }
-
-    /// What of the question is not allowed.
-    fn refused(&self) -> Option<String> {
-        match self {
-            Self::Fluid(_) => None,
-            Self::Modes(asked) => outside("count", &[asked.count as u64], [1, 500]),
-            Self::Scaling(asked) => {
-                outside("nodes", &asked.nodes, NODES).or_else(|| outside("steps", &[asked.steps], [1, u64::MAX]))
-            }
-            Self::Accuracy(asked) => outside("nodes", &asked.nodes, NODES)
-                .or_else(|| not_positive("steps", &asked.steps))
-                .or_else(|| not_positive("tolerances", &asked.tolerances)),
-            Self::Stability(asked) => outside("points", &[asked.points as u64], [2, 200])
-                .or_else(|| not_positive("accurate", &[asked.accurate]))
-                .or_else(|| not_rising("range", asked.range))
-                .or_else(|| not_rising("steps", asked.steps))
-                .or_else(|| {
-                    let flows = asked.vary == Vary::Flow && asked.steps.is_some();
-                    flows.then(|| {
-                        "steps: found with vary = flow; allowed: only with others, as no run is made".to_string()
-                    })
-                }),
-        }
-    }
-}
-
-/// What is wrong with whole numbers that belong in a range.
-fn outside(name: &str, numbers: &[u64], [low, high]: [u64; 2]) -> Option<String> {
-    let wrong = numbers.iter().find(|number| !(low..=high).contains(number))?;
-    let most = if high == u64::MAX { "on".to_string() } else { format!("to {high}") };
-    Some(format!("{name}: found {wrong}; allowed: whole numbers from {low} {most}"))
-}
-
-/// What is wrong with numbers that shall be positive.
-fn not_positive(name: &str, numbers: &[f64]) -> Option<String> {
-    let wrong = numbers.iter().find(|number| !(number.is_finite() && **number > 0.0))?;
-    Some(format!("{name}: found {wrong}; allowed: positive numbers"))
-}
-
-/// What is wrong with two numbers that shall be positive and rising.
-fn not_rising(name: &str, numbers: Option<[f64; 2]>) -> Option<String> {
-    let [low, high] = numbers?;
-    not_positive(name, &[low, high])
-        .or_else(|| (low >= high).then(|| format!("{name}: found {low},{high}; allowed: the smaller number first")))
-}
-
-/// How a study ended.
-#[derive(Debug)]
-pub enum Studied {
-    /// With these findings.
-    Complete(Findings),
-    /// Interrupted, with this many runs of so many kept.
-    Interrupted(usize, usize),
-}
-
-/// Writes what the study of scene `name` found to its `folder`, and forgets the runs that it keeps there once all is written.
-///
-/// # Errors
-/// Those of [`Findings::write`].
-pub fn keep(findings: &Findings, folder: &mut Folder, name: &str, document: &Document) -> Result<Kept> {
-    let kept = findings.write(folder, name, document)?;
-    if kept.lost.is_empty() {
-        folder.forget_journals();
-    }
-    Ok(kept)
-}
-
-/// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.
-fn power_law(points: &[(f64, f64)]) -> Option<[f64; 2]> {
-    let logs: Vec<_> = points.iter().filter(|p| p.0 > 0.0 && p.1 > 0.0).map(|p| (p.0.ln(), p.1.ln())).collect();
-    let count = logs.len() as f64;
-    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;
-    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
-    let across: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
-    let along: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
-    (logs.len() > 1 && along > 0.0).then(|| [across / along, (y - across / along * x).exp()])
-}
+pub use accuracy::AccuracyOptions;
+pub use definition::{Study, write_findings};
+pub use distributed::{DistributedStudy, make_runs};
+pub use fluid::FluidOptions;
+pub use modes::ModesOptions;
+pub use runner::{StudyOutcome, StudyRunner};
+pub use scaling::ScalingOptions;
+pub use stability::{StabilityOptions, Vary};

@@ -1,4 +1,5 @@
-//! `caudal study modes`: natural frequencies and shapes of a scene's rod, and its matrices for other programs.
+//! `caudal study modes`: natural frequencies and mode shapes of a scene's rod, damped modes in its fluid, and mass and stiffness
+//! matrices for other programs.
 
 use std::f64::consts::TAU;
 
@@ -15,34 +16,34 @@ use crate::report::{Findings, Table};
 use crate::rod::Rod;
 use crate::scene::Scene;
 
-/// Up to this many nodes all frequencies are computed: their cost grows as N³ (a second or so here).
-const ALL_UP_TO: usize = 1001;
-/// Up to this many nodes the matrices are written: some 0.3 kB of text a node.
-const MATRICES_UP_TO: usize = 100_001;
-/// Up to this many nodes motions with damping are computed: their cost grows as N³, twice as many unknowns as nodes twice.
-const DAMPED_UP_TO: usize = 129;
-/// Shapes in the figure.
-const DRAWN: usize = 5;
-/// Up to this many points of a shape are tabled and drawn.
-const POINTS: usize = 2001;
-/// A mode of ωΔt up to this is resolved by a step, as a second-order method is then off by ω²Δt²/12 = 0.3 % in frequency.
+/// All frequencies are computed up to this many nodes: the cost grows as N³ (about a second here).
+const MAX_NODES_FOR_SPECTRUM: usize = 1001;
+/// The matrices are written up to this many nodes: about 0.3 kB of text per node.
+const MAX_NODES_FOR_MATRICES: usize = 100_001;
+/// Damped modes are computed up to this many nodes: the cost grows as N³, with four unknowns per node.
+const MAX_NODES_FOR_DAMPING: usize = 129;
+/// Mode shapes in the figure.
+const DRAWN_SHAPES: usize = 5;
+/// Most points of a mode shape in tables and figures.
+const MAX_SHAPE_POINTS: usize = 2001;
+/// A step resolves modes up to this ωΔt: the frequency error of a second-order method, ω²Δt²/12, is then 0.3 %.
 const RESOLVED: f64 = 0.2;
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Spectrum {
-    /// How many of the lowest modes.
+pub struct ModesOptions {
+    /// Number of lowest modes.
     pub count: usize,
 }
 
-impl Default for Spectrum {
+impl Default for ModesOptions {
     fn default() -> Self {
         Self { count: 12 }
     }
 }
 
-/// A fluid of this part of its density is none; a law of drag may divide by it.
+/// Fraction of the density that stands for no fluid, since drag laws may divide by it.
 const VACUUM: f64 = 1e-12;
 
 /// The `count` lowest modes of `scene`.
@@ -54,7 +55,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
     let outside = |model: Model| (model.forces, model.fluid, model.layers);
     let found = lowest_within(&model.rod, Some(outside(scene.model()?)), count)?;
-    let all = if model.rod.nodes <= ALL_UP_TO { Some(Modes::of_model(scene.model()?)?) } else { None };
+    let all = if model.rod.nodes <= MAX_NODES_FOR_SPECTRUM { Some(Modes::of_model(scene.model()?)?) } else { None };
     let wet = model.forces.are_inertial();
     let Model { rod, forces, fluid, layers, .. } = model;
     let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?;
@@ -112,7 +113,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
             2.0 / all.highest()
         )),
         None => findings.answers.push(format!(
-            "All frequencies, and with them the limit of explicit methods, are computed up to {ALL_UP_TO} nodes."
+            "All frequencies, and with them the limit of explicit methods, are computed up to {MAX_NODES_FOR_SPECTRUM} nodes."
         )),
     }
     findings.numbers.insert("nodes".into(), json!(rod.nodes));
@@ -123,7 +124,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     findings.tables.push(modes_table(&found, &matrices, step));
     findings.tables.push(shapes_table(&found, &rod));
     let title = |what: &str| format!("{}: {what}", scene.name);
-    let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN).map(|mode| {
+    let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN_SHAPES).map(|mode| {
         let label = format!("{:.5} Hz", mode.frequency / TAU);
         Series::new(label, points(&mode.shape).map(|k| (rod.arc_length(k), mode.shape[k])).collect(), Mark::Line)
     });
@@ -146,20 +147,22 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let caption = "The natural frequencies, beside that of the drive and what the time step resolves.";
     findings.figures.push(Figure::new("frequencies.svg", caption, frequencies.svg()));
     about_rest(scene, count, &mut findings)?;
-    if rod.nodes <= MATRICES_UP_TO {
+    if rod.nodes <= MAX_NODES_FOR_MATRICES {
         findings.files.extend(matrices.matrix_market().into_iter().map(|(file, text)| (file.to_string(), text)));
     }
     Ok(findings)
 }
 
-/// Adds the motions about the rest of the rod in its fluid and under its loads: frequencies with damping, and what grows.
+/// Adds the modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates.
 fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()> {
     let model = scene.model()?;
     if model.forces.is_empty() && model.load.is_none() {
         return Ok(()); // they are the natural modes
     }
-    if model.rod.nodes > DAMPED_UP_TO {
-        findings.answers.push(format!("Motions with damping and in flow are computed up to {DAMPED_UP_TO} nodes."));
+    if model.rod.nodes > MAX_NODES_FOR_DAMPING {
+        findings
+            .answers
+            .push(format!("Motions with damping and in flow are computed up to {MAX_NODES_FOR_DAMPING} nodes."));
         return Ok(());
     }
     let flow = model.fluid.flow.norm();
@@ -236,7 +239,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     Ok(())
 }
 
-/// `step` (s) is none where steps are adaptive: no ωΔt then.
+/// `step` (s) is `None` for adaptive steps, without ωΔt.
 fn modes_table(found: &[Mode], matrices: &Matrices, step: Option<f64>) -> Table {
     let rows = found.iter().enumerate().map(|(i, mode)| {
         let ratio = matrices.damping_ratio(mode);
@@ -274,13 +277,13 @@ fn shapes_table(found: &[Mode], rod: &Rod) -> Table {
     }
 }
 
-/// The nodes of a shape that are shown, head and tip among them.
+/// The nodes of a mode shape that are shown, among them head and tip.
 fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
-    let (last, shown) = (shape.len() - 1, shape.len().min(POINTS) - 1);
+    let (last, shown) = (shape.len() - 1, shape.len().min(MAX_SHAPE_POINTS) - 1);
     (0..=shown).map(move |i| i * last / shown)
 }
 
-/// Frequencies (Hz) by mode number, with that of the drive and 1/Δt in radians, where there is one step, as lines.
+/// Frequencies (Hz) by mode number, with lines for the drive and for 1/Δt.
 fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Option<f64>) -> Vec<Series> {
     let curve = |axis: Axis| -> Vec<f64> {
         match (all, axis) {

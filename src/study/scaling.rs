@@ -1,12 +1,12 @@
-//! `caudal study scaling`: what a step costs, and how right it is, from coarse meshes to the finest.
+//! `caudal study scaling`: time, memory and error of a step, from coarse to the finest meshes.
 
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
-use super::{Desk, Studied, power_law};
-use crate::check::contracts;
+use super::runner::{StudyOutcome, StudyRunner};
+use crate::assessment::contracts;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::model::chain;
@@ -16,76 +16,76 @@ use crate::scene::{FormKey, Scene};
 use crate::stepper::Stepper;
 use crate::system::Form;
 
-/// A run is repeated until it took this long in all.
-const LONG_ENOUGH: Duration = Duration::from_millis(300);
-/// Growth is fitted from this many nodes on; below, a step's constant costs show.
-const FITTED_FROM: u64 = 129;
-/// Memory is measured from this many nodes on; below, what the allocator keeps in stock blurs it.
-const WEIGHED_FROM: u64 = 100_000;
-/// Curvature is compared at this many points and the ends of so many parts.
-const PARTS: usize = 16;
+/// A run is repeated until it took this long in total.
+const MIN_MEASURED_TIME: Duration = Duration::from_millis(300);
+/// Exponents are fitted to meshes with at least this many nodes; below, constant costs dominate.
+const MIN_FITTED_NODES: u64 = 129;
+/// Memory is measured on meshes with at least this many nodes; below, reserves of the allocator dominate.
+const MIN_WEIGHED_NODES: u64 = 100_000;
+/// Number of equal parts of the rod between which curvatures are compared.
+const COMPARED_POINTS: usize = 16;
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Scaling {
-    /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that every mesh has the nodes of those before.
+pub struct ScalingOptions {
+    /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that the meshes are nested.
     pub nodes: Vec<u64>,
-    /// Steps of every run.
+    /// Number of steps per run.
     pub steps: u64,
 }
 
-impl Default for Scaling {
+impl Default for ScalingOptions {
     fn default() -> Self {
         Self { nodes: Vec::new(), steps: 20 }
     }
 }
 
-/// One run.
+/// A run on one mesh.
 #[derive(Debug)]
-struct Case {
+struct MeshRun {
     nodes: u64,
     form: Form,
-    /// Step size, s: the scene's, or a shorter one where positions are only weighed.
+    /// Time step, s: the scene's, or a shorter one if only the memory of nodal positions is measured.
     step: f64,
     steps: u64,
 }
 
-/// What came of it.
+/// The result of a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Run {
-    /// Why it failed.
+struct MeshResult {
+    /// The error, if it failed.
     failure: Option<String>,
-    /// Time of a mean step, s: its iterations times the time of one in the step where that was least, which other work on
-    /// the machine disturbed least.
+    /// Mean time per step, s: the number of iterations times the time per iteration in the fastest step, which other processes
+    /// disturbed least.
     #[serde(deserialize_with = "or_nan")]
     step_s: f64,
     iterations: u64,
     halvings: u64,
     fallbacks: u64,
-    /// Peak of memory beyond what was there before, bytes.
+    /// Peak memory beyond that before the run, bytes.
     memory: Option<u64>,
     #[serde(deserialize_with = "both_or_nan")]
     tip: [f64; 2],
-    /// Curvature at equal distances along the rod, 1/m.
+    /// Curvature at equidistant points, 1/m.
     curvature: Vec<f64>,
 }
 
-/// A number, of which JSON has null where it is none.
+/// A number that is null in JSON if it is NaN.
 fn or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<f64, D::Error> {
     Option::deserialize(from).map(|x| x.unwrap_or(f64::NAN))
 }
 
-/// Two of these.
+/// Two such numbers.
 fn both_or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<[f64; 2], D::Error> {
     <[Option<f64>; 2]>::deserialize(from).map(|both| both.map(|x| x.unwrap_or(f64::NAN)))
 }
 
-/// Measures steps of `scene` on meshes of every size.
+/// Measures steps of `scene` on all meshes.
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
-pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn scaling(scene: &Scene, asked: &ScalingOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let mut nodes = asked.nodes.clone();
     if nodes.is_empty() {
         nodes.extend((4..=20).map(|k| (1 << k) + 1));
@@ -100,27 +100,27 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<
         used.push(chain::form(&rod, step));
         let (nodes, steps) = (*nodes, asked.steps);
         if contracts(&rod, step) {
-            cases.push(Case { nodes, form: Form::Positions, step, steps });
-        } else if nodes >= WEIGHED_FROM {
+            cases.push(MeshRun { nodes, form: Form::Positions, step, steps });
+        } else if nodes >= MIN_WEIGHED_NODES {
             // A step takes the same memory whatever its size.
             let mut short = step;
             while !contracts(&rod, short) {
                 short *= 0.5;
             }
-            cases.push(Case { nodes, form: Form::Positions, step: short, steps: 1 });
+            cases.push(MeshRun { nodes, form: Form::Positions, step: short, steps: 1 });
         }
-        cases.push(Case { nodes, form: Form::Chain, step, steps });
+        cases.push(MeshRun { nodes, form: Form::Chain, step, steps });
     }
     // One after the other: they share the memory's speed, and memory is counted for the whole program.
-    let runs = match desk.work("scaling", scene, &cases, 1, |case| run(scene, case, desk))? {
+    let runs = match runner.run_all("scaling", scene, &cases, 1, |case| run(scene, case, runner))? {
         Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
     };
     let made: Vec<_> = cases.iter().zip(&runs).collect();
-    Ok(Studied::Complete(report(scene, &nodes, &used, &made)?))
+    Ok(StudyOutcome::Complete(report(scene, &nodes, &used, &made)?))
 }
 
-fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
+fn run(scene: &Scene, case: &MeshRun, runner: StudyRunner<'_>) -> Option<MeshResult> {
     let before = memory::reset();
     let step = case.step;
     let mut scene = scene.with_pace(Pace::Fixed(step)).with_nodes(case.nodes);
@@ -128,7 +128,7 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         Form::Positions => FormKey::Positions,
         Form::Chain => FormKey::Chain,
     };
-    let failed = |reason: String| Run {
+    let failed = |reason: String| MeshResult {
         failure: Some(reason),
         step_s: f64::NAN,
         iterations: 0,
@@ -144,12 +144,12 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     };
     let start = stepper.save();
     let (mut fastest, mut total, mut peak) = (f64::INFINITY, Duration::ZERO, None);
-    while total < LONG_ENOUGH {
+    while total < MIN_MEASURED_TIME {
         if total > Duration::ZERO {
             stepper.restore(&start).ok()?; // its own: it fits
         }
         for _ in 0..case.steps {
-            if desk.interrupted() {
+            if runner.interrupted() {
                 return None;
             }
             let (clock, before) = (Instant::now(), stepper.work().newton_iterations);
@@ -172,7 +172,7 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         (kappa[k] + part * (kappa[(k + 1).min(last - 1)] - kappa[k])) / rod.spacing
     };
     let q = &stepper.state().q;
-    Some(Run {
+    Some(MeshResult {
         failure: None,
         step_s: fastest * iterations as f64 / case.steps as f64,
         iterations,
@@ -180,24 +180,35 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         fallbacks: stepper.work().linear_fallbacks,
         memory: peak.zip(before).map(|(peak, before)| peak.saturating_sub(before)),
         tip: [q[2 * last], q[2 * last + 1]],
-        curvature: (1..PARTS).map(|i| at(i as f64 / PARTS as f64)).collect(),
+        curvature: (1..COMPARED_POINTS).map(|i| at(i as f64 / COMPARED_POINTS as f64)).collect(),
     })
 }
 
-/// Largest difference of two lists.
+/// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.
+fn power_law(points: &[(f64, f64)]) -> Option<[f64; 2]> {
+    let logs: Vec<_> = points.iter().filter(|p| p.0 > 0.0 && p.1 > 0.0).map(|p| (p.0.ln(), p.1.ln())).collect();
+    let count = logs.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+    let across: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    let along: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
+    (logs.len() > 1 && along > 0.0).then(|| [across / along, (y - across / along * x).exp()])
+}
+
+/// The largest difference of two lists.
 fn difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -> Result<Findings> {
+fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshResult)]) -> Result<Findings> {
     let mut findings = Findings { subject: "scaling with the mesh", ..Findings::default() };
     let good = || made.iter().filter(|(_, run)| run.failure.is_none());
     // What is only weighed is neither timed nor compared.
-    let timed = |case: &Case| case.step == scene.typical_step();
+    let timed = |case: &MeshRun| case.step == scene.typical_step();
     let finest = good().filter(|(case, _)| case.form == Form::Chain).max_by_key(|(case, _)| case.nodes);
     let length = scene.rod.length_m.get();
     // Errors of tip (over the length) and curvature (over the largest) against the finest mesh.
-    let errors = |case: &Case, run: &Run| {
+    let errors = |case: &MeshRun, run: &MeshResult| {
         if run.failure.is_some() {
             return None;
         }
@@ -208,7 +219,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     };
     let name = |form: Form| if form == Form::Chain { "chain" } else { "positions" };
     let title = |form: Form| if form == Form::Chain { "Chain form" } else { "Positions" };
-    let per_node = |case: &Case, x: f64| x / case.nodes as f64;
+    let per_node = |case: &MeshRun, x: f64| x / case.nodes as f64;
     let rows = made.iter().map(|(case, run)| {
         let [tip, curvature] = errors(case, run).map_or([None; 2], |e| e.map(Some));
         let auto = nodes.iter().zip(used).any(|(nodes, form)| *nodes == case.nodes && *form == case.form);
@@ -224,7 +235,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
             json!(iterations),
             json!(run.halvings),
             json!(run.fallbacks),
-            json!(run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))),
+            json!(run.memory.filter(|_| case.nodes >= MIN_WEIGHED_NODES).map(|bytes| per_node(case, bytes as f64))),
             json!(tip),
             json!(curvature),
             json!(case.step),
@@ -258,16 +269,16 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     let (mut times, mut iterations, mut accuracy, mut memory) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for form in [Form::Positions, Form::Chain] {
         let of = || good().filter(|(case, _)| case.form == form);
-        let curve = |y: &dyn Fn(&Case, &Run) -> Option<f64>| -> Vec<(f64, f64)> {
+        let curve = |y: &dyn Fn(&MeshRun, &MeshResult) -> Option<f64>| -> Vec<(f64, f64)> {
             of().filter_map(|(case, run)| Some((case.nodes as f64, y(case, run)?))).collect()
         };
-        let each = |run: &Run, case: &Case| run.iterations.max(1) as f64 / case.steps as f64;
+        let each = |run: &MeshResult, case: &MeshRun| run.iterations.max(1) as f64 / case.steps as f64;
         let steps = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s)));
         let single = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s) / each(run, case)));
         // Beyond the meshes that take positions by themselves rounding costs iterations: there the chain form is the cure.
         let is_fitted = |n: f64| {
             let takes = |(nodes, used): (&u64, &Form)| *nodes as f64 == n && (*used == form || form == Form::Chain);
-            n >= FITTED_FROM as f64 && nodes.iter().zip(used).any(takes)
+            n >= MIN_FITTED_NODES as f64 && nodes.iter().zip(used).any(takes)
         };
         let fitted = |curve: &[(f64, f64)]| {
             let points: Vec<_> = curve.iter().copied().filter(|p| is_fitted(p.0)).collect();
@@ -277,14 +288,14 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
         if let Some(((step, last), (iteration, _))) = fitted(&steps).zip(fitted(&single)) {
             let which = if form == Form::Chain { "" } else { ", the meshes that take this form by themselves" };
             findings.answers.push(format!(
-                "{}: the time a step grows as N^{step:.3}, the time an iteration as N^{iteration:.3} (least squares over {FITTED_FROM} to {last} nodes{which}).",
+                "{}: the time a step grows as N^{step:.3}, the time an iteration as N^{iteration:.3} (least squares over {MIN_FITTED_NODES} to {last} nodes{which}).",
                 title(form)
             ));
             findings.numbers.insert(format!("growth_exponent_step_{}", name(form)), json!(step));
             findings.numbers.insert(format!("growth_exponent_iteration_{}", name(form)), json!(iteration));
         }
         let weighed = curve(&|case, run| {
-            run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))
+            run.memory.filter(|_| case.nodes >= MIN_WEIGHED_NODES).map(|bytes| per_node(case, bytes as f64))
         });
         if let Some((nodes, bytes)) = weighed.last() {
             findings.numbers.insert(format!("memory_bytes_per_node_{}", name(form)), json!(bytes));
@@ -300,7 +311,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     }
     times.extend(iterations);
     let ratios: Vec<_> = good()
-        .filter(|(case, _)| case.form == Form::Chain && case.nodes >= FITTED_FROM)
+        .filter(|(case, _)| case.form == Form::Chain && case.nodes >= MIN_FITTED_NODES)
         .filter_map(|(case, run)| {
             let mut positions = good().filter(|(other, _)| other.form == Form::Positions && timed(other));
             let (_, other) = positions.find(|(other, _)| other.nodes == case.nodes)?;
@@ -311,7 +322,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     {
         findings.numbers.insert("cost_ratio_of_forms".into(), json!([low, high]));
         findings.answers.push(format!(
-            "A step in the chain form costs {low:.2} to {high:.2} times one in positions, where both work (from {FITTED_FROM} nodes on)."
+            "A step in the chain form costs {low:.2} to {high:.2} times one in positions, where both work (from {MIN_FITTED_NODES} nodes on)."
         ));
     }
     let switch = nodes.iter().zip(used).find(|(_, form)| **form == Form::Chain).map(|(nodes, _)| *nodes);
@@ -377,7 +388,7 @@ fn falling_triangle(series: &[Series], order: i32) -> Option<Series> {
         .then(|| Series::new(order.to_string(), vec![(x0, bottom), (x1, bottom), (x0, top)], Mark::Slope))
 }
 
-/// Memory of this process and caches of this machine, where the system tells.
+/// Memory of this process and caches of this machine, if the system reports them.
 mod memory {
     use super::{Mark, Series};
 
@@ -387,18 +398,18 @@ mod memory {
         line.split_whitespace().next()?.parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
     }
 
-    /// Forgets the peak so far; bytes resident now.
+    /// Resets the peak; returns the resident memory, bytes.
     pub fn reset() -> Option<u64> {
         std::fs::write("/proc/self/clear_refs", "5").ok()?;
         status("VmRSS:")
     }
 
-    /// Most bytes resident since the last reset.
+    /// Peak resident memory since the last reset, bytes.
     pub fn peak() -> Option<u64> {
         status("VmHWM:")
     }
 
-    /// Lines where a run's memory, by the bytes per node of the largest, fills the machine's caches.
+    /// Lines at which a run's memory fills the machine's caches, from the bytes per node of the largest mesh.
     pub fn caches(weighed: impl Iterator<Item = (u64, Option<u64>)>, times: &[Series]) -> Vec<Series> {
         let Some((nodes, Some(bytes))) = weighed.filter(|run| run.1.is_some()).max_by_key(|run| run.0) else {
             return Vec::new();

@@ -1,32 +1,32 @@
-//! `caudal study stability`: for every method a map of what its steps do, over the step and a parameter of the scene; over the
-//! speed of a flow, of what the rod does in it ([`flutter`](super::flutter)).
+//! `caudal study stability`: a map per method of its outcome over the time step and a parameter of the scene. Over the speed of a
+//! flow, see [`flutter`](super::flutter).
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::trial::{Failure, Manner, Recipe, Trial};
-use super::{Desk, Studied};
+use super::runner::{StudyOutcome, StudyRunner};
+use super::study_run::{Failure, RunOptions, SimulationMethod, StudyRun};
 use crate::error::{Error, Result};
 use crate::integrator::{Pace, stability_limit};
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Figure;
-use crate::report::map::{Category, Map, Panel};
+use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Findings, Table};
 use crate::scene::{HeadKind, NODES, Scene};
 
-/// Samples of tip and energy in a run.
+/// Samples of tip and energy per run.
 const SAMPLES: usize = 200;
-/// Up to this many nodes the limit of theory is computed.
-const MODES_UP_TO: u64 = 401;
-/// The references' steps are this part of the smallest of the map.
-const FINER: f64 = 0.5;
-/// Energy from nowhere over the largest energy or work: from this on at the end of a run, when it grew by the factor since
-/// its middle, the method makes energy.
-const GROWN: f64 = 0.2;
-const GROWTH: f64 = 2.0;
+/// The theoretical stability limit is computed up to this many nodes.
+const MAX_NODES_FOR_MODES: u64 = 401;
+/// The references use this fraction of the smallest step of the map.
+const REFERENCE_STEP: f64 = 0.5;
+/// A method creates energy if the defect of the energy balance exceeds this fraction of the largest energy or work at the end of
+/// the run, and grew by this factor in its second half.
+const MAX_BALANCE_DEFECT: f64 = 0.2;
+const MIN_ENERGY_GROWTH: f64 = 2.0;
 
 /// The parameter that varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,14 +38,14 @@ pub enum Vary {
     Amplitude,
     /// The number of nodes.
     Nodes,
-    /// The spin of a free rod at the start.
+    /// The initial spin of a free rod.
     Spin,
-    /// The speed of the flow, and the mass of the rod beside the water's: what the rod does in it, whatever the method.
+    /// The speed of the flow and the mass ratio of the rod: stability of the rod itself, for any method.
     Flow,
 }
 
 impl Vary {
-    /// All of them, with their names.
+    /// All parameters, with their names.
     pub const ALL: [(&str, Self); 5] = [
         ("modulus", Self::Modulus),
         ("amplitude", Self::Amplitude),
@@ -64,7 +64,7 @@ impl Vary {
         }
     }
 
-    /// Smallest and largest value where none are asked for.
+    /// The default range.
     fn range(self, scene: &Scene) -> [f64; 2] {
         let nodes = scene.rod.nodes.get() as f64;
         let modulus = scene.rod.youngs_modulus_pa.get();
@@ -79,7 +79,7 @@ impl Vary {
         }
     }
 
-    /// What speaks against varying it in `scene`.
+    /// Why it cannot vary in `scene`, if so.
     fn refused(self, scene: &Scene) -> Option<(&'static str, &'static str)> {
         match self {
             Self::Amplitude if scene.actuation.is_none() => {
@@ -103,32 +103,32 @@ impl Vary {
     }
 }
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Stability {
-    /// What varies.
+pub struct StabilityOptions {
+    /// The parameter that varies.
     pub vary: Vary,
-    /// From where to where; `None` for a range around the scene's value.
+    /// Its range; `None` for a range around the scene's value.
     pub range: Option<[f64; 2]>,
-    /// Smallest and largest step, s; `None` for a hundredth to four times the scene's.
+    /// Range of steps, s; `None` for a hundredth to four times the scene's.
     pub steps: Option<[f64; 2]>,
-    /// Values and steps: this many of each.
+    /// Number of values and of steps.
     pub points: usize,
-    /// Error of the tip's path, relative to how far it goes, up to which a run counts as accurate.
+    /// Error of the tip's path, relative to its extent, up to which a run is accurate.
     pub accurate: f64,
 }
 
-impl Default for Stability {
-    /// The modulus, at twelve values and twelve steps around the scene's own.
+impl Default for StabilityOptions {
+    /// Young's modulus, with twelve values and twelve steps around the scene's own.
     fn default() -> Self {
         Self { vary: Vary::Modulus, range: None, steps: None, points: 12, accurate: 0.05 }
     }
 }
 
-/// What a run came to.
+/// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Outcome {
+enum StepOutcome {
     Accurate,
     Wrong,
     Unjudged,
@@ -137,7 +137,7 @@ enum Outcome {
     Fold,
 }
 
-impl Outcome {
+impl StepOutcome {
     const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
@@ -152,97 +152,94 @@ impl Outcome {
         Category { label, colour }
     }
 
-    fn of(trial: &Trial, reference: Option<&Trial>, accurate: f64) -> Self {
-        if grows(trial) {
+    fn of(run: &StudyRun, reference: Option<&StudyRun>, accurate: f64) -> Self {
+        if grows(run) {
             return Self::Growing;
         }
-        match &trial.failure {
+        match &run.failure {
             Some((Failure::Fold, ..)) => return Self::Fold,
             Some(_) => return Self::Newton,
             None => {}
         }
         match reference {
             None => Self::Unjudged,
-            Some(reference) if apart(trial, reference) <= accurate => Self::Accurate,
+            Some(reference) if apart(run, reference) <= accurate => Self::Accurate,
             Some(_) => Self::Wrong,
         }
     }
 }
 
-/// True if the method makes energy: so much that the run was given up or failed by it, or more and more up to the end.
-fn grows(trial: &Trial) -> bool {
+/// True if the method creates energy: the run was aborted or failed because of it, or it still grows at the end.
+fn grows(run: &StudyRun) -> bool {
     let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
-    let (middle, last) = (trial.created.len() / 2, trial.created.len() * 3 / 4);
-    if trial.failure.is_some() || trial.tip.len() <= SAMPLES {
-        return largest(&trial.created) > 1.0;
+    let (middle, last) = (run.created.len() / 2, run.created.len() * 3 / 4);
+    if run.failure.is_some() || run.tip.len() <= SAMPLES {
+        return largest(&run.created) > 1.0;
     }
-    let (early, end) = (largest(&trial.created[..middle]), largest(&trial.created[last..]));
-    end > GROWN && end > GROWTH * early
+    let (early, end) = (largest(&run.created[..middle]), largest(&run.created[last..]));
+    end > MAX_BALANCE_DEFECT && end > MIN_ENERGY_GROWTH * early
 }
 
-/// Largest distance of two tips over how far the second goes.
-fn apart(trial: &Trial, reference: &Trial) -> f64 {
+/// Largest distance of two tips over the extent of the second's path.
+fn apart(run: &StudyRun, reference: &StudyRun) -> f64 {
     let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    trial.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
+    run.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
 }
 
 #[derive(Debug)]
-struct Case {
-    recipe: Recipe,
+struct MapRun {
+    recipe: SimulationMethod,
     value: f64,
     step: f64,
     halving: bool,
 }
 
-/// `count` values from `low` to `high` at equal ratios.
-pub(super) fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+/// A geometric sequence of `count` values from `low` to `high`.
+pub(super) fn geometric_sequence([low, high]: [f64; 2], count: usize) -> Vec<f64> {
     let last = count.max(2) - 1;
     (0..=last).map(|i| low * (high / low).powf(i as f64 / last as f64)).collect()
 }
 
-/// Maps the stability of every method on `scene`.
+/// Maps the stability of each method on `scene`.
 ///
 /// # Errors
-/// [`Error::Scene`] where the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
-/// [`Error::Journal`].
-pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
-    if asked.vary == Vary::Flow {
-        return super::flutter::flutter(scene, asked, desk);
-    }
+/// [`Error::Scene`] if the scene lacks the parameter that varies; those of [`Scene::model`], [`Error::Write`], [`Error::Journal`].
+pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     if let Some((key, problem)) = asked.vary.refused(scene) {
         return Err(Error::Scene { place: scene.name.clone(), key: key.into(), problem: problem.into() });
     }
-    let mut values = spread(asked.range.unwrap_or_else(|| asked.vary.range(scene)), asked.points);
+    let mut values = geometric_sequence(asked.range.unwrap_or_else(|| asked.vary.range(scene)), asked.points);
     if asked.vary == Vary::Nodes {
         values.iter_mut().for_each(|value| *value = value.round().clamp(NODES[0] as f64, NODES[1] as f64));
         values.dedup();
     }
     let typical = scene.typical_step();
-    let steps = spread(asked.steps.unwrap_or([0.01 * typical, 4.0 * typical]), asked.points);
-    let recipes = Recipe::all(scene);
-    let references: Vec<_> = ["esdirk3", "generalized-alpha"].into_iter().filter_map(Recipe::named).collect();
-    let finest = FINER * steps.first().copied().unwrap_or(typical);
+    let steps = geometric_sequence(asked.steps.unwrap_or([0.01 * typical, 4.0 * typical]), asked.points);
+    let recipes = SimulationMethod::all(scene);
+    let references: Vec<_> = ["esdirk3", "generalized-alpha"].into_iter().filter_map(SimulationMethod::named).collect();
+    let finest = REFERENCE_STEP * steps.first().copied().unwrap_or(typical);
     let mut cases = Vec::new();
     for value in &values {
-        let reference = |recipe: &Recipe| Case { recipe: recipe.clone(), value: *value, step: finest, halving: true };
+        let reference =
+            |recipe: &SimulationMethod| MapRun { recipe: recipe.clone(), value: *value, step: finest, halving: true };
         cases.extend(references.iter().map(reference));
     }
     for recipe in &recipes {
         for value in &values {
-            let case = |step: &f64| Case { recipe: recipe.clone(), value: *value, step: *step, halving: false };
+            let case = |step: &f64| MapRun { recipe: recipe.clone(), value: *value, step: *step, halving: false };
             cases.extend(steps.iter().map(case));
         }
     }
-    let run = |case: &Case| {
+    let run = |case: &MapRun| {
         let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(Pace::Fixed(case.step));
-        let manner = Manner { samples: SAMPLES, push: None, halving: case.halving, timed: false };
-        Trial::of(&scene, manner, desk.interrupted)
+        let options = RunOptions { samples: SAMPLES, push: None, halving: case.halving, timed: false };
+        StudyRun::of(&scene, options, runner.interrupted)
     };
-    let trials = match desk.work("runs", scene, &cases, jobs::cores(), run)? {
-        Ok(trials) => trials,
+    let runs = match runner.run_all("runs", scene, &cases, jobs::cores(), run)? {
+        Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
     };
-    let (pairs, trials) = trials.split_at(references.len() * values.len());
+    let (pairs, runs) = runs.split_at(references.len() * values.len());
     let references: Vec<_> = pairs
         .chunks(references.len())
         .map(|pair| match pair {
@@ -250,43 +247,51 @@ pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Res
             _ => None,
         })
         .collect();
-    let outcomes: Vec<_> = trials
+    let outcomes: Vec<_> = runs
         .iter()
         .enumerate()
-        .map(|(i, trial)| Outcome::of(trial, references[i / steps.len() % values.len()], asked.accurate))
+        .map(|(i, run)| StepOutcome::of(run, references[i / steps.len() % values.len()], asked.accurate))
         .collect();
     let cases = &cases[pairs.len()..];
-    let report =
-        Report { scene, asked, values: &values, steps: &steps, recipes: &recipes, cases, trials, outcomes: &outcomes };
-    Ok(Studied::Complete(report.findings()?))
+    let report = StabilityReport {
+        scene,
+        asked,
+        values: &values,
+        steps: &steps,
+        recipes: &recipes,
+        cases,
+        runs,
+        outcomes: &outcomes,
+    };
+    Ok(StudyOutcome::Complete(report.findings()?))
 }
 
-struct Report<'a> {
+struct StabilityReport<'a> {
     scene: &'a Scene,
-    asked: &'a Stability,
+    asked: &'a StabilityOptions,
     values: &'a [f64],
     steps: &'a [f64],
-    recipes: &'a [Recipe],
-    cases: &'a [Case],
-    trials: &'a [Trial],
-    outcomes: &'a [Outcome],
+    recipes: &'a [SimulationMethod],
+    cases: &'a [MapRun],
+    runs: &'a [StudyRun],
+    outcomes: &'a [StepOutcome],
 }
 
-impl Report<'_> {
-    /// The outcomes of a method: for every value one a step.
-    fn of(&self, recipe: usize) -> impl Iterator<Item = &[Outcome]> {
+impl StabilityReport<'_> {
+    /// The outcomes of a method: for each value one per step.
+    fn of(&self, recipe: usize) -> impl Iterator<Item = &[StepOutcome]> {
         let cells = self.values.len() * self.steps.len();
         self.outcomes[recipe * cells..(recipe + 1) * cells].chunks(self.steps.len())
     }
 
-    /// The largest step that theory allows a method at every value, where it limits it and the modes are computed.
-    fn boundary(&self, recipe: &Recipe) -> Result<Vec<(f64, f64)>> {
+    /// The theoretical stability limit of a method at each value, if it has one and the modes are computed.
+    fn boundary(&self, recipe: &SimulationMethod) -> Result<Vec<(f64, f64)>> {
         let method = (recipe.method.build)(&recipe.values);
         let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
         let mut points = Vec::new();
         for value in self.values {
             let model = self.asked.vary.set(self.scene, *value).model()?;
-            if model.rod.nodes as u64 <= MODES_UP_TO {
+            if model.rod.nodes as u64 <= MAX_NODES_FOR_MODES {
                 points.push((*value, limit / Modes::of_model(model)?.highest()));
             }
         }
@@ -303,24 +308,24 @@ impl Report<'_> {
             if let Some(last) = boundary.last() {
                 limits.insert(recipe.to_string(), json!({ "value": last.0, "step_s": last.1 }));
             }
-            let index = |outcome: &Outcome| Outcome::ALL.iter().position(|other| other == outcome).unwrap_or(0);
+            let index = |outcome: &StepOutcome| StepOutcome::ALL.iter().position(|other| other == outcome).unwrap_or(0);
             let cells = self.of(i).map(|column| column.iter().map(index).collect()).collect();
             panels.push(Panel { title: recipe.to_string(), cells, boundary });
         }
-        if self.outcomes.contains(&Outcome::Unjudged) {
+        if self.outcomes.contains(&StepOutcome::Unjudged) {
             findings.answers.push(
                 "Where two references (ESDIRK3 and generalized-α with half the smallest step) disagree, runs that end are only called stable."
                     .to_string(),
             );
         }
         findings.numbers.insert("limits_by_theory".into(), json!(limits));
-        let map = Map {
+        let map = OutcomeMap {
             title: format!("{}: what each step does", self.scene.name),
             x: (self.asked.vary.label().into(), self.values.to_vec()),
             linear: false,
             y: ("time step (s)".into(), self.steps.to_vec()),
             boundary: "limit by linear theory".into(),
-            categories: Outcome::ALL.map(Outcome::category).to_vec(),
+            categories: StepOutcome::ALL.map(StepOutcome::category).to_vec(),
             panels,
         };
         let caption = "What every method does at every step: accurate, wrong, growing or failing.";
@@ -329,11 +334,11 @@ impl Report<'_> {
         Ok(findings)
     }
 
-    /// What a method does from small to large steps, over all values.
-    fn in_words(&self, recipe: usize, name: &Recipe, boundary: &[(f64, f64)]) -> String {
+    /// A sentence on the outcomes of a method from small to large steps, over all values.
+    fn in_words(&self, recipe: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
         let columns: Vec<_> = self.of(recipe).collect();
         // Largest step up to which the predicate holds, at every value.
-        let up_to = |holds: &dyn Fn(Outcome) -> bool| {
+        let up_to = |holds: &dyn Fn(StepOutcome) -> bool| {
             let counts = columns.iter().map(|column| column.iter().take_while(|outcome| holds(**outcome)).count());
             let counts: Vec<_> = counts.collect();
             counts.iter().min().copied().zip(counts.iter().max().copied())
@@ -347,10 +352,12 @@ impl Report<'_> {
                 (Some(low), Some(high)) => format!("up to {low} … {high}, depending on the value"),
             }
         };
-        let accurate = up_to(&|outcome| outcome == Outcome::Accurate).map_or(String::new(), range);
-        let stable = up_to(&|outcome| outcome <= Outcome::Unjudged).map_or(String::new(), range);
+        let accurate = up_to(&|outcome| outcome == StepOutcome::Accurate).map_or(String::new(), range);
+        let stable = up_to(&|outcome| outcome <= StepOutcome::Unjudged).map_or(String::new(), range);
         let mut ways: Vec<&str> = Vec::new();
-        for outcome in columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > Outcome::Unjudged) {
+        for outcome in
+            columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > StepOutcome::Unjudged)
+        {
             if !ways.contains(&outcome.category().label) {
                 ways.push(outcome.category().label);
             }
@@ -367,16 +374,16 @@ impl Report<'_> {
     }
 
     fn table(&self) -> Table {
-        let rows = self.cases.iter().zip(self.trials).zip(self.outcomes).map(|((case, trial), outcome)| {
-            let failed = trial.failure.as_ref();
+        let rows = self.cases.iter().zip(self.runs).zip(self.outcomes).map(|((case, run), outcome)| {
+            let failed = run.failure.as_ref();
             vec![
                 json!(case.recipe.to_string()),
                 json!(case.value),
                 json!(case.step),
                 json!(outcome.category().label),
-                json!(trial.steps),
-                json!(trial.iterations),
-                json!(trial.created.iter().copied().fold(0.0, f64::max)),
+                json!(run.steps),
+                json!(run.iterations),
+                json!(run.created.iter().copied().fold(0.0, f64::max)),
                 failed.map_or(Value::Null, |(_, t, _)| json!(t)),
                 failed.map_or(Value::Null, |(_, _, reason)| json!(reason)),
             ]

@@ -1,4 +1,4 @@
-//! Axes of a sweep: the levels that scene keys go through.
+//! Axes of a sweep: levels of scene keys (lists, ranges, factors, zipped keys), and Latin hypercube samples.
 
 use serde::Deserialize;
 use toml::Value;
@@ -8,49 +8,49 @@ use crate::scene::KeyError;
 use crate::scene::value::refused;
 
 /// Most levels of an axis, and most points of a sample.
-const MOST_LEVELS: usize = 1_000_000;
+const MAX_LEVELS: usize = 1_000_000;
 
-/// Numbers between whole ones that differ from a whole one by no more than this part of it are that.
-const ROUNDING: f64 = 1e-12;
+/// Levels that differ from an integer by less than this fraction are integers.
+const WHOLE_TOLERANCE: f64 = 1e-12;
 
-/// Keys that tell an axis from a table of the scene.
-pub(super) const MARKS: [&str; 10] =
+/// Keys by which an axis is recognised.
+pub(super) const AXIS_KEYS: [&str; 10] =
     ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
 
-/// What the levels do to the keys.
+/// How levels are applied to the keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// They replace the values.
+pub enum AxisKind {
+    /// Levels replace the values.
     Values,
-    /// They multiply the values.
+    /// Levels multiply the values.
     Factors,
-    /// Each key has values of its own, which go together.
+    /// Each key has its own list of values, which advance together.
     Zip,
 }
 
-/// One axis.
+/// An axis of a sweep.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Axis {
-    /// Its name: a column of the table.
+pub struct SweepAxis {
+    /// Its name, which is a column of the table.
     pub name: String,
-    /// Where it stands in the sweep's file.
+    /// Its path in the sweep's file.
     pub(super) path: String,
-    /// What its levels do.
-    pub kind: Kind,
-    /// The scene's keys that it moves.
+    /// How its levels are applied.
+    pub kind: AxisKind,
+    /// The scene's keys that it sets.
     pub keys: Vec<String>,
-    /// What its column shows at each level.
+    /// Labels of its levels, for the table.
     pub labels: Vec<Value>,
-    /// The values, or factors, of the keys at each level: one for each key, or one for all.
+    /// The values, or factors, at each level: one per key, or one for all.
     pub(super) levels: Vec<Vec<Value>>,
-    /// True where the levels are points of the sample, which all such axes go through together.
+    /// True if the levels are points of the sample, in which all sampled axes advance together.
     pub sampled: bool,
-    /// True where equal steps of it are equal factors.
+    /// True if the levels are a geometric sequence.
     pub logarithmic: bool,
 }
 
-impl Axis {
-    /// True where a sweep's file calls it `name`.
+impl SweepAxis {
+    /// True if the sweep's file may call it `name`.
     pub(super) fn is_called(&self, name: &str) -> bool {
         self.name == name || self.name.strip_prefix("axis.").is_some_and(|own| own == name && is_result(own))
     }
@@ -60,7 +60,7 @@ impl Axis {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Samples {
+pub struct Sampling {
     /// Number of points.
     pub count: usize,
     /// What the points are drawn from; the same seed gives the same points.
@@ -70,32 +70,32 @@ pub struct Samples {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Scale {
+enum LevelSpacing {
     #[default]
     Linear,
     Log,
 }
 
-/// What a sweep's file says of levels.
-enum Levels {
-    Listed { values: Vec<Value>, scale: Scale },
-    Between { low: f64, high: f64, scale: Scale },
+/// Levels as read from the file.
+enum AxisLevels {
+    Listed { values: Vec<Value>, scale: LevelSpacing },
+    Between { low: f64, high: f64, scale: LevelSpacing },
 }
 
-/// The axes in `table`, which stands at `path`, in no particular order.
-pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, KeyError> {
+/// The axes in `table` at `path`, in no particular order.
+pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<SweepAxis>, KeyError> {
     let mut axes = Vec::new();
     for (key, value) in table {
         let path = format!("{path}.{key}");
         match value {
-            Value::Table(inner) if !MARKS.iter().any(|mark| inner.contains_key(*mark)) => {
+            Value::Table(inner) if !AXIS_KEYS.iter().any(|mark| inner.contains_key(*mark)) => {
                 axes.extend(read(inner, &path)?);
             }
             Value::Table(_) | Value::Array(_) => axes.push(axis(value, &path)?),
             other => {
                 let allowed = "a list of values, { from, to, count }, { between = [low, high] }, { values }, \
                     { factors } or { zip }";
-                let meant = did_you_mean(nearest(key, MARKS.into_iter()));
+                let meant = did_you_mean(nearest(key, AXIS_KEYS.into_iter()));
                 return Err(KeyError { key: path, problem: format!("{}{meant}", refused(other, allowed)) });
             }
         }
@@ -106,20 +106,20 @@ pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, KeyErro
     Ok(axes)
 }
 
-/// The axis that `value` at `path` describes; that of a sample has its two ends as levels until it is drawn.
-fn axis(value: &Value, path: &str) -> Result<Axis, KeyError> {
+/// The axis that `value` at `path` describes. A sampled axis has its two ends as levels until it is sampled.
+fn axis(value: &Value, path: &str) -> Result<SweepAxis, KeyError> {
     let fault = |problem: String| KeyError { key: path.to_string(), problem };
     let name = path.split_once('.').map_or(path, |(_, name)| name).to_string();
     let empty = toml::Table::new();
     let table = value.as_table().unwrap_or(&empty);
     let has = |key: &str| table.contains_key(key);
-    if let Some(other) = table.keys().find(|key| !MARKS.contains(&key.as_str())) {
+    if let Some(other) = table.keys().find(|key| !AXIS_KEYS.contains(&key.as_str())) {
         return Err(KeyError {
             key: format!("{path}.{other}"),
             problem: format!(
                 "unknown key; allowed: {}{}",
-                MARKS.join(", "),
-                did_you_mean(nearest(other, MARKS.into_iter()))
+                AXIS_KEYS.join(", "),
+                did_you_mean(nearest(other, AXIS_KEYS.into_iter()))
             ),
         });
     }
@@ -142,10 +142,10 @@ fn axis(value: &Value, path: &str) -> Result<Axis, KeyError> {
     };
     let (kind, levels) = match (table.get("values"), table.get("factors")) {
         (Some(_), Some(_)) => return Err(fault("found values beside factors; allowed: one of the two".to_string())),
-        (Some(values), None) => (Kind::Values, values.clone()),
-        (None, Some(factors)) => (Kind::Factors, factors.clone()),
-        (None, None) if value.is_array() => (Kind::Values, value.clone()),
-        (None, None) => (Kind::Values, range()),
+        (Some(values), None) => (AxisKind::Values, values.clone()),
+        (None, Some(factors)) => (AxisKind::Factors, factors.clone()),
+        (None, None) if value.is_array() => (AxisKind::Values, value.clone()),
+        (None, None) => (AxisKind::Values, range()),
     };
     if (has("values") || has("factors"))
         && let Some(stray) = ["from", "to", "count", "between", "scale"].into_iter().find(|key| has(key))
@@ -153,10 +153,10 @@ fn axis(value: &Value, path: &str) -> Result<Axis, KeyError> {
         return Err(fault(format!("found {stray} beside values or factors; allowed: inside them")));
     }
     let (levels, sampled, scale) = match listed(&levels, path)? {
-        Levels::Listed { values, scale } => (values, false, scale),
-        Levels::Between { low, high, scale } => (vec![Value::Float(low), Value::Float(high)], true, scale),
+        AxisLevels::Listed { values, scale } => (values, false, scale),
+        AxisLevels::Between { low, high, scale } => (vec![Value::Float(low), Value::Float(high)], true, scale),
     };
-    if kind == Kind::Factors
+    if kind == AxisKind::Factors
         && let Some(bad) = levels.iter().find(|level| !number(level).is_some_and(|x| x.is_finite() && x != 0.0))
     {
         return Err(fault(refused(bad, "factors: finite numbers that are not zero")));
@@ -171,14 +171,14 @@ fn axis(value: &Value, path: &str) -> Result<Axis, KeyError> {
             });
         }
     }
-    let name = if kind == Kind::Factors && !has("keys") { format!("{name}.factor") } else { name };
+    let name = if kind == AxisKind::Factors && !has("keys") { format!("{name}.factor") } else { name };
     let levels = levels.into_iter().map(|level| vec![level]).collect();
-    let logarithmic = scale == Scale::Log;
-    Ok(Axis { name, path: path.to_string(), kind, keys, labels, levels, sampled, logarithmic })
+    let logarithmic = scale == LevelSpacing::Log;
+    Ok(SweepAxis { name, path: path.to_string(), kind, keys, labels, levels, sampled, logarithmic })
 }
 
 /// An axis whose keys each have their own list.
-fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<Axis, KeyError> {
+fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<SweepAxis, KeyError> {
     let at = format!("{path}.zip");
     let mut lists = Vec::new();
     if let Some(table) = zip.as_table() {
@@ -211,7 +211,16 @@ fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Resu
         }
     };
     let keys = lists.into_iter().map(|(key, _)| key).collect();
-    Ok(Axis { name, path: path.to_string(), kind: Kind::Zip, keys, labels, levels, sampled: false, logarithmic: false })
+    Ok(SweepAxis {
+        name,
+        path: path.to_string(),
+        kind: AxisKind::Zip,
+        keys,
+        labels,
+        levels,
+        sampled: false,
+        logarithmic: false,
+    })
 }
 
 fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyError> {
@@ -224,8 +233,8 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
     }
 }
 
-/// Columns of a sweep's table that are no quantities of a summary, and those of a summary that are not means over cycles.
-const RESULTS: [&str; 81] = [
+/// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
+const RESULT_COLUMNS: [&str; 81] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -309,13 +318,13 @@ const RESULTS: [&str; 81] = [
     "final_positions_m",
 ];
 
-/// True for the name of a column of results.
+/// True if `name` is that of a result column.
 pub(super) fn is_result(name: &str) -> bool {
-    RESULTS.contains(&name) || name.starts_with("cycle")
+    RESULT_COLUMNS.contains(&name) || name.starts_with("cycle")
 }
 
 /// The levels that `value` describes: a list, or a table with a range.
-fn listed(value: &Value, path: &str) -> Result<Levels, KeyError> {
+fn listed(value: &Value, path: &str) -> Result<AxisLevels, KeyError> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Range {
@@ -324,7 +333,7 @@ fn listed(value: &Value, path: &str) -> Result<Levels, KeyError> {
         count: Option<usize>,
         between: Option<[f64; 2]>,
         #[serde(default)]
-        scale: Scale,
+        scale: LevelSpacing,
     }
     const ALLOWED: &str =
         "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
@@ -332,13 +341,15 @@ fn listed(value: &Value, path: &str) -> Result<Levels, KeyError> {
     if let Value::Array(values) = value {
         return match values.len() {
             0 => Err(fault("an empty list".to_string(), "at least one level")),
-            _ => Ok(Levels::Listed { values: values.clone(), scale: Scale::Linear }),
+            _ => Ok(AxisLevels::Listed { values: values.clone(), scale: LevelSpacing::Linear }),
         };
     }
     let range: Range = value.clone().try_into().map_err(|_| fault(value.to_string(), ALLOWED))?;
     let ends = |low: f64, high: f64| match range.scale {
         _ if !(low.is_finite() && high.is_finite()) => Err(fault(format!("{low} to {high}"), "finite numbers")),
-        Scale::Log if low.min(high) <= 0.0 => Err(fault(format!("{low} to {high}"), "positive numbers on a log scale")),
+        LevelSpacing::Log if low.min(high) <= 0.0 => {
+            Err(fault(format!("{low} to {high}"), "positive numbers on a log scale"))
+        }
         _ => Ok(()),
     };
     match range {
@@ -347,43 +358,43 @@ fn listed(value: &Value, path: &str) -> Result<Levels, KeyError> {
                 return Err(fault(value.to_string(), "numbers"));
             };
             ends(low, high)?;
-            if !(2..=MOST_LEVELS).contains(&count) {
-                return Err(fault(format!("count = {count}"), &format!("2 to {MOST_LEVELS}")));
+            if !(2..=MAX_LEVELS).contains(&count) {
+                return Err(fault(format!("count = {count}"), &format!("2 to {MAX_LEVELS}")));
             }
             let whole = from.is_integer() && to.is_integer();
             let level = |i: usize| match between(low, high, scale, i as f64 / (count - 1) as f64) {
                 _ if i == count - 1 => to.clone(),
-                x if whole && (x - x.round()).abs() <= ROUNDING * x.abs() => Value::Integer(x.round() as i64),
+                x if whole && (x - x.round()).abs() <= WHOLE_TOLERANCE * x.abs() => Value::Integer(x.round() as i64),
                 x => Value::Float(x),
             };
-            Ok(Levels::Listed { values: (0..count).map(level).collect(), scale })
+            Ok(AxisLevels::Listed { values: (0..count).map(level).collect(), scale })
         }
         Range { from: None, to: None, count: None, between: Some([low, high]), scale } => {
             ends(low, high)?;
             if low >= high {
                 return Err(fault(format!("between = [{low}, {high}]"), "[low, high]"));
             }
-            Ok(Levels::Between { low, high, scale })
+            Ok(AxisLevels::Between { low, high, scale })
         }
         _ => Err(fault(value.to_string(), ALLOWED)),
     }
 }
 
-/// The point a part x of the way from `low` to `high`; exactly `low` at 0.
-fn between(low: f64, high: f64, scale: Scale, x: f64) -> f64 {
+/// The point at fraction x between `low` and `high`; exactly `low` at 0.
+fn between(low: f64, high: f64, scale: LevelSpacing, x: f64) -> f64 {
     match scale {
-        Scale::Linear => low + (high - low) * x,
-        Scale::Log if x == 0.0 => low,
-        Scale::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
+        LevelSpacing::Linear => low + (high - low) * x,
+        LevelSpacing::Log if x == 0.0 => low,
+        LevelSpacing::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
     }
 }
 
-/// Gives the sampled axes their levels: a Latin hypercube, in which each axis has one point in each of `count` equal
-/// parts of its range, at a random place of it, in random order (McKay, Beckman & Conover 1979).
-pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), KeyError> {
+/// Samples the axes: a Latin hypercube, with one random point of each axis in each of `count` equal parts of its range, in random
+/// order (McKay, Beckman & Conover 1979).
+pub(super) fn sample(axes: &mut [SweepAxis], samples: Option<Sampling>) -> Result<(), KeyError> {
     let mut sampled = axes.iter_mut().filter(|axis| axis.sampled).peekable();
     let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
-    let Some(Samples { count, seed }) = samples else {
+    let Some(Sampling { count, seed }) = samples else {
         return match sampled.peek() {
             Some(axis) => {
                 fault(&axis.path, "found between without [samples]; add [samples] with count and seed".to_string())
@@ -394,13 +405,13 @@ pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), 
     if sampled.peek().is_none() {
         return fault("samples", "found without an axis { between = [low, high] }; allowed: only with one".to_string());
     }
-    if !(1..=MOST_LEVELS).contains(&count) {
-        return fault("samples.count", refused(count, format!("1 to {MOST_LEVELS}")));
+    if !(1..=MAX_LEVELS).contains(&count) {
+        return fault("samples.count", refused(count, format!("1 to {MAX_LEVELS}")));
     }
     let mut dice = fastrand::Rng::with_seed(seed);
     for axis in sampled {
         let [low, high] = [0, 1].map(|i| axis.levels[i].first().and_then(number).unwrap_or_default());
-        let scale = if axis.logarithmic { Scale::Log } else { Scale::Linear };
+        let scale = if axis.logarithmic { LevelSpacing::Log } else { LevelSpacing::Linear };
         let mut parts: Vec<usize> = (0..count).collect();
         dice.shuffle(&mut parts);
         let point = |part: usize| between(low, high, scale, (part as f64 + dice.f64()) / count as f64);
@@ -410,7 +421,7 @@ pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), 
     Ok(())
 }
 
-/// A number, whole or not.
+/// An integer or a float.
 pub(super) fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(x) => Some(*x),
@@ -424,7 +435,7 @@ fn texts(value: &Value) -> Option<Vec<String>> {
     texts.filter(|texts| !texts.is_empty())
 }
 
-/// The dotted keys and values of all that is no table below `table`.
+/// The dotted keys and values of all leaves below `table`.
 pub(super) fn leaves(table: &toml::Table, path: &str, found: &mut Vec<(String, Value)>) {
     for (key, value) in table {
         let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
@@ -443,7 +454,7 @@ pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value
     }
 }
 
-/// The product of two numbers, whole where the first is and stays so.
+/// The product of two numbers; an integer if the first is one and stays so.
 pub(super) fn product(value: &Value, factor: &Value) -> Option<Value> {
     let product = number(value)? * number(factor)?;
     let whole = value.is_integer() && product == product.round() && product.abs() < 9e15;

@@ -1,4 +1,4 @@
-//! What a sweep's journals hold, as table, figures and report.
+//! Results of a sweep: reads its journals, and writes its table (CSV, Parquet), figures and report.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -8,33 +8,32 @@ use serde::de::{DeserializeOwned, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use super::{Row, Sweep};
+use super::axis::{SweepAxis, number};
+use super::case_result::CaseResult;
+use super::definition::{PAGE, Sweep, TABLE};
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 use crate::jobs::{self, Job, Journal};
-use crate::report::cases::{Axis, Cases};
+use crate::report::cases::{CaseAxis, Cases};
 #[cfg(feature = "parquet")]
 use crate::report::parquet::parquet_of;
-use crate::report::tables::{ColumnType, Mixed};
-use crate::report::{Figure, Folder, Kept};
+use crate::report::tables::{ColumnType, MixedCsvTable};
+use crate::report::{Figure, Folder};
 
-/// From this number of cases on the table is there as Parquet too.
+/// From this number of cases on, the table is written as Parquet too.
 #[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
 
-/// The files that every sweep has.
-pub(super) const TABLE: &str = "table.csv";
-pub(super) const PAGE: &str = "report.html";
-
-/// Rows that are still in memory: what is written at the end need not be read again. Only so many are kept.
+/// Results that are still in memory, so that they need not be read from the journal. Their number is limited.
 #[derive(Debug, Default)]
-pub struct Fresh(BTreeMap<usize, Row>);
+pub struct RecentResults(BTreeMap<usize, CaseResult>);
 
-impl Fresh {
-    /// Some 15 MB.
+impl RecentResults {
+    /// About 15 MB.
     const MOST: usize = 500;
 
-    /// Keeps the row of a case, while there is room.
-    pub fn keep(&mut self, index: usize, row: Row) {
+    /// Stores the result of a case, unless the limit is reached.
+    pub fn keep(&mut self, index: usize, row: CaseResult) {
         if self.0.len() < Self::MOST {
             self.0.insert(index, row);
         }
@@ -43,19 +42,19 @@ impl Fresh {
 
 /// The results of a sweep, in one journal or in those of its shards.
 #[derive(Debug)]
-pub struct Results<'a> {
+pub struct SweepResults<'a> {
     sweep: &'a Sweep,
     journals: Vec<Journal>,
-    fresh: Fresh,
-    /// Which journal has each case.
+    fresh: RecentResults,
+    /// Index of the journal of each case.
     holder: Vec<Option<usize>>,
 }
 
-impl<'a> Results<'a> {
-    /// The results in `journals`, which must all be of `job`, the sweep's.
+impl<'a> SweepResults<'a> {
+    /// The results in `journals`, all of which must be of the job `job` of the sweep.
     ///
     /// # Errors
-    /// [`Error::Journal`] where one is of another job.
+    /// [`Error::Journal`] if one is of another job.
     pub fn new(sweep: &'a Sweep, job: &Job, journals: Vec<Journal>) -> Result<Self> {
         let mut holder = vec![None; sweep.size()];
         for (i, journal) in journals.iter().enumerate() {
@@ -67,29 +66,29 @@ impl<'a> Results<'a> {
                 holder[index].get_or_insert(i);
             }
         }
-        Ok(Self { sweep, journals, fresh: Fresh::default(), holder })
+        Ok(Self { sweep, journals, fresh: RecentResults::default(), holder })
     }
 
-    /// The same, of whose rows some are in memory.
+    /// The same, with some results in memory.
     #[must_use]
-    pub fn with(self, fresh: Fresh) -> Self {
+    pub fn with(self, fresh: RecentResults) -> Self {
         Self { fresh, ..self }
     }
 
-    /// The cases that no journal has.
+    /// The cases without a result.
     pub fn missing(&self) -> impl Iterator<Item = usize> {
         (0..self.holder.len()).filter(|index| self.holder[*index].is_none())
     }
 
-    /// The rows, in the order of the cases; what is missing is left out.
-    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Cow<'_, Row>)>> {
+    /// The results in the order of the cases, without missing ones.
+    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Cow<'_, CaseResult>)>> {
         self.read(Cow::Borrowed, Cow::Owned)
     }
 
-    /// The rows: `kept` of one that is in memory, `read` of what `T` has of one that is not.
+    /// The results: `kept` of those in memory, `read` of the others, deserialised as `T`.
     fn read<'b, T: DeserializeOwned, R>(
         &'b self,
-        kept: impl Fn(&'b Row) -> R,
+        kept: impl Fn(&'b CaseResult) -> R,
         read: impl Fn(T) -> R,
     ) -> impl Iterator<Item = Result<(usize, R)>> {
         let row = move |(index, holder): (usize, &Option<usize>)| {
@@ -103,11 +102,11 @@ impl<'a> Results<'a> {
         self.holder.iter().enumerate().filter_map(row)
     }
 
-    /// Writes table, figures and report into `folder`, in this order, each put in place whole.
+    /// Writes table, figures and report to `folder`, in this order, each atomically.
     ///
     /// # Errors
     /// [`Error::Journal`], [`Error::Read`].
-    pub fn write(&self, folder: &mut Folder) -> Result<Written> {
+    pub fn write(&self, folder: &mut Folder) -> Result<WrittenSweep> {
         let path = folder.path().to_path_buf();
         let sweep = self.sweep;
         // A first pass learns the columns and keeps what figures and page need.
@@ -144,7 +143,7 @@ impl<'a> Results<'a> {
             .chain([text("scene_hash"), text("caudal_version")])
             .chain(names.iter().cloned().map(kind))
             .collect();
-        let cells = |row: Result<(usize, Numbers<'_>)>| {
+        let cells = |row: Result<(usize, ResultView<'_>)>| {
             let (index, row) = row?;
             let mut cells = vec![Value::from(index)];
             cells.extend(sweep.values(&sweep.case(index)?).iter().map(json));
@@ -158,17 +157,18 @@ impl<'a> Results<'a> {
         let tables = || {
             let mut files = Vec::new();
             let place = path.join(TABLE);
-            let mut table = Mixed::create(&place, &columns);
-            let rows = self.read(Numbers::Kept, Numbers::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
-                let added = match (&mut table, cells) {
-                    (Ok(table), Ok(cells)) => table.row(cells),
-                    (_, Err(error)) => Err(Error::Journal { path: place.clone(), problem: error.to_string() }),
-                    (Err(_), _) => Ok(()),
-                };
-                if let Err(error) = added {
-                    table = Err(error);
-                }
-            });
+            let mut table = MixedCsvTable::create(&place, &columns);
+            let rows =
+                self.read(ResultView::Kept, ResultView::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
+                    let added = match (&mut table, cells) {
+                        (Ok(table), Ok(cells)) => table.row(cells),
+                        (_, Err(error)) => Err(Error::Journal { path: place.clone(), problem: error.to_string() }),
+                        (Err(_), _) => Ok(()),
+                    };
+                    if let Err(error) = added {
+                        table = Err(error);
+                    }
+                });
             #[cfg(feature = "parquet")]
             let rows = {
                 let mut rows = rows;
@@ -179,7 +179,7 @@ impl<'a> Results<'a> {
                 rows
             };
             rows.for_each(drop);
-            files.push((TABLE, table.and_then(Mixed::complete)));
+            files.push((TABLE, table.and_then(MixedCsvTable::complete)));
             if sweep.record.traces > 0 {
                 files.push(("traces.csv", self.traces(&path.join("traces.csv"))));
             }
@@ -204,13 +204,13 @@ impl<'a> Results<'a> {
             results.put_file(file, Ok(svg));
         }
         results.put_file(PAGE, page);
-        Ok(Written { kept: results.finish(), failed: cases.into_endings() })
+        Ok(WrittenSweep { kept: results.finish(), failed: cases.into_endings() })
     }
 
     /// The paths of the centres of mass: one row per case and time.
     fn traces(&self, path: &Path) -> Result<tempfile::NamedTempFile> {
         let header = ["case", "time_s", "x_com_m", "y_com_m"].map(str::to_string);
-        let mut table = Mixed::create(path, &header)?;
+        let mut table = MixedCsvTable::create(path, &header)?;
         for row in self.rows() {
             let (index, row) = row?;
             for [t, x, y] in &row.trace {
@@ -220,13 +220,13 @@ impl<'a> Results<'a> {
         table.complete()
     }
 
-    /// Empty cases for figures and page.
+    /// The cases for figures and page, empty.
     fn cases(&self) -> Cases {
         let sweep = self.sweep;
-        let axis = |axis: &super::Axis| Axis {
+        let axis = |axis: &SweepAxis| CaseAxis {
             name: axis.name.clone(),
             labels: axis.labels.iter().map(label).collect(),
-            numbers: axis.labels.iter().map(super::axis::number).collect(),
+            numbers: axis.labels.iter().map(number).collect(),
             sampled: axis.sampled,
             logarithmic: axis.logarithmic,
         };
@@ -234,24 +234,24 @@ impl<'a> Results<'a> {
     }
 }
 
-/// What is written of results.
+/// What was written.
 #[derive(Debug)]
-pub struct Written {
+pub struct WrittenSweep {
     /// The files.
-    pub kept: Kept,
-    /// How the cases ended that did not reach their end.
+    pub kept: WrittenFiles,
+    /// Endings of the cases that did not reach their end.
     pub failed: BTreeMap<usize, String>,
 }
 
-/// What a table needs of a [`Row`].
-enum Numbers<'a> {
-    /// It is in memory.
-    Kept(&'a Row),
-    /// It was read.
-    Read(NumbersRead),
+/// The part of a [`CaseResult`] that a table needs.
+enum ResultView<'a> {
+    /// In memory.
+    Kept(&'a CaseResult),
+    /// Read from a journal.
+    Read(ResultRead),
 }
 
-impl Numbers<'_> {
+impl ResultView<'_> {
     fn scene_hash(&self) -> &str {
         match self {
             Self::Kept(row) => &row.scene_hash,
@@ -259,7 +259,7 @@ impl Numbers<'_> {
         }
     }
 
-    /// The quantity `name`, which most rows have at the place `near`.
+    /// The quantity `name`, which is at index `near` in most results.
     fn quantity(&self, near: usize, name: &str) -> Option<&Value> {
         match self {
             Self::Kept(row) => row.quantities.get(name),
@@ -269,13 +269,13 @@ impl Numbers<'_> {
 }
 
 #[derive(Deserialize)]
-struct NumbersRead {
+struct ResultRead {
     scene_hash: String,
     #[serde(deserialize_with = "in_order")]
     quantities: Vec<(String, Value)>,
 }
 
-/// The entries of a map in their order.
+/// The entries of a map, in order.
 fn in_order<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<(String, Value)>, D::Error> {
     struct Entries;
     impl<'de> Visitor<'de> for Entries {
@@ -296,18 +296,18 @@ fn in_order<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<V
     deserializer.deserialize_map(Entries)
 }
 
-/// Where the entry `name` stands: at `near`, as in rows of the same kind, or anywhere.
+/// The index of the entry `name`: usually `near`.
 fn place<T>(entries: &[(String, T)], near: usize, name: &str) -> Option<usize> {
     let there = entries.get(near).is_some_and(|(other, _)| other == name);
     if there { Some(near) } else { entries.iter().position(|(other, _)| other == name) }
 }
 
-/// A level as text and axes show it.
+/// A level as text for tables and axes.
 fn label(value: &toml::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_string)
 }
 
-/// A value of a scene in a cell: numbers, texts and truths as they are, anything else as its TOML.
+/// A value of a scene for a table cell: numbers, strings and booleans as they are, others as TOML.
 fn json(value: &toml::Value) -> Value {
     match value {
         toml::Value::Integer(x) => (*x).into(),

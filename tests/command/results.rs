@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use caudal::report::{Frame, Motion};
+use caudal::report::{Animation, Frame};
 use caudal::words::number;
 
 const EEL: &str = r#"
@@ -130,7 +130,7 @@ fn a_rod_far_away_plays_as_one_nearby() {
         medium: None,
     };
     let played = |x: f64| {
-        let motion = serde_json::to_value(Motion::of(&[frame(0.0, x, 0.0), frame(1.0, x + 1e-3, 1e-3)])).unwrap();
+        let motion = serde_json::to_value(Animation::of(&[frame(0.0, x, 0.0), frame(1.0, x + 1e-3, 1e-3)])).unwrap();
         motion["points"][1].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>()
     };
     for x in [0.0, 5000.0] {

@@ -7,14 +7,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::report::Findings;
 use caudal::scene::Scene;
-use caudal::study::{Desk, Scaling, Stability, Studied, Study, Vary};
+use caudal::study::{ScalingOptions, StabilityOptions, Study, StudyOutcome, StudyRunner, Vary};
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, claimed, scene, scene_of};
 
-const SMALL: Stability =
-    Stability { vary: Vary::Modulus, range: Some([1e6, 1e8]), steps: Some([1e-4, 1e-2]), points: 3, accurate: 0.05 };
+const SMALL: StabilityOptions = StabilityOptions {
+    vary: Vary::Modulus,
+    range: Some([1e6, 1e8]),
+    steps: Some([1e-4, 1e-2]),
+    points: 3,
+    accurate: 0.05,
+};
 
 /// A study in `folder`, interrupted after so many runs.
-fn small(folder: &Path, most: usize) -> Studied {
+fn small(folder: &Path, most: usize) -> StudyOutcome {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
     let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2"]);
@@ -27,20 +32,20 @@ fn made_in(
     scene: &Scene,
     interrupted: &AtomicBool,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Studied {
+) -> StudyOutcome {
     let held = claimed(study, scene, folder);
-    study.make(scene, Desk::new(&held, interrupted, progress)).unwrap()
+    study.run(scene, StudyRunner::new(&held, interrupted, progress)).unwrap()
 }
 
 /// A study in a folder of its own.
-fn made(study: &Study, scene: &Scene) -> Studied {
+fn made(study: &Study, scene: &Scene) -> StudyOutcome {
     made_in(tempfile::tempdir().unwrap().path(), study, scene, &AtomicBool::new(false), &|_, _| ())
 }
 
-fn complete(studied: Studied) -> Findings {
+fn complete(studied: StudyOutcome) -> Findings {
     match studied {
-        Studied::Complete(findings) => findings,
-        Studied::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
+        StudyOutcome::Complete(findings) => findings,
+        StudyOutcome::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
     }
 }
 
@@ -48,7 +53,7 @@ fn complete(studied: Studied) -> Findings {
 fn an_interrupted_study_goes_on_to_the_same_end() {
     let [whole, parts] = [0, 1].map(|_| tempfile::tempdir().unwrap());
     let wanted = complete(small(whole.path(), usize::MAX));
-    let Studied::Interrupted(done, of) = small(parts.path(), 5) else { panic!("not interrupted") };
+    let StudyOutcome::Interrupted(done, of) = small(parts.path(), 5) else { panic!("not interrupted") };
     assert!(done >= 5 && done < of, "{done} of {of}");
     let found = complete(small(parts.path(), usize::MAX));
     assert_eq!((&found.answers, &found.figures), (&wanted.answers, &wanted.figures));
@@ -58,7 +63,7 @@ fn an_interrupted_study_goes_on_to_the_same_end() {
 #[test]
 fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
     let smooth = scene_of(include_str!("../../models/baseline-smooth.toml"), &["solver.duration_s=0.05"]);
-    let asked = Stability { steps: Some([5e-6, 5e-3]), range: Some([7e6, 7e10]), points: 7, ..SMALL };
+    let asked = StabilityOptions { steps: Some([5e-6, 5e-3]), range: Some([7e6, 7e10]), points: 7, ..SMALL };
     let findings = complete(made(&Study::Stability(asked), &smooth));
     let limit = findings.numbers["limits_by_theory"]["symplectic-euler"]["step_s"].as_f64().unwrap();
     assert!((limit / 2.4928e-5 - 1.0).abs() < 1e-4, "{limit:e}");
@@ -80,7 +85,7 @@ fn flutter(changes: &[&str], points: usize) -> Findings {
         .replace("[drag]\nlaw = \"cross-flow\"\n", "")
         .replace("[[loads.point]]\nnode = -1\nforce_n = [0.0, 1e-4]\n", "")
         .replace("[loads]\n", "");
-    let asked = Stability { vary: Vary::Flow, points, ..Stability::default() };
+    let asked = StabilityOptions { vary: Vary::Flow, points, ..StabilityOptions::default() };
     complete(made(&Study::Stability(asked), &scene_of(&bare, changes)))
 }
 
@@ -137,7 +142,7 @@ fn the_map_over_the_flow_has_the_water_at_every_speed_and_says_what_it_is_about(
         .replace("[reactive]\n", "")
         .replace("name =", "reactive = \"auto\"\nname =");
     let of = |flow: &str| {
-        let asked = Stability { vary: Vary::Flow, points: 2, ..Stability::default() };
+        let asked = StabilityOptions { vary: Vary::Flow, points: 2, ..StabilityOptions::default() };
         let scene = scene_of(&text, &["rod.nodes=17", flow, "loads.point=[]"]);
         (scene.reactive_on().is_some(), complete(made(&Study::Stability(asked), &scene)))
     };
@@ -159,7 +164,7 @@ fn the_map_over_the_flow_has_the_water_at_every_speed_and_says_what_it_is_about(
 fn scaling_names_the_meshes_that_fail() {
     let text = include_str!("../../models/baseline-smooth.toml");
     let wild = scene_of(text, &["actuation.kappa_amp=1e5", "solver.time_step_s=0.05"]);
-    let findings = complete(made(&Study::Scaling(Scaling { nodes: vec![9, 17], steps: 3 }), &wild));
+    let findings = complete(made(&Study::Scaling(ScalingOptions { nodes: vec![9, 17], steps: 3 }), &wild));
     let table = &findings.tables[0];
     let [time, tip, failure] = ["step_s", "tip_error", "failure"].map(|name| {
         let at = table.columns.iter().position(|column| column.contains(name));
@@ -173,7 +178,7 @@ fn scaling_names_the_meshes_that_fail() {
 #[test]
 fn scaling_shows_second_order_in_the_mesh_and_agreement_of_both_forms() {
     let fine = scene_of(include_str!("../../models/fine-1e3.toml"), &[]);
-    let findings = complete(made(&Study::Scaling(Scaling { nodes: vec![17, 33, 65, 1025], steps: 3 }), &fine));
+    let findings = complete(made(&Study::Scaling(ScalingOptions { nodes: vec![17, 33, 65, 1025], steps: 3 }), &fine));
     let rows = &findings.tables[0].rows;
     assert_eq!(rows.len(), 8);
     let error = |nodes: u64, form: &str| {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use caudal::jobs::{Shard, cores};
 use caudal::report::Claim;
-use caudal::sweep::{Results, Sweep, run};
+use caudal::sweep::{Sweep, SweepResults, run};
 
 /// A row of table.csv.
 type Row = BTreeMap<String, String>;
@@ -36,7 +36,7 @@ fn swept(file: &str, set: &[&str]) -> Vec<Row> {
     let mut journal = sweep.journal(&mut held, "cases.journal", &job).unwrap();
     let todo: Vec<usize> = (0..sweep.size()).collect();
     run(&sweep, &mut journal, &todo, cores(), &AtomicBool::new(false), |_, _| {}).unwrap();
-    Results::new(&sweep, &job, vec![journal]).unwrap().write(&mut held).unwrap();
+    SweepResults::new(&sweep, &job, vec![journal]).unwrap().write(&mut held).unwrap();
     table(folder.path())
 }
 
@@ -514,7 +514,7 @@ fn where_heads_are_held_a_sweep_shows_their_thrust_and_no_displacement() {
         let mut held = sweep.claim(out.path(), &job, Claim::Own).unwrap();
         let mut journal = sweep.journal(&mut held, "cases.journal", &job).unwrap();
         run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_, _| {}).unwrap();
-        let kept = Results::new(&sweep, &job, vec![journal]).unwrap().write(&mut held).unwrap().kept;
+        let kept = SweepResults::new(&sweep, &job, vec![journal]).unwrap().write(&mut held).unwrap().kept;
         let names: Vec<String> =
             kept.files.iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
         assert!(names.iter().any(|name| name.starts_with(shown) && name.ends_with(".svg")), "{names:?}");

@@ -133,9 +133,9 @@ fn a_simulation_by_names_says_what_a_run_says_of_itself() {
     let run = |changes: &[&str]| {
         let scene = document(changes).scene().unwrap();
         let mut stepper = caudal::stepper::Stepper::of(&scene).unwrap();
-        let warnings = caudal::check::Assessment::of(&scene, &stepper).unwrap().warnings;
+        let warnings = caudal::assessment::Assessment::of(&scene, &stepper).unwrap().warnings;
         let outcome = caudal::run::run(&scene, &mut stepper, |_| Ok(std::ops::ControlFlow::Continue(())));
-        caudal::run::Summary::of(&scene, &stepper, &outcome, &warnings).notes
+        caudal::report::Summary::of(&scene, &stepper, &outcome, &warnings).notes
     };
     let mut some = 0;
     for changes in [&["solver.time_step_s=0.05"][..], &["rod.youngs_modulus_pa=3e4", "actuation.kappa_amp=12.0"]] {

@@ -184,7 +184,7 @@ mod designs {
                 document.set(change).unwrap();
             }
             let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-            let Answer::Found(found) = &design.answer else { panic!("found") };
+            let Answer::Search(found) = &design.answer else { panic!("found") };
             let first = found.history[0].objective;
             println!("{changes:?}: {first:.4e} to {:.4e}: {:?}", found.objective, design.lines);
             assert!(better * (found.objective - first) > 0.05 * first.abs(), "{first} {}", found.objective);
@@ -212,7 +212,7 @@ mod designs {
         let goal = "[design]\ngoal = \"cycle_thrust_n\"\nknots = [0.5]\nstarts = 2\n";
         let document = Document::new("driven.toml", common::driven(33) + goal);
         let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-        let Answer::Found(found) = &design.answer else { panic!("found") };
+        let Answer::Search(found) = &design.answer else { panic!("found") };
         let sperm = (2.0 * std::f64::consts::TAU / found.profile.stiffness_n_m2[0]).powf(0.25);
         println!("Sp = {sperm:.4}, thrust {:.5e}, {:?}", found.objective, found.starts);
         assert!(found.converged && (sperm - 1.877).abs() <= 0.01, "{sperm}");

@@ -6,7 +6,9 @@
 use crate::common;
 use std::ops::ControlFlow;
 
-use caudal::design::{Answer, Design, Found, Markers, Objective, Profile, Search, Table, Verdict};
+use caudal::design::{
+    Answer, Design, DesignTable, DesignVector, Identifiability, Markers, Objective, Search, SearchResult,
+};
 use caudal::fluid::laws::{DragLaw, LAWS};
 use caudal::scene::Document;
 use caudal::sensitivity::{Output, Parameter, Problem};
@@ -67,9 +69,9 @@ fn noisy(markers: &Markers, sigma: f64, dice: &mut Dice) -> Markers {
     noisy
 }
 
-fn identified(document: &Document, markers: &Markers) -> Found {
+fn identified(document: &Document, markers: &Markers) -> SearchResult {
     let scene = document.scene().unwrap();
-    let table = Table::of(&scene).unwrap_or_else(|fault| panic!("{fault:?}"));
+    let table = DesignTable::of(&scene).unwrap_or_else(|fault| panic!("{fault:?}"));
     let problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, Some(markers)).unwrap().of_document(document);
     let mut search = Search::new(&table, &objective, problem);
@@ -171,7 +173,7 @@ const UNKNOWN: [&str; 2] =
     [r#"design.variables=["stiffness", "drag.along_n_s_m2", "drag.across_n_s_m2"]"#, "design.knots=[0.0, 1.0]"];
 
 /// Stiffness at head and tip over the scene's, drag along and across, each over the truth, with their deviations over themselves.
-fn over_truth(found: &Found, ei: f64) -> [(f64, f64); 4] {
+fn over_truth(found: &SearchResult, ei: f64) -> [(f64, f64); 4] {
     let last = found.profile.stiffness_n_m2.len() - 1;
     let xi = [0.0, last as f64 / (last + 1) as f64];
     let stiffness = [0, 1].map(|i| {
@@ -196,7 +198,7 @@ fn drag_is_found_beside_stiffness_from_clean_markers() {
         println!("{:.1e} ± {deviation:.1e}", value - 1.0);
         assert!((value - 1.0).abs() <= 1e-6, "{value}");
     }
-    assert!(found.converged && found.numbers.iter().all(|number| number.verdict == Some(Verdict::Identified)));
+    assert!(found.converged && found.numbers.iter().all(|number| number.verdict == Some(Identifiability::Identified)));
     assert!(found.confused.is_empty());
 }
 
@@ -248,7 +250,7 @@ fn honest(scene: &[&str], truth: &[(&str, f64)], sigma: f64, draws: usize) {
         assert!(found.converged, "{case}");
         for number in &found.numbers {
             let known = number.deviation.unwrap() <= 0.1 * number.value;
-            assert_eq!(number.verdict == Some(Verdict::Identified), known, "{number:?}");
+            assert_eq!(number.verdict == Some(Identifiability::Identified), known, "{number:?}");
         }
         let noise = found.noise_m.unwrap();
         assert!((noise / sigma - 1.0).abs() < 0.1, "{noise:e}");
@@ -301,9 +303,9 @@ fn what_the_data_know_only_together_is_said() {
     let all = with(r#"["stiffness", "drag.along_n_s_m2", "drag.across_n_s_m2"]"#);
     println!("{:?} {:?}", all.confused, all.numbers);
     assert_eq!(all.confused, [["knot xi = 0.5", "drag.along_n_s_m2", "drag.across_n_s_m2"]]);
-    assert!(all.numbers.iter().all(|number| number.verdict == Some(Verdict::NotToldApart)));
+    assert!(all.numbers.iter().all(|number| number.verdict == Some(Identifiability::NotToldApart)));
     let drags = with(r#"["drag.along_n_s_m2", "drag.across_n_s_m2"]"#);
-    assert!(drags.confused.is_empty() && drags.numbers.iter().all(|n| n.verdict == Some(Verdict::Identified)));
+    assert!(drags.confused.is_empty() && drags.numbers.iter().all(|n| n.verdict == Some(Identifiability::Identified)));
     let stiffness = with(r#"["stiffness", "drag.along_n_s_m2"]"#);
     assert!(stiffness.confused.is_empty() && stiffness.deviations[0] < 0.1, "{:?}", stiffness.confused);
 }
@@ -326,7 +328,7 @@ fn numbers_that_cannot_be_unknown_are_refused() {
     ] {
         let mut all = vec![r#"drag={ law = "cox" }"#];
         all.extend(changes.iter().copied());
-        let fault = Table::of(&document(&all).scene().unwrap()).unwrap_err();
+        let fault = DesignTable::of(&document(&all).scene().unwrap()).unwrap_err();
         // The bounds of the base scene are in the way of what has no numbers.
         println!("{fault:?}");
         assert!(fault.key == key && fault.problem.contains(words), "{changes:?}: {fault:?}");
@@ -344,10 +346,10 @@ fn numbers_are_designed_for_distance_and_hold_in_other_simulations() {
         "design.number_bounds=[0.5, 2.0]",
     ]);
     let scene = document.scene().unwrap();
-    let table = Table::of(&scene).unwrap();
+    let table = DesignTable::of(&scene).unwrap();
     let mut problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, None).unwrap().of_document(&document);
-    let own = Profile { numbers: table.own_numbers(), ..Profile::of(problem.stiffness()) };
+    let own = DesignVector { numbers: table.initial_numbers(), ..DesignVector::of(problem.stiffness()) };
     let parameters = [Parameter::Frequency, Parameter::OfForces("medium.viscosity_pa_s")];
     let (_, exact) = objective.derivatives(&mut problem, &own, &parameters).unwrap();
     for (i, exact) in exact.iter().enumerate() {
@@ -364,7 +366,7 @@ fn numbers_are_designed_for_distance_and_hold_in_other_simulations() {
     }
     document.set("design.starts=1").unwrap();
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     println!("{:?}", design.lines);
     assert!(found.objective > 1.2 * found.history[0].objective);
     let numbers = design.numbers().unwrap();
@@ -380,16 +382,26 @@ fn numbers_of_a_scene_that_is_not_that_of_the_data_are_not_identified() {
     for noise in ["design.smoothness=0.0", "design.noise_m=1e-4"] {
         let fits = identified(&document(&[&own[..], &unknown, &[noise]].concat()), &markers);
         assert!(fits.misfit.is_none(), "{:?}", fits.misfit);
-        assert!(fits.numbers.iter().all(|number| number.verdict == Some(Verdict::Identified)), "{:?}", fits.numbers);
+        assert!(
+            fits.numbers.iter().all(|number| number.verdict == Some(Identifiability::Identified)),
+            "{:?}",
+            fits.numbers
+        );
         let other = identified(&document(&[&own[..2], &unknown, &[noise]].concat()), &markers);
         println!("{:?} {:?} for {:?}", other.misfit, other.numbers, fits.numbers);
         assert!(other.misfit.unwrap() > 2.0 && other.converged, "{:?} {}", other.misfit, other.why);
-        assert!(other.numbers.iter().all(|number| number.verdict == Some(Verdict::DoesNotFit)), "{:?}", other.numbers);
+        assert!(
+            other.numbers.iter().all(|number| number.verdict == Some(Identifiability::DoesNotFit)),
+            "{:?}",
+            other.numbers
+        );
         // The truth is within what is said now.
         for (number, truth) in other.numbers.iter().zip([3.0]) {
             assert!((number.value - truth).abs() <= 2.0 * number.deviation.unwrap(), "{number:?}");
         }
     }
     let short = identified(&document(&[&own[..], &unknown, &["design.iterations=1"]].concat()), &markers);
-    assert!(!short.converged && short.numbers.iter().all(|number| number.verdict == Some(Verdict::NotConverged)));
+    assert!(
+        !short.converged && short.numbers.iter().all(|number| number.verdict == Some(Identifiability::NotConverged))
+    );
 }

@@ -6,7 +6,10 @@ use crate::common;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use caudal::design::{Answer, Design, Identified, Markers, Objective, Profile, Search, Table, Verdict, identify, rest};
+use caudal::design::{
+    Answer, Design, DesignTable, DesignVector, Identifiability, Identification, Markers, Objective, Search, identify,
+    rest,
+};
 use caudal::model::Dynamics;
 use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::{Document, Scene};
@@ -88,15 +91,15 @@ fn noisy(markers: &Markers, sigma: f64, seed: u64) -> Markers {
     noisy
 }
 
-fn found(scene: &Scene, markers: &Markers) -> Identified {
+fn found(scene: &Scene, markers: &Markers) -> Identification {
     let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-    identify(&mut dynamics, markers, &Table::of(scene).unwrap()).unwrap_or_else(|error| panic!("{error}"))
+    identify(&mut dynamics, markers, &DesignTable::of(scene).unwrap()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Root of the mean squared relative error over the joints.
-fn error(scene: &Scene, found: &Identified) -> f64 {
+fn error(scene: &Scene, found: &Identification) -> f64 {
     let rod = common::rod(scene);
-    let of = |joint: &caudal::design::identify::Joint| {
+    let of = |joint: &caudal::design::identify::JointEstimate| {
         let ei = rod.joint[joint.node] * rod.spacing * if joint.node == 0 { 0.5 } else { 1.0 };
         (joint.stiffness_n_m2 / ei - 1.0).powi(2)
     };
@@ -104,14 +107,17 @@ fn error(scene: &Scene, found: &Identified) -> f64 {
 }
 
 /// Relative errors and predicted standard deviations of the identified joints between ξ = 0.2 and 0.8, root mean squares.
-fn inner(scene: &Scene, found: &Identified) -> [f64; 2] {
+fn inner(scene: &Scene, found: &Identification) -> [f64; 2] {
     let rod = common::rod(scene);
-    let inner: Vec<_> =
-        found.joints.iter().filter(|j| (0.2..=0.8).contains(&j.xi) && j.verdict == Verdict::Identified).collect();
-    let rms = |of: &dyn Fn(&caudal::design::identify::Joint) -> f64| {
+    let inner: Vec<_> = found
+        .joints
+        .iter()
+        .filter(|j| (0.2..=0.8).contains(&j.xi) && j.verdict == Identifiability::Identified)
+        .collect();
+    let rms = |of: &dyn Fn(&caudal::design::identify::JointEstimate) -> f64| {
         (inner.iter().map(|joint| of(joint).powi(2)).sum::<f64>() / inner.len() as f64).sqrt()
     };
-    let ei = |joint: &caudal::design::identify::Joint| rod.joint[joint.node] * rod.spacing;
+    let ei = |joint: &caudal::design::identify::JointEstimate| rod.joint[joint.node] * rod.spacing;
     [rms(&|j| j.stiffness_n_m2 / ei(j) - 1.0), rms(&|j| j.deviation_n_m2 / ei(j))]
 }
 
@@ -147,12 +153,14 @@ fn stiffness_is_recovered_from_clean_and_noisy_markers() {
         for (sigma, measured) in NOISES.into_iter().zip(measured) {
             // Root mean squares over three noises.
             let seeds = if sigma == 0.0 { 1..2 } else { 1..4 };
-            let found: Vec<Identified> = seeds.map(|seed| self::found(&even, &noisy(&markers, sigma, seed))).collect();
-            let rms = |of: &dyn Fn(&Identified) -> f64| {
+            let found: Vec<Identification> =
+                seeds.map(|seed| self::found(&even, &noisy(&markers, sigma, seed))).collect();
+            let rms = |of: &dyn Fn(&Identification) -> f64| {
                 (found.iter().map(|found| of(found).powi(2)).sum::<f64>() / found.len() as f64).sqrt()
             };
             let (error, predicted) = (rms(&|found| inner(&scene, found)[0]), rms(&|found| inner(&scene, found)[1]));
-            let identified = found[0].joints.iter().filter(|joint| joint.verdict == Verdict::Identified).count();
+            let identified =
+                found[0].joints.iter().filter(|joint| joint.verdict == Identifiability::Identified).count();
             let (joints, all) = (found[0].joints.len(), rms(&|found| self::error(&scene, found)));
             println!(
                 "N {nodes} profile {profile} noise {sigma:e}: {error:.1e} predicted {predicted:.1e} ratio {:.2}, {identified} of {joints} identified, all {all:.1e}",
@@ -198,14 +206,14 @@ fn scene_with_even_profile(nodes: usize) -> Scene {
 fn shipped_markers_show_step_and_gain_and_name_what_is_missing() {
     let document = Document::read("models/design-identify.toml".as_ref()).unwrap();
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Identified(found) = &design.answer else { panic!("identified") };
+    let Answer::Identification(found) = &design.answer else { panic!("identified") };
     // The data were made with a gain of 0.93.
     assert!((found.actuation_gain.unwrap() / 0.93 - 1.0).abs() < 0.01);
     assert_eq!(found.missing.len(), 2);
     assert!(design.lines.iter().any(|line| line.contains("node 12 at t = 1.54 s")));
     let truth = |xi: f64| if xi < 0.55 { 1.6 - 0.4 * xi / 0.549 } else { 0.9 - 0.2 * (xi - 0.551) / 0.449 };
     let ei = common::rod(&document.scene().unwrap()).ei;
-    let identified: Vec<_> = found.joints.iter().filter(|joint| joint.verdict == Verdict::Identified).collect();
+    let identified: Vec<_> = found.joints.iter().filter(|joint| joint.verdict == Identifiability::Identified).collect();
     assert!(identified.len() >= 11);
     for joint in identified {
         let error = joint.stiffness_n_m2 / ei - truth(joint.xi);
@@ -217,8 +225,8 @@ fn shipped_markers_show_step_and_gain_and_name_what_is_missing() {
 fn the_stiffness_of_aluminium_neither_matters_nor_can_be_identified() {
     let document = Document::read("models/design-aluminium.toml".as_ref()).unwrap();
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Identified(found) = &design.answer else { panic!("identified") };
-    assert!(found.joints.iter().all(|joint| joint.verdict == Verdict::Unobservable), "{:?}", found.joints);
+    let Answer::Identification(found) = &design.answer else { panic!("identified") };
+    assert!(found.joints.iter().all(|joint| joint.verdict == Identifiability::Unobservable), "{:?}", found.joints);
     for words in ["cannot be identified", "stiffness does not matter here"] {
         assert!(design.lines.iter().any(|line| line.contains(words)), "{words}: {:?}", design.lines);
     }
@@ -228,7 +236,7 @@ fn the_stiffness_of_aluminium_neither_matters_nor_can_be_identified() {
 fn demands_that_exclude_each_other_are_named() {
     let scene = scene(EEL, &["design.bounds=[0.5, 1.0]", "design.mean=2.0", "solver.duration_s=2.0"]);
     let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-    let error = identify(&mut dynamics, &clean(&scene), &Table::of(&scene).unwrap()).unwrap_err().to_string();
+    let error = identify(&mut dynamics, &clean(&scene), &DesignTable::of(&scene).unwrap()).unwrap_err().to_string();
     assert!(
         error.contains("exclude each other") && error.contains("mean = 2") && error.contains("at most 1"),
         "{error}"
@@ -273,7 +281,7 @@ fn a_shape_at_rest_gives_its_stiffness_back() {
         let (_, state) = common::equilibrium(&hanging, &[0.0; 34], 1);
         let even = scene(EEL, &HANGING);
         let mut dynamics = Dynamics::new(Arc::new(even.model().unwrap()));
-        let found = rest(&mut dynamics, &state.q, &Table::of(&even).unwrap()).unwrap();
+        let found = rest(&mut dynamics, &state.q, &DesignTable::of(&even).unwrap()).unwrap();
         let rod = common::rod(&hanging);
         for (k, ei) in rod.joints().zip(&found.stiffness_n_m2) {
             let truth = rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 };
@@ -320,7 +328,7 @@ fn a_shape_against_its_loads_is_refused_node_by_node() {
         let (x, y) = (q[2 * k] - q[18], q[2 * k + 1] - q[19]);
         (q[2 * k], q[2 * k + 1]) = (q[18] + cos * x - sin * y, q[19] + sin * x + cos * y);
     }
-    let error = rest(&mut dynamics, &q, &Table::of(&hanging).unwrap()).unwrap_err().to_string();
+    let error = rest(&mut dynamics, &q, &DesignTable::of(&hanging).unwrap()).unwrap_err().to_string();
     assert!(error.contains("node 9 ") && !error.contains("node 8 ") && !error.contains("node 10 "), "{error}");
 }
 
@@ -342,7 +350,7 @@ fn a_hidden_profile_is_tracked_to_ten_micrometres() {
             let trajectory = Problem::of(&hidden).unwrap().simulate().unwrap();
             let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
             let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
-            let table = Table::of(&even).unwrap();
+            let table = DesignTable::of(&even).unwrap();
             let problem = Problem::of(&even).unwrap();
             let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
             let mut search = Search::new(&table, &objective, problem);
@@ -362,7 +370,7 @@ fn every_parameter(problem: &Problem) -> Vec<Parameter> {
 }
 
 /// The profile with parameter `j` of those moved by `by` of its size.
-fn profile_moved(profile: &Profile, j: usize, by: f64) -> Profile {
+fn profile_moved(profile: &DesignVector, j: usize, by: f64) -> DesignVector {
     let (mut moved, joints) = (profile.clone(), profile.amplitude.len());
     match j / joints {
         0 => moved.stiffness_n_m2[j] *= 1.0 + by,
@@ -385,14 +393,14 @@ fn objectives_have_the_derivatives_of_differences() {
         ];
         changes.extend((goal != "track-tip").then_some("design.direction=-x"));
         let scene = scene(EEL, &changes);
-        let table = Table::of(&scene).unwrap();
+        let table = DesignTable::of(&scene).unwrap();
         let mut problem = Problem::of(&scene).unwrap();
         let trajectory = Problem::of(&scene).unwrap().simulate().unwrap();
         let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
         let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
         let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
         let mut dice = Dice(5);
-        let mut profile = Profile::of(problem.stiffness());
+        let mut profile = DesignVector::of(problem.stiffness());
         profile.stiffness_n_m2.iter_mut().for_each(|ei| *ei *= dice.many(1, 0.7, 1.3)[0]);
         profile.amplitude = dice.many(7, 0.7, 1.3);
         profile.phase_rad = dice.many(7, -0.5, 0.5);
@@ -443,7 +451,7 @@ fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
                 document.set("design.phase_bounds_rad=[-1.5, 1.5]").unwrap();
             }
             let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-            let Answer::Found(found) = &design.answer else { panic!("found") };
+            let Answer::Search(found) = &design.answer else { panic!("found") };
             let first = found.history[0].objective;
             println!(
                 "{goal} {variables}: {first:.4e} to {:.4e} in {}, {:.0e}, active {}",
@@ -478,7 +486,7 @@ fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
 fn the_shipped_tip_is_met_to_the_rounding_of_its_data() {
     let document = Document::read("models/design-tip.toml".as_ref()).unwrap();
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     // Measured: 3.9e-8 m after 10 iterations; the data are rounded to 1e-7 m, 2.9e-8 m on the mean.
     println!("{:.1e} m after {}, {:.1e}", found.objective, found.history.len(), found.stationarity);
     assert!(found.converged && found.objective <= 5e-8 && found.history.len() <= 25);
@@ -501,7 +509,7 @@ fn a_tip_alone_is_a_target() {
         document.set(change).unwrap();
     }
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     assert!(found.objective < found.history[0].objective);
     assert_eq!(found.deviations.len(), 7);
     // A sample that no step ends at is named.
@@ -522,7 +530,7 @@ fn an_interrupted_search_keeps_the_best_so_far() {
         if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     let design = design.unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     assert!(found.interrupted && seen.len() == 4);
     assert!(found.objective >= seen.iter().copied().fold(f64::NEG_INFINITY, f64::max));
 }
@@ -536,7 +544,7 @@ fn searches_end_at_a_stationary_profile_that_holds_in_other_simulations() {
             document.set(change).unwrap();
         }
         let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-        let Answer::Found(found) = &design.answer else { panic!("found") };
+        let Answer::Search(found) = &design.answer else { panic!("found") };
         println!("{name}: {:?}", design.lines);
         assert!(found.converged && found.stationarity <= 1e-6, "{name}: {:e}", found.stationarity);
         let folder = tempfile::tempdir().unwrap();
@@ -571,7 +579,7 @@ fn efficiency_with_stiffness_amplitude_and_phase_of_every_joint_comes_to_1e_6_in
         document.set(change).unwrap();
     }
     let scene = document.scene().unwrap();
-    let table = Table::of(&scene).unwrap();
+    let table = DesignTable::of(&scene).unwrap();
     let problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, None).unwrap();
     let unknowns = 3 * problem.stiffness().len();

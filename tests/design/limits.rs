@@ -5,7 +5,7 @@
 use std::ops::ControlFlow;
 
 use caudal::cycle::MEASURES;
-use caudal::design::{Answer, Design, Found};
+use caudal::design::{Answer, Design, SearchResult};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::{Output, Problem, Quantity};
 
@@ -18,10 +18,10 @@ fn document(wanted: &str) -> Document {
     document
 }
 
-fn found(wanted: &str) -> Found {
+fn found(wanted: &str) -> SearchResult {
     let design =
         Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap_or_else(|e| panic!("{wanted}: {e}"));
-    let Answer::Found(found) = design.answer else { panic!("found") };
+    let Answer::Search(found) = design.answer else { panic!("found") };
     *found
 }
 
@@ -169,7 +169,7 @@ fn a_weaker_limit_is_kept_where_a_stronger_one_is() {
             document.set(change).unwrap();
         }
         let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-        let Answer::Found(found) = &design.answer else { panic!("found") };
+        let Answer::Search(found) = &design.answer else { panic!("found") };
         // The couples of the joints themselves.
         let rod = document.scene().unwrap().model().unwrap().rod;
         let mut problem = Problem::of(&document.scene().unwrap()).unwrap();

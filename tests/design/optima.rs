@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
-use caudal::design::{Answer, Design, Found};
+use caudal::design::{Answer, Design, SearchResult};
 use caudal::scene::Document;
 
 /// The largest value of `f` between `low` and `high`, by golden section, and where it is.
@@ -79,11 +79,11 @@ variables = ["actuation.kappa_amp"]
 starts = 2
 "#;
 
-fn found(scene: &str, changes: &[&str]) -> Found {
+fn found(scene: &str, changes: &[&str]) -> SearchResult {
     let mut document = Document::new("scene.toml", scene);
     changes.iter().for_each(|change| document.set(change).unwrap());
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = design.answer else { panic!("found") };
+    let Answer::Search(found) = design.answer else { panic!("found") };
     *found
 }
 

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use caudal::design::{Answer, Design, Found};
+use caudal::design::{Answer, Design, SearchResult};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 
@@ -23,8 +23,8 @@ fn document(folder: &Path, axes: &str, changes: &[&str]) -> Document {
     document
 }
 
-fn found(design: &Design) -> &Found {
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+fn found(design: &Design) -> &SearchResult {
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     found
 }
 

@@ -6,7 +6,7 @@ use crate::common;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use caudal::design::{Answer, Design, outline};
+use caudal::design::{Answer, Design, stl};
 use caudal::scene::Document;
 use caudal::sensitivity::Problem;
 use caudal::stepper::Stepper;
@@ -40,7 +40,7 @@ fn a_tolerance_costs_one_per_cent() {
     let folder = tempfile::tempdir().unwrap();
     design.write(folder.path()).unwrap().complete().unwrap();
     let text = std::fs::read_to_string(folder.path().join("eel-designed.toml")).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     assert!(found.tolerances.len() == 6, "{:?}", found.tolerances);
     let own = measured(&text, &[]);
     let scene = Document::new("designed.toml", &text[..]).scene().unwrap();
@@ -91,7 +91,7 @@ fn the_body_is_a_closed_surface_around_the_rod_s_volume() {
         (&[], 0.004),
     ] {
         let rod = rod(&document(changes).scene().unwrap());
-        let all = triangles(&outline::stl("body", &rod));
+        let all = triangles(&stl::stl("body", &rod));
         let mut edges: BTreeMap<[[u64; 3]; 2], i32> = BTreeMap::new();
         let bits = |x: [f64; 3]| x.map(|x| (x + 0.0).to_bits());
         let mut volume = 0.0;

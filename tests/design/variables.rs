@@ -5,7 +5,7 @@
 
 use std::ops::ControlFlow;
 
-use caudal::design::{Design, Objective, Profile, Table};
+use caudal::design::{Design, DesignTable, DesignVector, Objective};
 use caudal::fluid::laws::{LAWS, Reach};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::Problem;
@@ -67,7 +67,7 @@ fn every_variable(scene: &Scene) -> Vec<String> {
         let mut scene = scene.clone();
         let variables = toml::Value::Array(vec![toml::Value::String(key.clone())]);
         scene.design.as_mut().unwrap().insert("variables".into(), variables);
-        Table::of(&scene).is_ok()
+        DesignTable::of(&scene).is_ok()
     };
     keys.retain(allowed);
     keys
@@ -88,10 +88,14 @@ fn worst_of(mut document: Document, step: f64) -> (f64, usize, String) {
     let variables = every_variable(&document.scene().unwrap());
     document.set(&format!("design.variables={variables:?}")).unwrap();
     let scene = document.scene().unwrap();
-    let table = Table::of(&scene).unwrap();
+    let table = DesignTable::of(&scene).unwrap();
     let mut problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, None).unwrap().of_document(&document);
-    let own = Profile { numbers: table.own_numbers(), stiffness_n_m2: Vec::new(), ..Profile::of(problem.stiffness()) };
+    let own = DesignVector {
+        numbers: table.initial_numbers(),
+        stiffness_n_m2: Vec::new(),
+        ..DesignVector::of(problem.stiffness())
+    };
     let parameters: Vec<_> = table.numbers.iter().map(|number| number.by).collect();
     let (value, exact) = objective.derivatives(&mut problem, &own, &parameters).unwrap();
     let mut central = |i: usize, by: f64| {

@@ -6,7 +6,7 @@ use crate::common;
 use std::f64::consts::TAU;
 
 use caudal::design::{Answer, Design};
-use caudal::design::{Identified, Verdict};
+use caudal::design::{Identifiability, Identification};
 
 use caudal::linear_stability::{SteadyState, grows};
 use caudal::modes::{Modes, lowest, lowest_within};
@@ -54,21 +54,21 @@ fn markers(changes: &[&str], sigma: f64, seed: u64, spoil: impl Fn(&mut Vec<Vec<
 }
 
 /// What is identified in the scene `text` with `changes`, from markers in `folder`.
-fn identified(changes: &[&str], folder: &tempfile::TempDir) -> (Identified, Vec<String>) {
+fn identified(changes: &[&str], folder: &tempfile::TempDir) -> (Identification, Vec<String>) {
     let path = folder.path().join("scene.toml");
     let design = "[design]\ngoal = \"identify\"\ndata = \"data.csv\"\n";
     std::fs::write(&path, format!("{TAIL}{design}")).unwrap();
     let mut document = Document::read(&path).unwrap();
     changes.iter().for_each(|change| document.set(change).unwrap());
     let design = Design::of(&document, |_| std::ops::ControlFlow::Continue(())).unwrap();
-    let Answer::Identified(found) = design.answer else { panic!("no identification") };
+    let Answer::Identification(found) = design.answer else { panic!("no identification") };
     (found, design.lines)
 }
 
 /// Errors over deviations of the joints that are called identified.
-fn errors(found: &Identified, scene: &Scene) -> Vec<f64> {
+fn errors(found: &Identification, scene: &Scene) -> Vec<f64> {
     let rod = scene.model().unwrap().rod;
-    let joints = found.joints.iter().filter(|joint| joint.verdict == Verdict::Identified);
+    let joints = found.joints.iter().filter(|joint| joint.verdict == Identifiability::Identified);
     joints.map(|joint| (joint.stiffness_n_m2 - rod.joint_stiffness(joint.node)) / joint.deviation_n_m2).collect()
 }
 
@@ -461,7 +461,7 @@ fn a_fit_has_converged_where_only_what_the_data_do_not_know_goes_on() {
     water.iter().for_each(|change| document.set(change).unwrap());
     ["reactive.shedding=0.9", "rod.youngs_modulus_pa=7e5"].iter().for_each(|change| document.set(change).unwrap());
     let design = Design::of(&document, |_| std::ops::ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     println!(
         "{} {} after {}, {:.1e}: {:?}",
         found.converged,

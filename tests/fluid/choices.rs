@@ -4,14 +4,15 @@ use crate::common;
 
 use std::ops::ControlFlow;
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::fluid::range::oscillating;
 use caudal::head::Signal;
 use caudal::reduced::MotionAndPower;
-use caudal::run::{Summary, Verification};
+use caudal::report::Summary;
 use caudal::scene::Scene;
 use caudal::spectrum::Spectrum;
 use caudal::stepper::Stepper;
+use caudal::verification::Verification;
 use common::scene_of;
 
 /// A passive tail in water whose head heaves.

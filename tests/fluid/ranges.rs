@@ -4,11 +4,12 @@
 
 use crate::common;
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::fluid::laws::LAWS;
 use caudal::fluid::range::Scale;
 use caudal::regime::Across;
-use caudal::run::{Ending, Summary, run as run_scene};
+use caudal::report::Summary;
+use caudal::run::{Ending, run as run_scene};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
 use common::scene_of;

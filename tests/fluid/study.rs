@@ -10,7 +10,7 @@ use caudal::report::Findings;
 use caudal::rod::{Edge, node};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
-use caudal::study::{Desk, Fluid, Studied, Study};
+use caudal::study::{FluidOptions, Study, StudyOutcome, StudyRunner};
 use common::{claimed, scene_of};
 use nalgebra::Vector2;
 
@@ -19,19 +19,19 @@ const FISH: &str = include_str!("../../models/fish.toml");
 const SPERM: &str = include_str!("../../models/sperm.toml");
 const WORM: &str = include_str!("../../models/worm-over-a-wall.toml");
 
-fn study(scene: &Scene, folder: &Path, most: usize) -> Studied {
+fn study(scene: &Scene, folder: &Path, most: usize) -> StudyOutcome {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
-    let study = Study::Fluid(Fluid::default());
+    let study = Study::Fluid(FluidOptions::default());
     let held = claimed(&study, scene, folder);
-    study.make(scene, Desk::new(&held, &interrupted, &progress)).unwrap()
+    study.run(scene, StudyRunner::new(&held, &interrupted, &progress)).unwrap()
 }
 
 fn findings(scene: &Scene) -> Findings {
     let folder = tempfile::tempdir().unwrap();
     match study(scene, folder.path(), usize::MAX) {
-        Studied::Complete(findings) => findings,
-        Studied::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
+        StudyOutcome::Complete(findings) => findings,
+        StudyOutcome::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
     }
 }
 
@@ -165,9 +165,9 @@ fn an_interrupted_study_of_laws_goes_on_to_the_same_end() {
     let scene = scene_of(SPERM, &["solver.duration_s=0.05"]);
     let wanted = findings(&scene);
     let folder = tempfile::tempdir().unwrap();
-    let Studied::Interrupted(done, of) = study(&scene, folder.path(), 3) else { panic!("not interrupted") };
+    let StudyOutcome::Interrupted(done, of) = study(&scene, folder.path(), 3) else { panic!("not interrupted") };
     assert!(done >= 3 && done < of, "{done} of {of}");
-    let Studied::Complete(found) = study(&scene, folder.path(), usize::MAX) else { panic!("interrupted") };
+    let StudyOutcome::Complete(found) = study(&scene, folder.path(), usize::MAX) else { panic!("interrupted") };
     let untimed = |findings: &Findings| -> Vec<Vec<serde_json::Value>> {
         let columns = &findings.tables[0].columns;
         let kept = |row: &Vec<serde_json::Value>| {

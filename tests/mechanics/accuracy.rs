@@ -6,9 +6,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use caudal::integrator::{METHODS, Pace};
-use caudal::run::{Ending, Outcome, Summary};
+use caudal::report::Summary;
+use caudal::run::{Ending, Outcome};
 use caudal::scene::Scene;
-use caudal::study::{Accuracy, Desk, Studied, Study};
+use caudal::study::{AccuracyOptions, Study, StudyOutcome, StudyRunner};
 use common::{DRAG, STUDY, WAVE, all_scene_files, distance, run, scene, scene_of};
 
 /// The study's tail in a medium, its actuation grown over 0.25 s, by a method with steps of 0.5 s/`parts` and Newton's
@@ -105,20 +106,25 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
 }
 
 /// The findings of a small accuracy study, made in a folder of its own.
-fn study(text: &str, overrides: &[&str], asked: &Accuracy) -> caudal::report::Findings {
+fn study(text: &str, overrides: &[&str], asked: &AccuracyOptions) -> caudal::report::Findings {
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
     let (study, scene) = (Study::Accuracy(asked.clone()), scene_of(text, overrides));
     let held = common::claimed(&study, &scene, folder.path());
-    match study.make(&scene, Desk::new(&held, &interrupted, &progress)).unwrap() {
-        Studied::Complete(findings) => findings,
-        Studied::Interrupted(..) => panic!("nobody did"),
+    match study.run(&scene, StudyRunner::new(&held, &interrupted, &progress)).unwrap() {
+        StudyOutcome::Complete(findings) => findings,
+        StudyOutcome::Interrupted(..) => panic!("nobody did"),
     }
 }
 
 #[test]
 fn a_chaotic_scene_has_no_reference_and_no_errors() {
-    let asked = Accuracy { nodes: vec![9], steps: vec![1e-3, 5e-4], tolerances: vec![1e-3], ..Accuracy::default() };
+    let asked = AccuracyOptions {
+        nodes: vec![9],
+        steps: vec![1e-3, 5e-4],
+        tolerances: vec![1e-3],
+        ..AccuracyOptions::default()
+    };
     let findings = study(STUDY, &["solver.duration_s=1"], &asked);
     assert!(findings.answers[0].starts_with("No trajectory reference exists"), "{:?}", findings.answers);
     assert!(findings.tables.is_empty());
@@ -129,11 +135,11 @@ fn a_chaotic_scene_has_no_reference_and_no_errors() {
 #[test]
 fn a_smooth_scene_has_a_reference_errors_and_a_recommendation() {
     let smooth = include_str!("../../models/baseline-smooth.toml");
-    let asked = Accuracy {
+    let asked = AccuracyOptions {
         nodes: vec![9, 17, 33],
         steps: vec![1e-2, 5e-3, 2.5e-3, 1.25e-3],
         tolerances: vec![1e-3],
-        ..Accuracy::default()
+        ..AccuracyOptions::default()
     };
     let findings = study(smooth, &["solver.duration_s=0.5"], &asked);
     let own = findings.numbers["reference_9_nodes"]["displacement_error"].as_f64().unwrap();
@@ -147,8 +153,12 @@ fn a_smooth_scene_has_a_reference_errors_and_a_recommendation() {
 fn the_first_error_of_a_held_head_is_that_of_the_mean_force_on_it() {
     let driven = include_str!("../../models/driven-head.toml");
     let overrides = ["rod.nodes=9", "solver.duration_s=0.5"];
-    let asked =
-        Accuracy { nodes: vec![9], steps: vec![4e-3, 2e-3, 1e-3], tolerances: vec![1e-3], ..Accuracy::default() };
+    let asked = AccuracyOptions {
+        nodes: vec![9],
+        steps: vec![4e-3, 2e-3, 1e-3],
+        tolerances: vec![1e-3],
+        ..AccuracyOptions::default()
+    };
     let findings = study(driven, &overrides, &asked);
     let reference = &findings.numbers["reference_9_nodes"];
     assert!(reference["head_force_error"].as_f64().unwrap() < 1e-5, "{reference}"); // measured: 1.9e-6
@@ -181,7 +191,7 @@ fn methods_that_would_cost_more_than_all_others_are_left_out_by_name_as_are_thos
     // A wire as stiff in tension as steel: its explicit steps are ten thousand times the implicit ones.
     let wire = ["rod.youngs_modulus_pa=2e11", "actuation.kappa_amp=1e-3", "solver.duration_s=0.05", "rod.nodes=9"];
     let smooth = include_str!("../../models/baseline-smooth.toml");
-    let asked = Accuracy {
+    let asked = AccuracyOptions {
         nodes: vec![9],
         steps: vec![5e-3, 2.5e-3],
         tolerances: vec![1e-3],

@@ -8,7 +8,7 @@ use std::path::Path;
 use caudal::batch::{Batch, WIDTH};
 use caudal::fluid::laws::{LAWS, Reach};
 use caudal::integrator::METHODS;
-use caudal::run::{Beside, Ending, run, run_beside};
+use caudal::run::{BatchedRun, Ending, run, run_batched};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 
@@ -60,11 +60,11 @@ fn compare(scenes: &[Scene], what: &str) -> (u64, bool) {
             (stepper, ending)
         })
         .collect();
-    let mut runs: Vec<Beside<'_>> =
-        scenes.iter().map(|scene| Beside { scene, stepper: Stepper::of(scene).unwrap() }).collect();
+    let mut runs: Vec<BatchedRun<'_>> =
+        scenes.iter().map(|scene| BatchedRun { scene, stepper: Stepper::of(scene).unwrap() }).collect();
     let steppers: Vec<&Stepper> = runs.iter().map(|run| &run.stepper).collect();
     let taken = Batch::of(&steppers).is_some();
-    let outcomes = run_beside(&mut runs, |_, _| Ok(ControlFlow::Continue(())));
+    let outcomes = run_batched(&mut runs, |_, _| Ok(ControlFlow::Continue(())));
     for (i, ((run, outcome), (stepper, ending))) in runs.iter().zip(&outcomes).zip(&alone).enumerate() {
         assert_eq!(outcome.ending, *ending, "{what}, case {i}");
         assert_eq!(left(&run.stepper), left(stepper), "{what}, case {i}");
@@ -171,7 +171,7 @@ fn steps_are_solved_ahead_and_those_of_changed_inputs_are_not_taken() {
     let mut batch = Batch::of(&cases.each_ref()).unwrap();
     let changes = [("actuation_amplitude", 0.3), ("viscosity_pa_s", 0.7), ("force_y_n", 0.1)];
     for i in 0..60 {
-        batch.solve_ahead(&mut cases.each_mut().map(Some));
+        batch.presolve(&mut cases.each_mut().map(Some));
         if i == 9 {
             assert!(batch.steps() >= 18, "{} of 20 steps were solved ahead", batch.steps());
         }

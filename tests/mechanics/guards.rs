@@ -3,9 +3,10 @@
 use crate::common;
 use std::time::Duration;
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
+use caudal::report::Summary;
 use caudal::rod::node;
-use caudal::run::{Ending, Outcome, Summary};
+use caudal::run::{Ending, Outcome};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
 use common::{SOFT, STUDY, run_with, scene_of};

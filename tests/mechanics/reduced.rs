@@ -15,10 +15,10 @@ use caudal::integrator::Method;
 use caudal::newton::Newton;
 use caudal::reduced::comparison::{SeriesPoint, TimeSeries};
 use caudal::reduced::{ErrorMeasure, MODELS};
-use caudal::run::Verification;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
 use caudal::system::Direction;
+use caudal::verification::Verification;
 use common::{Dice, SOFT, STUDY, distance, largest, order, scene_of};
 
 const SMOOTH: &str = include_str!("../../models/baseline-smooth.toml");

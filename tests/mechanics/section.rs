@@ -4,7 +4,7 @@ use crate::common;
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::fluid::laws::{LAWS, Recipe, Takes};
 use caudal::modes::Modes;
 use caudal::rod::{Profile, Section, Sections, Shape};

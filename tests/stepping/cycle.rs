@@ -329,7 +329,7 @@ fn every_measure_is_in_the_summary_and_in_the_table_of_variables_and_tail_first_
     ] {
         let mut tail = Stepper::of(&scene).unwrap();
         let outcome = caudal::run::run(&scene, &mut tail, |_| Ok(std::ops::ControlFlow::Continue(())));
-        let summary = serde_json::to_value(caudal::run::Summary::of(&scene, &tail, &outcome, &[])).unwrap();
+        let summary = serde_json::to_value(caudal::report::Summary::of(&scene, &tail, &outcome, &[])).unwrap();
         assert_eq!(summary["swims"].as_str(), swims);
         for measure in MEASURES {
             let (mean, spread) = (&summary[measure.key], &summary[measure.spread]);

@@ -6,7 +6,7 @@ mod common;
 use std::f64::consts::TAU;
 use std::ffi::{c_int, c_void};
 
-use caudal::fmu::{Choice, Fmu, Standard};
+use caudal::fmu::{Fmu, FmuOptions, Standard};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use common::{Fmi2, Fmi3, Unpacked, document, reference, references2};
@@ -309,7 +309,7 @@ fn stiffness_and_drag_change_between_steps_and_the_motion_goes_on() {
 fn a_plain_fmu_has_every_entry_as_a_variable_of_its_own_and_shows_what_was_chosen() {
     let model = document("driven-head", &["rod.nodes=9"]);
     let names = ["head_y_m", "head_moment_n_m", "y_m", "force_y_n", "drag.ratio"].map(str::to_string).to_vec();
-    let choice = Choice { variables: Some(names), nodes: Some(vec![0, 8]), plain: true };
+    let choice = FmuOptions { variables: Some(names), nodes: Some(vec![0, 8]), plain: true };
     let three = Unpacked::with(&model, Standard::Fmi3, choice.clone());
     let fmi = Fmi3::of(&three);
     for there in ["name=\"y_m[8]\"", "name=\"force_y_n[0]\"", "name=\"drag.ratio\"", "name=\"time_s\""] {
@@ -332,18 +332,18 @@ fn a_plain_fmu_has_every_entry_as_a_variable_of_its_own_and_shows_what_was_chose
     assert_eq!(found, [stepper.get("y_m").unwrap()[8], 0.01]);
     unsafe { (fmi.free)(instance) };
     // FMI 2.0 of the same choice; arrays of FMI 3.0 have all nodes.
-    let two = Unpacked::with(&model, Standard::Fmi2, Choice { plain: false, ..choice.clone() });
+    let two = Unpacked::with(&model, Standard::Fmi2, FmuOptions { plain: false, ..choice.clone() });
     assert_eq!(two.description.matches("<ScalarVariable").count(), 7);
     let folder = tempfile::tempdir().unwrap();
-    let write = |choice: Choice| {
+    let write = |choice: FmuOptions| {
         let fmu = Fmu::of(&model)?.showing(choice)?;
         fmu.write(Standard::Fmi3, &[common::library_path()], &folder.path().join("a.fmu"))
     };
-    let error = write(Choice { plain: false, ..choice.clone() }).unwrap_err().to_string();
+    let error = write(FmuOptions { plain: false, ..choice.clone() }).unwrap_err().to_string();
     assert!(error.contains("FMI 2.0 or plain FMI 3.0"), "{error}");
-    let error = write(Choice { nodes: Some(vec![9]), ..choice.clone() }).unwrap_err().to_string();
+    let error = write(FmuOptions { nodes: Some(vec![9]), ..choice.clone() }).unwrap_err().to_string();
     assert!(error.contains("nodes 0 to 8"), "{error}");
-    let error = write(Choice { variables: Some(vec!["x_comm".to_string()]), ..choice }).unwrap_err().to_string();
+    let error = write(FmuOptions { variables: Some(vec!["x_comm".to_string()]), ..choice }).unwrap_err().to_string();
     assert!(error.contains("did you mean"), "{error}");
 }
 

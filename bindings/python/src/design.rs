@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use caudal::design::{Design, Elsewhere, Iteration, simulate};
+use caudal::design::{Design, DistributedDesign, SearchIteration, simulate};
 use caudal::report::Claim;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
+use crate::distributed::{JobHandle, lines};
 use crate::error::OrRaise;
-use crate::parts::{PartsAtWork, lines};
 use crate::scene::Scene;
 
 /// Designs what a scene's `[design]` asks for and writes its files: the content of design.json with the folder.
@@ -38,7 +38,7 @@ pub fn design<'py>(
 }
 
 /// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
-fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&Iteration, &mut Option<PyErr>) -> ControlFlow<()> {
+fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&SearchIteration, &mut Option<PyErr>) -> ControlFlow<()> {
     move |iteration, failure| {
         let told = Python::attach(|py| {
             py.check_signals()?;
@@ -55,7 +55,7 @@ fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&Iteration, &mut Option<Py
     }
 }
 
-/// What of a design workers elsewhere can do next; none where nothing is left.
+/// What of a design workers elsewhere can do next; `None` if nothing is left.
 #[pyfunction]
 #[pyo3(name = "_design_parts")]
 pub fn parts(
@@ -64,17 +64,17 @@ pub fn parts(
     out: Option<PathBuf>,
     force: bool,
     progress: Option<Py<PyAny>>,
-) -> PyResult<Option<PartsAtWork>> {
+) -> PyResult<Option<JobHandle>> {
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| Design::folder(scene));
     drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let (mut failure, mut tell) = (None, telling(progress));
-    let next = py.detach(|| Elsewhere::next(document, &folder, |iteration| tell(iteration, &mut failure)));
+    let next = py.detach(|| DistributedDesign::next(document, &folder, |iteration| tell(iteration, &mut failure)));
     match (next.or_raise(py)?, failure) {
         (_, Some(failure)) => Err(failure),
         (next, None) => Ok(next.map(|next| {
             let noun = next.noun();
-            PartsAtWork::new(next, noun, "_simulate", folder)
+            JobHandle::new(next, noun, "_simulate", folder)
         })),
     }
 }

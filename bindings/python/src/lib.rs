@@ -5,9 +5,9 @@
 
 mod attention;
 mod design;
+mod distributed;
 mod error;
 mod locks;
-mod parts;
 mod run;
 mod scene;
 mod simulation;
@@ -40,7 +40,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(sweep::held_descriptors, module)?)?;
     module.add_function(wrap_pyfunction!(sweep::cases, module)?)?;
     module.add_function(wrap_pyfunction!(study::study, module)?)?;
-    module.add_class::<parts::PartsAtWork>()?;
+    module.add_class::<distributed::JobHandle>()?;
     module.add_function(wrap_pyfunction!(study::runs_of, module)?)?;
     module.add_function(wrap_pyfunction!(study::runs, module)?)?;
     module.add_function(wrap_pyfunction!(design::parts, module)?)?;

@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use caudal::Error;
-use caudal::check::Assessment;
-use caudal::report::film::{Film, Motion};
-use caudal::report::picture::{self, Format};
-use caudal::report::trajectory::{Column, Trajectory};
+use caudal::assessment::Assessment;
+use caudal::report::Summary;
+use caudal::report::film::{FilmSettings, RodMotion};
+use caudal::report::picture::{self, PictureFormat};
+use caudal::report::trajectory::{TrajectoryColumn, TrajectoryTable};
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, Output, Owner};
-use caudal::run::{Ending, Summary};
+use caudal::report::{Claim, Folder, Owner, RunOutput};
+use caudal::run::Ending;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -43,9 +44,9 @@ pub fn run<'py>(
     if let Some(fault) = &assessment.refusal {
         return Err(exception(py, &document.error_at(fault)));
     }
-    let mut trajectory = Trajectory::start(scene, &stepper, record.as_deref()).or_raise(py)?;
+    let mut trajectory = TrajectoryTable::start(scene, &stepper, record.as_deref()).or_raise(py)?;
     let claim = Claim::forced(force);
-    let mut output = out.map(|folder| Output::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
+    let mut output = out.map(|folder| RunOutput::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
     let duration = scene.solver.duration_s.get();
     let tell = |py: Python<'_>, time: f64| match &progress {
         None => Ok(ControlFlow::Continue(())),
@@ -85,7 +86,7 @@ pub fn run<'py>(
         attention.failure.get_or_insert(failure);
     }
     let (variables, arrays) = (PyDict::new(py), PyDict::new(py));
-    for Column { variable, nodes, values } in trajectory.into_columns() {
+    for TrajectoryColumn { variable, nodes, values } in trajectory.into_columns() {
         variables.set_item(variable.name, Variable::of(py, variable, stepper.model())?)?;
         let rows = values.len() / nodes.len();
         let array = PyArray1::from_vec(py, values); // takes the memory over
@@ -129,7 +130,7 @@ pub fn write_vtk(
             Size::Nodes => scene.recorded_nodes(),
             Size::Scalar | Size::Joints => variable.entries(&model).collect(),
         };
-        columns.push(Column { variable, nodes, values: array.as_array().iter().copied().collect() });
+        columns.push(TrajectoryColumn { variable, nodes, values: array.as_array().iter().copied().collect() });
     }
     let written = py.detach(|| {
         let mut folder = Folder::export(&folder, Owner::of("export", scene), Claim::Own)?;
@@ -149,8 +150,8 @@ pub fn pictures(
     out: PathBuf,
 ) -> PyResult<Vec<PathBuf>> {
     let format = |name: &String| match name.as_str() {
-        "png" => Ok(Format::Png),
-        "pdf" => Ok(Format::Pdf),
+        "png" => Ok(PictureFormat::Png),
+        "pdf" => Ok(PictureFormat::Pdf),
         _ => Err(PyValueError::new_err(format!("found {name:?}; allowed: \"png\", \"pdf\""))),
     };
     let formats = formats.iter().map(format).collect::<PyResult<Vec<_>>>()?;
@@ -173,8 +174,8 @@ pub fn write_film(
     let (per_second, speed, sharpness, window) = look;
     let mut attention = Attention::new();
     let written = py.detach(|| {
-        let motion = Motion { name, times: &times, x: &positions[0], y: &positions[1] };
-        let film = Film { per_second, speed, sharpness, window };
+        let motion = RodMotion { name, times: &times, x: &positions[0], y: &positions[1] };
+        let film = FilmSettings { per_second, speed, sharpness, window };
         film.write(&path, &motion, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::fmu::{Fmu, Standard};
 use caudal::scene::Document;
 use pyo3::exceptions::PyValueError;

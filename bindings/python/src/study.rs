@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use caudal::report::{Claim, Findings};
-use caudal::study::{Desk, Runs, Studied, Study, keep, make_runs};
+use caudal::study::{DistributedStudy, Study, StudyOutcome, StudyRunner, make_runs, write_findings};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::attention::Progress;
+use crate::distributed::{JobHandle, lines};
 use crate::error::OrRaise;
-use crate::parts::{PartsAtWork, lines};
 use crate::scene::Scene;
 use crate::values::plain;
 
@@ -20,7 +20,7 @@ fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
     pythonize::depythonize(&plain(study)?).map_err(|error| PyTypeError::new_err(error.to_string()))
 }
 
-/// The runs that a study needs next, for workers elsewhere; none where all are there.
+/// The runs that a study needs next, for workers elsewhere; `None` if all are there.
 #[pyfunction]
 #[pyo3(name = "_runs_of")]
 pub fn runs_of(
@@ -29,13 +29,13 @@ pub fn runs_of(
     study: &Bound<'_, PyDict>,
     out: Option<PathBuf>,
     force: bool,
-) -> PyResult<Option<PartsAtWork>> {
+) -> PyResult<Option<JobHandle>> {
     let Scene { scene, document, .. } = scene.get();
     let study = asked(study)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
     drop(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
-    let runs = py.detach(|| Runs::of(&study, document, &folder)).or_raise(py)?;
-    Ok(runs.map(|runs| PartsAtWork::new(runs, "run", "_runs", folder)))
+    let runs = py.detach(|| DistributedStudy::of(&study, document, &folder)).or_raise(py)?;
+    Ok(runs.map(|runs| JobHandle::new(runs, "run", "_runs", folder)))
 }
 
 /// Makes runs of a study that came in a parcel, one after the other: their lines, and the time that each took (s).
@@ -66,15 +66,15 @@ pub fn study<'py>(
     let told = Progress::default();
     let tell = |done: usize, of: usize| told.reach(done, of);
     let held = Mutex::new(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?);
-    let desk = Desk::new(&held, &told.interrupted, &tell);
-    let findings = match told.watch(py, progress.as_ref(), || study.make(scene, desk))?.or_raise(py)? {
-        Studied::Complete(findings) => findings,
-        Studied::Interrupted(done, of) => {
+    let runner = StudyRunner::new(&held, &told.interrupted, &tell);
+    let findings = match told.watch(py, progress.as_ref(), || study.run(scene, runner))?.or_raise(py)? {
+        StudyOutcome::Complete(findings) => findings,
+        StudyOutcome::Interrupted(done, of) => {
             return Err(PyRuntimeError::new_err(format!("interrupted after {done} of {of} runs")));
         }
     };
     let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
-    py.detach(|| keep(&findings, &mut held, &scene.name, document)?.complete()).or_raise(py)?;
+    py.detach(|| write_findings(&findings, &mut held, &scene.name, document)?.complete()).or_raise(py)?;
     told.tell(py, progress.as_ref())?;
     let Findings { subject, answers, numbers, figures, tables, .. } = findings;
     let content = PyDict::new(py);

@@ -7,15 +7,15 @@ use std::sync::{Arc, Mutex};
 use caudal::jobs::{Job, Journal, cores};
 use caudal::report::{Claim, Folder};
 use caudal::scene::Files;
-use caudal::sweep::{Fresh, Results, Sweep, Unpacked, run as run_cases};
+use caudal::sweep::{RecentResults, Sweep, SweepResults, SweepWorker, run as run_cases};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::attention::Progress;
+use crate::distributed::lines;
 use crate::error::OrRaise;
 use crate::locks::{lock, lock_detached};
-use crate::parts::lines;
 use crate::values::to_toml;
 
 /// A sweep at work, with the journal in its folder.
@@ -30,7 +30,7 @@ pub struct SweepAtWork {
     /// None once the results are made of it.
     journal: Mutex<Option<Journal>>,
     /// Rows of cases that ran here.
-    fresh: Mutex<Fresh>,
+    fresh: Mutex<RecentResults>,
 }
 
 impl SweepAtWork {
@@ -128,7 +128,7 @@ impl SweepAtWork {
 
     /// All that a worker elsewhere needs to run its cases.
     fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = self.sweep.parcel().and_then(|parcel| parcel.bytes()).or_raise(py)?;
+        let bytes = self.sweep.bundle().and_then(|bundle| bundle.bytes()).or_raise(py)?;
         Ok(PyBytes::new(py, &bytes))
     }
 
@@ -177,7 +177,7 @@ impl SweepAtWork {
         let results = py.detach(|| {
             journal.sync()?;
             let fresh = std::mem::take(&mut *lock_detached(&self.fresh));
-            let results = Results::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
+            let results = SweepResults::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
             let mut held = lock_detached(&self.held);
             held.hold_again()?;
             let written = results.write(&mut held);
@@ -215,7 +215,7 @@ pub fn held_descriptors() -> Vec<i32> {
 }
 
 /// The sweep that this process ran cases of last, by the parcel that it came in.
-static UNPACKED: Mutex<Option<(Vec<u8>, Arc<Unpacked>)>> = Mutex::new(None);
+static UNPACKED: Mutex<Option<(Vec<u8>, Arc<SweepWorker>)>> = Mutex::new(None);
 
 /// Runs cases of a sweep that came in a parcel, one after the other; their lines, and the time that each took (s).
 #[pyfunction]
@@ -230,7 +230,7 @@ pub fn cases<'py>(
         let sweep = match known.filter(|(bytes, _)| bytes == parcel) {
             Some((_, sweep)) => sweep,
             None => {
-                let sweep = Arc::new(Unpacked::read(parcel)?);
+                let sweep = Arc::new(SweepWorker::read(parcel)?);
                 let known = Some((parcel.to_vec(), sweep.clone()));
                 *lock_detached(&UNPACKED) = known;
                 sweep

@@ -2,38 +2,38 @@
 
 use serde_json::{Value, json};
 
-use super::reference::Results;
-use super::words::{Report, Row};
+use super::explanations::{AccuracyReport, AccuracyRow};
+use super::reference::RunResults;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
-use crate::study::trial::{SHOWN, Trial};
+use crate::study::study_run::{StudyRun, TABLE_MEASURES};
 
-/// An error is shown down to this multiple of the reference's own.
-const TRUSTED: f64 = 2.0;
+/// Errors are shown down to this multiple of the reference's own error.
+const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
 
-impl Report<'_> {
+impl AccuracyReport<'_> {
     pub(super) fn charts(
         &self,
-        rows: &[Row<'_>],
-        limit: Option<&(Results, [f64; 3], f64)>,
+        rows: &[AccuracyRow<'_>],
+        limit: Option<&(RunResults, [f64; 3], f64)>,
         findings: &mut Findings,
     ) -> Result<()> {
         let nodes = self.nodes();
         let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
-        type Cost = fn(&Trial) -> f64;
+        type Cost = fn(&StudyRun) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
-            ("time", "processor time (s)", |trial| trial.processor_s),
-            ("work", "linear solves", |trial| trial.factorisations as f64),
+            ("time", "processor time (s)", |run| run.processor_s),
+            ("work", "linear solves", |run| run.factorisations as f64),
         ];
         for (i, (quantity, key)) in self.quantities().iter().map(|quantity| (quantity.name, quantity.key)).enumerate() {
-            let floor = reference.map_or(0.0, |reference| TRUSTED * reference.errors[i]);
+            let floor = reference.map_or(0.0, |reference| MIN_ERROR_OVER_REFERENCE * reference.errors[i]);
             for (file, label, cost) in &costs {
                 let mut series: Vec<Series> = Vec::new();
                 for row in self.on(rows, nodes) {
                     let Some(error) = row.time.map(|e| e[i]).filter(|e| *e > floor && *e < 10.0) else { continue };
-                    let point = (cost(row.trial), error);
+                    let point = (cost(row.run), error);
                     if point.0 <= 0.0 {
                         continue; // a model that solves no equations
                     }
@@ -71,14 +71,14 @@ impl Report<'_> {
         Ok(())
     }
 
-    /// The level of what the fluid's law leaves open in quantity `i`.
+    /// The uncertainty of the fluid's law in quantity `i`, as a level line.
     fn law_level(&self, i: usize) -> Option<(String, f64)> {
         let (name, errors) = self.law()?;
         Some((format!("law of the fluid, {name}"), errors[i]?))
     }
 
-    /// Error of the first quantity by the steps, one line per method, and by each mesh, as level lines.
-    fn decomposition(&self, rows: &[Row<'_>], limit: &Results) -> Chart {
+    /// Error of the first quantity due to the steps, one line per method, and due to each mesh, as level lines.
+    fn decomposition(&self, rows: &[AccuracyRow<'_>], limit: &RunResults) -> Chart {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
@@ -104,8 +104,8 @@ impl Report<'_> {
         }
     }
 
-    /// For every method the cheapest step to each target on the scene's own mesh.
-    pub(super) fn recommended(&self, rows: &[Row<'_>]) -> Table {
+    /// For each method the cheapest step for each target error, on the scene's own mesh.
+    pub(super) fn recommended(&self, rows: &[AccuracyRow<'_>]) -> Table {
         let nodes = self.nodes();
         let mut curves: Vec<String> = Vec::new();
         for row in self.on(rows, nodes) {
@@ -122,7 +122,7 @@ impl Report<'_> {
                 let of: Vec<_> = of.collect();
                 for target in targets {
                     let found = self.cheapest(of.iter().copied(), |row| row.time.map(|e| e[i]), target);
-                    line.push(found.map_or(Value::Null, |row| json!(row.trial.factorisations)));
+                    line.push(found.map_or(Value::Null, |row| json!(row.run.factorisations)));
                 }
                 out.push(line);
             }
@@ -136,30 +136,30 @@ impl Report<'_> {
         }
     }
 
-    pub(super) fn table(&self, rows: &[Row<'_>]) -> Table {
+    pub(super) fn table(&self, rows: &[AccuracyRow<'_>]) -> Table {
         let [first, _, energy] = self.quantities();
         let errors = |kind: &str| self.quantities().map(|quantity| format!("{kind}_error_{}", quantity.key));
         let columns: Vec<String> = ["model", "integrator", "time_step_s", "tolerance", "nodes"]
             .into_iter()
-            .chain(Trial::COSTS)
+            .chain(StudyRun::COSTS)
             .chain(first.columns.iter().chain(energy.columns).copied())
-            .chain(SHOWN.map(|measure| measure.key))
+            .chain(TABLE_MEASURES.map(|measure| measure.key))
             .map(str::to_string)
             .chain(["time", "total"].into_iter().flat_map(errors))
             .chain(["failure".to_string()])
             .collect();
-        let line = |row: &Row<'_>| {
-            let (trial, recipe) = (row.trial, &row.case.recipe);
+        let line = |row: &AccuracyRow<'_>| {
+            let (run, recipe) = (row.run, &row.case.recipe);
             let (step, tolerance) = match row.case.pace {
                 Pace::Fixed(step) => (json!(step), Value::Null),
                 Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };
             let done = row.time.is_some();
-            let found = Results::of(trial).first.into_iter().take(first.columns.len()).chain([trial.work_in]);
-            let found = found.map(Some).chain(trial.cycles).map(|value| json!(value.filter(|_| done)));
+            let found = RunResults::of(run).first.into_iter().take(first.columns.len()).chain([run.work_in]);
+            let found = found.map(Some).chain(run.cycles).map(|value| json!(value.filter(|_| done)));
             let errors =
                 [row.time, row.total].into_iter().flat_map(|errors| [0, 1, 2].map(|i| json!(errors.map(|e| e[i]))));
-            let failure = match &trial.failure {
+            let failure = match &run.failure {
                 Some((_, _, reason)) => json!(reason),
                 None if done => Value::Null,
                 None => json!("its energy grew without bound"),
@@ -171,14 +171,14 @@ impl Report<'_> {
                 tolerance,
                 json!(row.case.nodes),
             ];
-            line.extend(trial.costs().into_iter().chain(found).chain(errors).chain([failure]));
+            line.extend(run.costs().into_iter().chain(found).chain(errors).chain([failure]));
             line
         };
         Table { file: "accuracy.csv", title: "All runs", rows: rows.iter().map(line).collect(), columns }
     }
 }
 
-/// Level lines across a chart of `series`, with their names at a quarter of its width.
+/// Level lines across a chart of `series`, labelled at a quarter of its width.
 fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));

@@ -1,42 +1,47 @@
-//! Results of runs, their errors, and the references that errors are measured against.
+//! Reference solutions by two independent methods (ESDIRK3; generalized-α with Richardson extrapolation), and errors against them.
 
-use super::{MANNER, SAMPLES};
-use crate::study::trial::Trial;
+use crate::study::study_run::{RunOptions, StudyRun};
 
-/// The part of the mean modulus of a force that errors of its mean are relative to where the mean is smaller.
-const MEAN: f64 = 1e-3;
+/// Samples of the tip's path.
+pub const SAMPLES: usize = 500;
 
-/// The part of the tip's path that errors of a displacement are relative to where the displacement is smaller.
-const PATH: f64 = 1e-5;
+/// Options of the study's runs.
+pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, halving: true, timed: true };
 
-/// What runs are compared by, see [`quantities`](super::quantities).
+/// Errors of a mean force are relative to at least this fraction of the mean modulus.
+const MIN_MEAN_FORCE: f64 = 1e-3;
+
+/// Errors of a displacement are relative to at least this fraction of the tip's path.
+const MIN_DISPLACEMENT: f64 = 1e-5;
+
+/// The results by which runs are compared, see [`quantities`](super::quantities::quantities).
 #[derive(Debug, Clone)]
-pub struct Results {
-    /// Net displacement (m) along x and nothing, or mean force (N) on a held head along x and y.
+pub struct RunResults {
+    /// Net displacement (m) along x, and zero; or mean force (N) on a held head along x and y.
     pub first: [f64; 2],
-    /// Errors of it are relative to no less than this.
+    /// Least reference value for its relative errors.
     least: f64,
     pub tip: Vec<[f64; 2]>,
-    /// How far the tip goes, m.
+    /// Extent of the tip's path, m.
     travel: f64,
     pub work: f64,
-    /// Largest |work| of the run: what errors of the work are compared with.
+    /// Largest |work| of the run, to which errors of the work are relative.
     pub largest_work: f64,
 }
 
-impl Results {
-    pub fn of(trial: &Trial) -> Self {
+impl RunResults {
+    pub fn of(run: &StudyRun) -> Self {
         Self {
-            first: trial.head_force.map_or([trial.displacement[0], 0.0], |(mean, _)| mean),
-            least: trial.head_force.map_or(PATH * trial.travel(), |(_, modulus)| MEAN * modulus),
-            travel: trial.travel(),
-            tip: trial.tip.iter().copied().take(SAMPLES + 1).collect(),
-            work: trial.work_in,
-            largest_work: trial.largest_work_in,
+            first: run.head_force.map_or([run.displacement[0], 0.0], |(mean, _)| mean),
+            least: run.head_force.map_or(MIN_DISPLACEMENT * run.travel(), |(_, modulus)| MIN_MEAN_FORCE * modulus),
+            travel: run.travel(),
+            tip: run.tip.iter().copied().take(SAMPLES + 1).collect(),
+            work: run.work_in,
+            largest_work: run.largest_work_in,
         }
     }
 
-    /// fine + (fine − coarse)/(ratio − 1).
+    /// Richardson extrapolation: fine + (fine − coarse)/(ratio − 1).
     pub fn extrapolated(coarse: &Self, fine: &Self, ratio: f64) -> Self {
         let to = |c: f64, f: f64| f + (f - c) / (ratio - 1.0);
         let tips = coarse.tip.iter().zip(&fine.tip);
@@ -50,12 +55,12 @@ impl Results {
         }
     }
 
-    /// The distance of the first quantity from the other's.
+    /// Distance of the first quantity between two results.
     pub fn apart(&self, other: &Self) -> f64 {
         (self.first[0] - other.first[0]).hypot(self.first[1] - other.first[1])
     }
 
-    /// The first quantity in words.
+    /// The first quantity as text.
     pub fn first_in_words(&self, held: bool) -> String {
         let [x, y] = self.first;
         if held { format!("mean head force ({x:.9e}, {y:.9e}) N") } else { format!("displacement {x:.9e} m") }
@@ -77,19 +82,19 @@ impl Results {
 
 /// A reference and its own relative errors.
 pub struct Reference {
-    pub result: Results,
+    pub result: RunResults,
     pub errors: [f64; 3],
 }
 
 impl Reference {
-    /// From runs of both methods with two steps each; `None` where one of them failed.
-    pub fn of(trials: &[Trial]) -> Option<Self> {
-        let [first, second, coarse, fine] = trials else { return None };
-        if !trials.iter().all(|trial| trial.is_complete(MANNER)) {
+    /// From runs of both methods with two steps each; `None` if one of them failed.
+    pub fn of(runs: &[StudyRun]) -> Option<Self> {
+        let [first, second, coarse, fine] = runs else { return None };
+        if !runs.iter().all(|run| run.is_complete(RUN_OPTIONS)) {
             return None;
         }
-        let [first, second, coarse, fine] = [first, second, coarse, fine].map(Results::of);
-        let other = Results::extrapolated(&coarse, &fine, 4.0);
+        let [first, second, coarse, fine] = [first, second, coarse, fine].map(RunResults::of);
+        let other = RunResults::extrapolated(&coarse, &fine, 4.0);
         let [own, others] = [first.errors(&second), other.errors(&second)];
         let errors = std::array::from_fn(|i| f64::max(own[i], others[i]));
         Some(Self { result: second, errors })

@@ -1,23 +1,23 @@
-//! Error against cost, forces by what they come from, and the swimmers side by side.
+//! Figures: error against cost, forces by source, and an animation of all models.
 
-use super::swim::{PHASES, Part};
-use super::words::{Report, Row};
+use super::explanations::{FluidModelRow, FluidReport};
+use super::model_run::{ForceBreakdown, PHASES};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
-use crate::report::{Findings, Frame, Motion};
+use crate::report::{Animation, Findings, Frame};
 use crate::words::percent;
 
-/// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
-const LANE: f64 = 1.15;
-const NARROWEST: f64 = 0.2;
+/// Width of a lane of the animation over the widest motion, and its least width over the length.
+const LANE_WIDTH: f64 = 1.15;
+const MIN_LANE_WIDTH: f64 = 0.2;
 
-impl Report<'_> {
-    pub(super) fn charts(&self, rows: &[Row<'_>], findings: &mut Findings) {
+impl FluidReport<'_> {
+    pub(super) fn charts(&self, rows: &[FluidModelRow<'_>], findings: &mut Findings) {
         let Some(reference) = rows.iter().find(|row| row.is_reference) else { return };
-        let uncertain = reference.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
+        let uncertain = reference.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         for (i, what) in [self.motion(), "power"].into_iter().enumerate() {
             let shown = rows.iter().filter_map(|row| {
                 let error = row.differences?[i].abs();
-                (!row.is_reference && error > 0.0).then(|| (row.rung.to_string(), row.swim.trial.processor_s, error))
+                (!row.is_reference && error > 0.0).then(|| (row.model.to_string(), row.swim.run.processor_s, error))
             });
             let mut series: Vec<Series> =
                 shown.map(|(name, cost, error)| Series::new(name, vec![(cost, error)], Mark::Dots)).collect();
@@ -25,11 +25,11 @@ impl Report<'_> {
                 continue;
             }
             if let Some(level) = uncertain.map(|both| both[i]) {
-                let costs = || rows.iter().map(|row| row.swim.trial.processor_s).filter(|cost| *cost > 0.0);
+                let costs = || rows.iter().map(|row| row.swim.run.processor_s).filter(|cost| *cost > 0.0);
                 let (low, high) = (0.7 * costs().fold(f64::INFINITY, f64::min), 1.4 * costs().fold(0.0, f64::max));
                 series.push(Series::new(
-                    reference.rung.to_string(),
-                    vec![(reference.swim.trial.processor_s, level)],
+                    reference.model.to_string(),
+                    vec![(reference.swim.run.processor_s, level)],
                     Mark::Dots,
                 ));
                 let name = format!("published uncertainty ±{}", percent(level));
@@ -45,35 +45,39 @@ impl Report<'_> {
             );
             let caption = format!(
                 "Difference of the {what} from {} against the time that the run takes, one dot per law; {} itself stands at what it is uncertain by. Dots below the level differ by less than that.",
-                reference.rung, reference.rung
+                reference.model, reference.model
             );
             findings.figures.push(Figure::new(format!("{what}-time.svg"), caption, chart.svg()));
         }
-        let own = rows.iter().find(|row| row.rung.own && !row.is_reference && !row.swim.parts.is_empty());
+        let own = rows.iter().find(|row| row.model.own && !row.is_reference && !row.swim.parts.is_empty());
         for (row, file) in [(Some(reference), "reference"), (own, "own")] {
             let Some(row) = row else { continue };
             self.forces(row, file, findings);
         }
     }
 
-    /// Forces of a row by what they come from.
-    fn forces(&self, row: &Row<'_>, file: &str, findings: &mut Findings) {
-        let whose = if row.rung.own { format!("{}, the scene's own", row.rung) } else { row.rung.to_string() };
-        let mut figure =
-            |name: &str, title: &str, x: &str, y: &str, caption: &str, of: &dyn Fn(&Part) -> Vec<(f64, f64)>| {
-                let mut series: Vec<Series> =
-                    row.swim.parts.iter().map(|part| Series::new(part.name.clone(), of(part), Mark::Line)).collect();
-                series.retain(|series| series.points.iter().any(|point| point.1 != 0.0));
-                if series.is_empty() {
-                    return;
-                }
-                let chart = Chart::new(format!("{title}: {whose}"), x, y, Scale::Linear, series);
-                findings.figures.push(Figure::new(
-                    format!("{name}-{file}.svg"),
-                    format!("{caption} ({whose})."),
-                    chart.svg(),
-                ));
-            };
+    /// Forces of a model by their source.
+    fn forces(&self, row: &FluidModelRow<'_>, file: &str, findings: &mut Findings) {
+        let whose = if row.model.own { format!("{}, the scene's own", row.model) } else { row.model.to_string() };
+        let mut figure = |name: &str,
+                          title: &str,
+                          x: &str,
+                          y: &str,
+                          caption: &str,
+                          of: &dyn Fn(&ForceBreakdown) -> Vec<(f64, f64)>| {
+            let mut series: Vec<Series> =
+                row.swim.parts.iter().map(|part| Series::new(part.name.clone(), of(part), Mark::Line)).collect();
+            series.retain(|series| series.points.iter().any(|point| point.1 != 0.0));
+            if series.is_empty() {
+                return;
+            }
+            let chart = Chart::new(format!("{title}: {whose}"), x, y, Scale::Linear, series);
+            findings.figures.push(Figure::new(
+                format!("{name}-{file}.svg"),
+                format!("{caption} ({whose})."),
+                chart.svg(),
+            ));
+        };
         let at = |values: &[f64]| -> Vec<(f64, f64)> {
             let last = values.len().saturating_sub(1).max(1) as f64;
             values.iter().enumerate().map(|(k, y)| (k as f64 / last, *y)).collect()
@@ -104,19 +108,19 @@ impl Report<'_> {
         );
     }
 
-    /// All swimmers that came to their end, each on a lane of its own.
-    pub(super) fn motions(rows: &[Row<'_>]) -> Option<Box<(Motion, String)>> {
-        let mut swam: Vec<&Row<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
+    /// An animation of all completed runs, each on its own lane.
+    pub(super) fn motions(rows: &[FluidModelRow<'_>]) -> Option<Box<(Animation, String)>> {
+        let mut swam: Vec<&FluidModelRow<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
         swam.sort_by_key(|row| !row.is_reference);
         let frames = swam.iter().map(|row| row.swim.frames.len()).min()?;
-        let heights = |row: &&&Row<'_>| {
+        let heights = |row: &&&FluidModelRow<'_>| {
             let ys = || row.swim.frames.iter().flat_map(|frame| &frame.points).map(|point| point[1]);
             ys().fold(f64::NEG_INFINITY, f64::max) - ys().fold(f64::INFINITY, f64::min)
         };
         let first = &swam.first()?.swim.frames[0].points;
         let length: f64 = first.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum();
-        let lane = swam.iter().map(|row| heights(&row)).fold(NARROWEST * length, f64::max) * LANE;
-        let on_lane = |i: usize, row: &Row<'_>| -> Vec<Frame> {
+        let lane = swam.iter().map(|row| heights(&row)).fold(MIN_LANE_WIDTH * length, f64::max) * LANE_WIDTH;
+        let on_lane = |i: usize, row: &FluidModelRow<'_>| -> Vec<Frame> {
             let down = i as f64 * lane;
             let mut frames = row.swim.frames[..frames].to_vec();
             for frame in &mut frames {
@@ -125,8 +129,8 @@ impl Report<'_> {
             }
             frames
         };
-        let names: Vec<String> = swam.iter().map(|row| row.rung.to_string()).collect();
-        let motion = Motion::of(&on_lane(0, swam[0]));
+        let names: Vec<String> = swam.iter().map(|row| row.model.to_string()).collect();
+        let motion = Animation::of(&on_lane(0, swam[0]));
         let motion =
             swam.iter().enumerate().skip(1).fold(motion, |motion, (i, row)| motion.beside(&names[i], &on_lane(i, row)));
         let shown = format!(

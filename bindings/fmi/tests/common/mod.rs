@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::ptr::{null, null_mut};
 use std::sync::Mutex;
 
-use caudal::fmu::{Catalogue, Choice, Fmu, Standard, Target};
+use caudal::fmu::{Catalogue, Fmu, FmuOptions, Standard, Target};
 use caudal::scene::Document;
 use caudal::variable::VARIABLES;
 use libloading::Library;
@@ -59,11 +59,11 @@ pub struct Unpacked {
 
 impl Unpacked {
     pub fn of(document: &Document, standard: Standard) -> Self {
-        Self::with(document, standard, Choice::default())
+        Self::with(document, standard, FmuOptions::default())
     }
 
     /// One that shows what `choice` takes.
-    pub fn with(document: &Document, standard: Standard, choice: Choice) -> Self {
+    pub fn with(document: &Document, standard: Standard, choice: FmuOptions) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("chosen.fmu");
         Fmu::of(document).unwrap().showing(choice).unwrap().write(standard, &[library_path()], &path).unwrap();

@@ -1,0 +1,85 @@
+//! Jobs whose parts run on workers (Dask): the starts and checks of designs, the runs of studies.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use caudal::distributed::DistributableJob;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::error::OrRaise;
+use crate::locks::lock;
+
+/// A job at work, with what is known of its parts in its folder.
+#[pyclass(module = "caudal._caudal", name = "_Parts", frozen)]
+pub struct JobHandle {
+    /// Where what comes back is kept.
+    #[pyo3(get)]
+    folder: PathBuf,
+    /// What a part is called.
+    #[pyo3(get)]
+    noun: &'static str,
+    /// What does them on a worker: a function of this module.
+    #[pyo3(get)]
+    worker: &'static str,
+    /// Number of parts.
+    #[pyo3(get)]
+    size: usize,
+    /// None once it is closed.
+    parts: Mutex<Option<Box<dyn DistributableJob>>>,
+}
+
+impl JobHandle {
+    /// `parts`, each called `noun`, that `worker` does and that are kept in `folder`.
+    pub fn new(
+        parts: impl DistributableJob + 'static,
+        noun: &'static str,
+        worker: &'static str,
+        folder: PathBuf,
+    ) -> Self {
+        Self { folder, noun, worker, size: parts.count(), parts: Mutex::new(Some(Box::new(parts))) }
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut dyn DistributableJob) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
+        let mut parts = lock(py, &self.parts);
+        match parts.as_mut() {
+            Some(parts) => act(parts.as_mut()).or_raise(py),
+            None => Err(PyRuntimeError::new_err("it is closed")),
+        }
+    }
+}
+
+#[pymethods]
+impl JobHandle {
+    /// Parts that are worth handing out.
+    fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
+        self.with(|parts| Ok(parts.pending()), py)
+    }
+
+    /// A part in words.
+    fn describe(&self, py: Python<'_>, index: usize) -> PyResult<String> {
+        self.with(|parts| Ok(parts.describe(index)), py)
+    }
+
+    /// All that a worker elsewhere needs.
+    fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.with(|parts| parts.bundle(), py).map(|bytes| PyBytes::new(py, &bytes))
+    }
+
+    /// Keeps what parts elsewhere came to; how many of them are new.
+    fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
+        self.with(|parts| lines.iter().try_fold(0, |new, line| Ok(new + usize::from(parts.store(line)?))), py)
+    }
+
+    /// Closes its journal, so that the job may go on with it.
+    fn close(&self, py: Python<'_>) {
+        let parts = lock(py, &self.parts).take();
+        py.detach(|| drop(parts));
+    }
+}
+
+/// Lines of a journal and the time that each took (s), as Python has them.
+pub fn lines(py: Python<'_>, lines: Vec<(Vec<u8>, f64)>) -> (Vec<Bound<'_, PyBytes>>, Vec<f64>) {
+    lines.into_iter().map(|(line, time)| (PyBytes::new(py, &line), time)).unzip()
+}

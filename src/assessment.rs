@@ -1,0 +1,756 @@
+//! Assessment of a scene before its run: dimensionless numbers, the models and fluid laws that apply, and warnings where model or
+//! method leave their range.
+
+use std::f64::consts::{FRAC_PI_4, TAU};
+
+use nalgebra::Vector2;
+
+use crate::actuation::Wave;
+use crate::error::{Error, Result, bytes};
+use crate::fluid::body;
+use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
+use crate::fluid::{Fluid, Force, Forces};
+use crate::head::pose;
+use crate::integrator::{Integrator, Pace, stability_limit};
+use crate::metrics::Energy;
+use crate::model::{Mechanics, Model, chain};
+use crate::modes::{Matrices, Modes};
+use crate::reduced::MODELS;
+use crate::reduced::fluid_estimates::SAFETY_FACTOR;
+use crate::regime::{self, Regime};
+use crate::rod::{Profile, Rod, Shape, bend, node};
+use crate::scene::value::{Finite, Positive};
+use crate::scene::{Document, HeadKind, KeyError, NodesTable, Scene, StartKind};
+use crate::spectrum::Spectrum;
+use crate::stepper::Stepper;
+use crate::system::Form;
+use crate::words::{signed, significant, two_digits};
+
+/// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³.
+const MAX_NODES_FOR_MODES: u64 = 201;
+/// Stokes number below which the boundary layer contributes more than a fifth of the added mass.
+const MIN_STOKES_NUMBER: f64 = 100.0;
+/// Surface tension of water against air, N/m.
+const SURFACE_TENSION: f64 = 0.072;
+/// Relative difference of mass and displaced mass up to which a swimmer is neutrally buoyant.
+const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
+/// Fewest steps per period of the drive.
+const MIN_STEPS_PER_PERIOD: f64 = 20.0;
+/// Largest kΔL of waves along a passive tail.
+const MAX_WAVE_PHASE: f64 = 0.5;
+/// Largest ω₁Δt that resolves the ringing of an abrupt start.
+const MAX_RESOLVED_PHASE: f64 = 0.2;
+/// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
+/// meaningless below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
+const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
+
+/// True if Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
+pub fn contracts(rod: &Rod, time_step: f64) -> bool {
+    rod.spacing >= MIN_SPACING[0] * chain::bent_length(rod, time_step)
+}
+
+/// Typical length of a number with its separator in a table, bytes.
+const BYTES_PER_NUMBER: f64 = 20.0;
+
+/// Number of rows that a run of `scene` records, and approximate size of its tables, bytes; `None` if it depends on the steps.
+pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
+    let rows = match (scene.record.interval_s, scene.steps()) {
+        (Some(interval), _) => scene.solver.duration_s.get() / interval.get(),
+        (None, Some(steps)) => steps as f64 / scene.record.every.map_or(1.0, |every| every.get() as f64),
+        (None, None) => return None,
+    };
+    let rows = rows.floor() + 1.0;
+    let columns = stepper.variables().iter().filter(|v| v.recorded).count();
+    let positions = match scene.nodes_table() {
+        NodesTable::Csv | NodesTable::Parquet => 2 * scene.recorded_nodes().len(),
+        NodesTable::None => 0,
+    };
+    Some((rows, rows * (columns + positions) as f64 * BYTES_PER_NUMBER))
+}
+
+/// A line of the assessment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AssessmentLine {
+    /// Name of the quantity.
+    pub name: &'static str,
+    /// Value, unit and meaning.
+    pub text: String,
+}
+
+/// The numbers that characterise a scene's motion; `None` if the scene lacks that part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Assessment {
+    /// First non-rigid natural frequency ω₁ of the scene's own discrete rod, with added mass, rad/s.
+    pub first_frequency: f64,
+    /// Half the tip's range of motion, m; without a fluid, in the prescribed shape.
+    pub tip_amplitude: Option<f64>,
+    /// Re_d = ρ w D/μ of the motion, see [`Regime`].
+    pub reynolds: Option<f64>,
+    /// ω/ω₁.
+    pub frequency_ratio: Option<f64>,
+    /// Sp = L(ξ_⊥ω/EI)^¼.
+    pub sperm_number: Option<f64>,
+    /// β = ω(ρA + m_a)/ξ_⊥: ratio of inertia, with added mass, to drag.
+    pub inertia_ratio: Option<f64>,
+    /// All lines.
+    pub facts: Vec<AssessmentLine>,
+    /// Warnings.
+    pub warnings: Vec<String>,
+    /// Forces that leave their range of validity in the predicted motion; a run checks its own motion.
+    pub ranges: Vec<String>,
+    /// Why a run would be meaningless, if so.
+    pub refusal: Option<KeyError>,
+}
+
+impl Assessment {
+    /// Assesses `scene`, whose stepper is at its start.
+    ///
+    /// # Errors
+    /// Those of [`Modes::of`].
+    pub fn of(scene: &Scene, stepper: &Stepper) -> Result<Self> {
+        let model = stepper.model();
+        let nodes = model.rod.nodes as u64;
+        let coarse =
+            if nodes > MAX_NODES_FOR_MODES { Some(scene.with_nodes(MAX_NODES_FOR_MODES).model()?) } else { None };
+        let is_coarse = coarse.is_some();
+        let modes = Modes::of_model(coarse.map_or_else(|| scene.model(), Ok)?)?;
+        let first_frequency = modes.lowest();
+        let regime = scene.regime();
+        let spectrum = Spectrum::of_model(model);
+        let omega = spectrum.strongest().map(|frequency| TAU * frequency);
+        let tip_amplitude = match &regime {
+            Ok(regime) => Some(regime.tip),
+            Err(_) => prescribed_tip(model),
+        };
+        // Where the rod is, the mean over it.
+        let fluid = regime.as_ref().map_or(model.fluid, |regime| regime.across.fluid);
+        let across = resistance(scene, model, fluid);
+        let rod = &model.rod;
+        let line_density = match scene.model()? {
+            Model { rod, forces, fluid, layers, .. } if forces.are_inertial() => {
+                Matrices::of(&rod, Some((forces, fluid, layers)))?.line_density(rod.spacing)
+            }
+            _ => rod.sections.line_density(0.5),
+        };
+        let mut assessment = Self {
+            first_frequency,
+            tip_amplitude,
+            reynolds: regime.as_ref().ok().map(|regime| regime.reynolds),
+            frequency_ratio: omega.map(|omega| omega / first_frequency),
+            sperm_number: omega.zip(across).map(|(omega, across)| rod.length * (across * omega / rod.ei).powf(0.25)),
+            inertia_ratio: omega.zip(across).map(|(omega, across)| omega * line_density / across),
+            facts: Vec::new(),
+            warnings: Vec::new(),
+            ranges: Vec::new(),
+            refusal: None,
+        };
+        assessment.describe(scene, stepper, regime.as_ref(), is_coarse);
+        assessment.warn_of_waves(scene, rod);
+        // Of a coarser mesh it is another.
+        if !is_coarse {
+            assessment.warn_of_limit(&*scene.integrator()?, stepper, modes.highest());
+        }
+        assessment.warn(scene, stepper, spectrum.fastest().map(|frequency| TAU * frequency));
+        Ok(assessment)
+    }
+
+    /// All warnings before a run.
+    pub fn all_warnings(&self) -> impl Iterator<Item = &String> {
+        self.warnings.iter().chain(&self.ranges)
+    }
+
+    /// Its refusal as an error in the scene's document.
+    pub fn refused(&self, document: &Document) -> Option<Error> {
+        self.refusal.as_ref().map(|fault| document.error_at(fault))
+    }
+
+    /// The models that apply to the scene, cheapest first, with their estimated errors, and the one that is used.
+    ///
+    /// # Errors
+    /// Those of [`Scene::estimates`].
+    pub fn models(scene: &Scene, stepper: &Stepper) -> Result<Vec<AssessmentLine>> {
+        let known = stepper.choice().and_then(|choice| choice.estimates.clone());
+        let estimates = known.map_or_else(|| scene.estimates(), Ok)?;
+        let mut facts = Vec::new();
+        for kind in MODELS.iter().filter(|kind| scene.drag.is_some() || !kind.needs_drag) {
+            let text = match kind.estimate.map(|estimate| estimate(&estimates)) {
+                None => "no error of the model".to_string(),
+                Some(Ok(errors)) => format!("estimated errors: {}", errors.in_words()),
+                Some(Err(reason)) => format!("no estimate: {reason}"),
+            };
+            facts.push(AssessmentLine { name: "model", text: format!("{}: {text} ({})", kind.name, kind.meaning) });
+        }
+        if let Some(choice) = stepper.choice() {
+            let reason = choice.reason.as_ref().map_or("as the scene says".to_string(), Clone::clone);
+            facts.push(AssessmentLine { name: "model taken", text: format!("{}: {reason}", choice.kind.name) });
+        }
+        Ok(facts)
+    }
+
+    /// What each fluid law predicts for the scene's motion, which of them an automatic choice uses, and the effect of the reactive
+    /// force. Empty without medium and drag.
+    pub fn fluid_models(scene: &Scene, stepper: &Stepper) -> Vec<AssessmentLine> {
+        let rod = &stepper.model().rod;
+        let Ok(regime) = scene.regime() else { return Vec::new() };
+        let mut facts = Vec::new();
+        let mut fact = |name, text: String| facts.push(AssessmentLine { name, text });
+        let estimates = match &scene.drag {
+            Some(_) => scene.fluid_estimates(),
+            None => return vec![AssessmentLine { name: "reactive force", text: describe_added_mass(&regime, rod) }],
+        };
+        match &estimates {
+            Ok(estimates) => {
+                for law in &estimates.laws {
+                    let below = regime.stokes.filter(|stokes| law.reactive && *stokes < MIN_STOKES_NUMBER);
+                    let below = below.map_or(String::new(), |stokes| {
+                        format!("; the water's inertia is out of its range, β = {stokes:.1e} for at least {MIN_STOKES_NUMBER}")
+                    });
+                    let text = if law.errors == [0.0; 2] {
+                        let known = estimates.in_words(estimates.uncertainty);
+                        format!("the highest of these; published to be uncertain by {known}")
+                    } else {
+                        format!("estimated errors against the highest: {}", estimates.in_words(law.errors))
+                    };
+                    fact("law of the fluid", format!("{}: {text}{below}", law.name()));
+                }
+                if let Some((law, [motion, power])) = scene.nonlocal_drag() {
+                    let named = if estimates.held { "thrust" } else { "speed" };
+                    fact(
+                        "law of the fluid",
+                        format!(
+                            "{}: holds here and is above these, but is not run: the motion would have {} % {named} and take {} % power",
+                            law.name,
+                            signed(100.0 * motion, 1),
+                            signed(100.0 * power, 1)
+                        ),
+                    );
+                }
+            }
+            Err(reason) => fact("law of the fluid", format!("no estimates: {reason}")),
+        }
+        let (law, reactive) = scene.fluid_model(rod);
+        if let Some(choice) = scene.fluid_choice() {
+            fact("fluid taken", format!("{}: {}", choice.name(), choice.reason));
+        }
+        let both = estimates.as_ref().ok().zip(law);
+        let both =
+            both.and_then(|(estimates, law)| Some((estimates, estimates.get(law, true)?, estimates.get(law, false)?)));
+        fact(
+            "reactive force",
+            match both {
+                Some((estimates, with, without)) => {
+                    let [other, own] = if reactive { [without, with] } else { [with, without] };
+                    let [motion, power] = other.means.differences(&own.means).map(|part| signed(100.0 * part, 1));
+                    let named = if estimates.held { "thrust" } else { "speed" };
+                    let changes =
+                        if reactive { "without it the motion" } else { "[reactive] would change it: the motion" };
+                    format!(
+                        "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {SAFETY_FACTOR} times such differences); {}",
+                        describe_added_mass(&regime, rod)
+                    )
+                }
+                None => describe_added_mass(&regime, rod),
+            },
+        );
+        facts
+    }
+
+    fn describe(
+        &mut self,
+        scene: &Scene,
+        stepper: &Stepper,
+        regime: std::result::Result<&Regime, &String>,
+        coarse: bool,
+    ) {
+        let rod = &stepper.model().rod;
+        let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
+        fact("scene", scene.name.clone());
+        fact(
+            "rod",
+            format!(
+                "{} nodes, {} unknowns, spacing {:.4e} m, {:.4e} kg",
+                rod.nodes,
+                2 * rod.nodes,
+                rod.spacing,
+                rod.total_mass()
+            ),
+        );
+        fact("section", describe_section(rod));
+        // As the joints have it, with the profile along the rod.
+        let joints = rod.joints();
+        let [head, middle, tip] = [joints.start, rod.nodes / 2, joints.end - 1].map(|k| rod.joint_stiffness(k));
+        fact(
+            "stiffness",
+            format!(
+                "EI = {head:.4e} N m^2 at the head, {middle:.4e} in the middle, {tip:.4e} at the tip; EA = {:.4e} N",
+                rod.ea
+            ),
+        );
+        if let Some(medium) = &scene.medium {
+            let density = regime.map_or(medium.density_kg_m3.get(), |regime| regime.across.fluid.density);
+            fact("mass over displaced mass", describe_weight(rod, density, scene.head.kind));
+        }
+        let steps = match stepper.pace() {
+            Pace::Fixed(step) => {
+                let last = scene.spans().last().filter(|last| *last < step);
+                let shorter = last.map_or(String::new(), |last| format!(", the last one of {last:e} s"));
+                format!("{} steps of {step:e} s{shorter}", scene.steps().unwrap_or_default())
+            }
+            Pace::Adaptive(tolerance) => format!("steps as a tolerance of {tolerance:e} asks"),
+        };
+        fact("solver", format!("{}, {steps}, t = 0 … {duration} s", stepper.method(scene)));
+        let rounding = chain::rounding(rod, step);
+        fact(
+            "form",
+            match stepper.form() {
+                Form::Positions => format!(
+                    "positions: one solve is rounded by at most about {rounding:.1e} relative, which Newton's iterations refine"
+                ),
+                Form::Chain => format!(
+                    "chain, whose rounding error does not grow with the mesh; one solve in positions may be off by {rounding:.1e} relative"
+                ),
+            },
+        );
+        let rows = match recorded_size(scene, stepper) {
+            Some((rows, size)) => format!("about {rows} rows, {}", bytes(size)),
+            None => "as many rows as there are steps".to_string(),
+        };
+        let nodes = match scene.nodes_table() {
+            NodesTable::Csv => " and nodes.csv",
+            NodesTable::Parquet => " and nodes.parquet",
+            NodesTable::None => "; no table of positions",
+        };
+        fact("output", format!("{rows}, of trajectory.csv{nodes}"));
+        let Energy { stretching, bending, kinetic, fluid } = stepper.metrics().now.energy;
+        fact(
+            "energy at the start",
+            format!(
+                "{:.4e} J: bending {bending:.4e}, kinetic {kinetic:.4e}, stretching {stretching:.4e}, fluid {fluid:.4e}",
+                stretching + bending + kinetic + fluid
+            ),
+        );
+        let on = if coarse { format!(" (on {MAX_NODES_FOR_MODES} nodes)") } else { String::new() };
+        let model = stepper.model();
+        let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
+        fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
+        let tip = match regime {
+            Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
+            Ok(_) => " m, half of how far the tip moves",
+            Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
+        };
+        let numbers = [
+            ("tip amplitude", self.tip_amplitude, tip),
+            ("Reynolds number", self.reynolds, ", ρwD/μ of the motion across the rod"),
+            ("frequency ratio ω/ω₁", self.frequency_ratio, ": far below 1 the rod takes its natural curvature"),
+            ("sperm number", self.sperm_number, ", L(ξ⊥ω/EI)^¼: below about 1 the fluid does not bend the rod"),
+            ("inertia against drag", self.inertia_ratio, ", ω(ρA + m_a)/ξ⊥, m_a of the fluid that it accelerates"),
+        ];
+        for (name, value, meaning) in numbers {
+            if let Some(value) = value {
+                fact(name, format!("{value:.4e}{meaning}"));
+            }
+        }
+        if let (Err(reason), true) = (regime, scene.medium.is_some()) {
+            fact("flow around the rod", format!("not known: {reason}"));
+        }
+        self.describe_fluid(scene, stepper.model(), regime.ok());
+    }
+
+    /// The forces of the fluid, the flow around the rod, and alternative laws.
+    fn describe_fluid(&mut self, scene: &Scene, model: &Model, regime: Option<&Regime>) {
+        let Model { rod, forces, .. } = model;
+        let height = scene.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get);
+        self.describe_body(model, regime, height);
+        let Some(regime) = regime else { return };
+        let motion = scene.motion(rod, regime.across);
+        self.ranges = scene.range_notes(forces, rod, regime.across);
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
+        for force in forces.iter() {
+            let validity = force.validity();
+            let takes = match DragLaw::named(force.name()) {
+                Some(law) if rod.sections.is_flat() => format!("; it takes {}", law.takes.in_words()),
+                _ => String::new(),
+            };
+            fact("force", format!("{}: holds for {} ({}){takes}", force.name(), validity.in_words(), validity.source));
+        }
+        if regime.across.speed > 0.0 {
+            fact(
+                "flow around the rod",
+                format!(
+                    "Re_d = {:.3e} by the depth of {:.3e} m and {:.3e} m/s across the rod; length over radius {:.1}",
+                    regime.reynolds, regime.depth, regime.across.speed, regime.slenderness
+                ),
+            );
+        }
+        if let (Some(stokes), Some(carpenter)) = (regime.stokes, regime.keulegan_carpenter) {
+            let sea = if stokes < MIN_STOKES_NUMBER { "; added mass is larger by 4/√(πβ)" } else { "" };
+            fact(
+                "oscillation",
+                format!(
+                    "β = fD²/ν = {stokes:.3e}{sea}, KC = {carpenter:.3e}, added mass over the rod's own {:.3e}",
+                    regime.mass_ratio
+                ),
+            );
+        }
+        self.describe_media(scene, model, regime);
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
+        // Along and across, at the speeds of the motion.
+        let speed = if regime.across.speed > 0.0 { regime.across.speed } else { 1e-9 * rod.length };
+        let coefficients = |forces: &Forces| forces.coefficients(rod, regime.across.fluid, speed);
+        let Some([along, across]) = coefficients(forces) else { return };
+        fact(
+            "drag per length and speed",
+            format!("{along:.4e} N s/m^2 along, {across:.4e} across, at the speed across"),
+        );
+        let own: Vec<&str> = forces.iter().map(Force::name).collect();
+        let wave = scene.wavelength();
+        let recipe = Recipe {
+            wavelength: wave,
+            frequency: Spectrum::of_model(model).strongest(),
+            height: motion.height.unwrap_or(f64::INFINITY),
+            ..Recipe::plain(rod)
+        };
+        let radius = rod.sections.largest_radius();
+        let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);
+        let offered = |law: &DragLaw| law.is_offered(motion.height.is_some()) && !own.contains(&law.name);
+        let others = LAWS.iter().filter(|law| offered(law) && slender(law) && law.validity.holds(&motion));
+        let says = |law: &&DragLaw| {
+            let [t, n] = coefficients(&Forces(vec![(law.build)(&recipe)]))?;
+            let percent = |x: f64, own: f64| signed(100.0 * (x / own - 1.0), 0);
+            Some(format!("{} {} % along, {} % across", law.name, percent(t, along), percent(n, across)))
+        };
+        let texts: Vec<String> = others.filter_map(says).collect();
+        if !texts.is_empty() && along > 0.0 {
+            fact("other laws that hold", texts.join("; "));
+        }
+    }
+
+    /// The body at the head, and its drag.
+    fn describe_body(&mut self, model: &Model, regime: Option<&Regime>, height: Option<f64>) {
+        let Model { rod, forces, fluid, .. } = model;
+        let Some(body) = rod.body else { return };
+        let mut fact = |text| self.facts.push(AssessmentLine { name: "head body", text });
+        let form = if body.along > body.across {
+            "prolate spheroid"
+        } else if body.along < body.across {
+            "oblate spheroid"
+        } else {
+            "sphere"
+        };
+        fact(format!(
+            "{form} of semi-axes {:.4e} m along and {:.4e} m across, {:.4e} kg; its centre is node 0, the rod begins at node 1",
+            body.along, body.across, rod.mass[0]
+        ));
+        if forces.iter().any(|force| force.name() == body::DRAG) {
+            let reynolds = regime.map_or(0.0, |regime| regime.across.body * 2.0 * body.along.max(body.across));
+            let drag = height.map_or_else(|| body.drag(), |height| body.drag_beside(height));
+            let [along, across, turning] = drag.map(|drag| drag * fluid.viscosity);
+            fact(format!(
+                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin; Re = {reynolds:.3e} by its longest axis and its speed"
+            ));
+        }
+        if forces.iter().any(|force| force.name() == body::INERTIA) {
+            let [along, across, turning] = body.added().map(|added| added * fluid.density);
+            fact(format!(
+                "added mass {along:.4e} kg along, {across:.4e} kg across, added moment of inertia {turning:.4e} kg m^2"
+            ));
+        }
+    }
+
+    /// The layers of the medium, and how fast the rod crosses their interfaces.
+    fn describe_media(&mut self, scene: &Scene, model: &Model, regime: &Regime) {
+        let Some(layers) = model.layers else { return };
+        let rod = &model.rod;
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
+        if layers.shear != 0.0 {
+            let [x, y]: [f64; 2] = layers.normal.into();
+            let [x, y] = [x, y].map(|part| significant(part, 4));
+            fact("shear flow", format!("gains {:.4e} 1/s along [{x}, {y}]; drag alone feels it", layers.shear));
+        }
+        let Some(medium) = scene.medium.as_ref().filter(|_| layers.iter().len() > 0) else { return };
+        let (radius, spacing) = (rod.sections.outer.largest(), rod.spacing);
+        let gravity = scene.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
+        let gravity = gravity.map_or(0.0, |gravity| regime::size(gravity.map(Finite::get)));
+        let mut before = [medium.density_kg_m3.get(), medium.viscosity_pa_s.get()];
+        for (i, layer) in layers.iter().enumerate() {
+            let here = [layer.fluid.density, layer.fluid.viscosity];
+            fact(
+                "interface",
+                format!(
+                    "{} at {:.4e} m along [{}, {}], {:.3e} m thick: {:.2} radii, {:.2} node spacings; from {:.4e} kg/m^3, {:.4e} Pa s to {:.4e}, {:.4e} (Re_d {:.3e} there)",
+                    i + 1,
+                    layer.offset,
+                    significant(layers.normal.x, 4),
+                    significant(layers.normal.y, 4),
+                    layer.thickness,
+                    layer.thickness / radius,
+                    layer.thickness / spacing,
+                    before[0],
+                    before[1],
+                    here[0],
+                    here[1],
+                    here[0] * regime.across.speed * regime.depth / here[1]
+                ),
+            );
+            before = here;
+            let thin = 2.0 * radius.max(spacing);
+            if layer.thickness < thin {
+                let nodes = (2.0 * rod.length / layer.thickness).ceil() + 1.0;
+                // More nodes do not help where the rod itself is thicker.
+                let finer = if layer.thickness >= 2.0 * radius {
+                    format!(", or at least {nodes} nodes")
+                } else {
+                    String::new()
+                };
+                self.warnings.push(format!(
+                    "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {:.1e} m{finer}",
+                    i + 1, layer.thickness, rounded_up(thin)
+                ));
+            }
+        }
+        if regime.across.speed > 0.0 {
+            // Waves on the interface of two liquids have the gravity that is left of their difference.
+            let densities =
+                std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density));
+            let densities: Vec<f64> = densities.collect();
+            let reduced = densities.windows(2).map(|pair| gravity * (pair[1] - pair[0]).abs() / pair[0].max(pair[1]));
+            let least = reduced.filter(|reduced| *reduced > 0.0).fold(f64::INFINITY, f64::min);
+            let froude = least.is_finite().then(|| {
+                let froude = regime.across.speed / (least * regime.depth).sqrt();
+                format!("Froude number w/√(g′D) = {froude:.3e} with g′ = gΔρ/ρ = {least:.3e} m/s^2, ")
+            });
+            let heaviest = layers.iter().map(|layer| layer.fluid.density).fold(medium.density_kg_m3.get(), f64::max);
+            fact(
+                "crossing",
+                format!(
+                    "{}Weber number ρw²D/σ = {:.3e} with the surface tension of water against air; not modelled: waves (Froude numbers around 1), cavities (well above 1), surface tension (Weber numbers around 1 and below), the cushion of air",
+                    froude.unwrap_or_default(),
+                    heaviest * regime.across.speed.powi(2) * regime.depth / SURFACE_TENSION
+                ),
+            );
+        }
+        let up = layers.normal.dot(
+            &scene
+                .loads
+                .as_ref()
+                .and_then(|loads| loads.gravity_m_s2)
+                .map_or(Vector2::zeros(), |gravity| gravity.map(Finite::get).into()),
+        );
+        let densities: Vec<f64> =
+            std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density)).collect();
+        if densities.windows(2).any(|pair| (pair[1] - pair[0]) * up < 0.0) {
+            self.warnings.push("a denser fluid lies above a lighter one: at rest it would not stay there".to_string());
+        }
+    }
+
+    /// Warns if a passive tail has fewer nodes than the waves need that its head, or the flow, sends along it: with their
+    /// wavenumber k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI its thrust errs by 0.4 (kΔL)² (measured, in oil and in water, for kL of 0.4 to
+    /// 21).
+    fn warn_of_waves(&mut self, scene: &Scene, rod: &Rod) {
+        let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| scene.actuation.is_none());
+        let Some(waves) = numbers.map(|(sperm, inertia)| sperm * (1.0 + inertia * inertia).powf(0.125)) else { return };
+        let turning = waves * rod.spacing / rod.length;
+        if turning > MAX_WAVE_PHASE {
+            self.warnings.push(format!(
+                "the mesh is coarse for the waves along this passive tail: kΔL = {turning:.2} by their wavenumber k (allowed: up to {MAX_WAVE_PHASE}, where its thrust errs by 10 %); take at least {:.0} nodes for 2.5 %",
+                (2.0 * waves / MAX_WAVE_PHASE).ceil() + 1.0
+            ));
+        }
+    }
+
+    /// Warns of steps that `method` amplifies at the rod's highest natural frequency (rad/s).
+    fn warn_of_limit(&mut self, method: &dyn Integrator, stepper: &Stepper, highest: f64) {
+        if stepper.view().dynamics.mechanics == Mechanics::Full
+            && let Pace::Fixed(step) = stepper.pace()
+            && let Some(limit) = stability_limit(method)
+            && step * highest > limit
+        {
+            self.warnings.push(format!(
+                "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's highest natural frequency, {} Hz (allowed: up to {limit:.3}); take at most solver.time_step_s = {:e}, or an implicit method",
+                step * highest,
+                significant(highest / TAU, 4),
+                rounded_down(limit / highest)
+            ));
+        }
+    }
+
+    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
+        let rod = &stepper.model().rod;
+        let step = scene.typical_step();
+        let warnings = &mut self.warnings;
+        if stepper.model().forces.iter().any(|force| force.name() == laws::stokes_like::LAW.name) {
+            let range = laws::stokes_like::LAW.validity.range;
+            let creeping = self.reynolds.is_none_or(|reynolds| reynolds <= CREEPING);
+            let fitting = if creeping { &laws::cox::LAW } else { &laws::cross_flow::LAW };
+            let holds = |without: String| format!("; drag.law = \"{}\"{without} holds here", fitting.name);
+            let advice = scene.without(fitting).map_or(String::new(), holds);
+            warnings.push(format!("drag.law = \"stokes-like\" is kept for {range}{advice}"));
+        }
+        let asked = stepper.choice().is_some_and(|choice| choice.reason.is_none());
+        if asked && stepper.view().dynamics.mechanics == Mechanics::Shape && scene.actuation.is_none() {
+            warnings.push(
+                "solver.model = \"shape\" gives the rod its natural shape, which without [actuation] never changes: a passive tail neither bends nor swims by bending; model = \"full\" or \"overdamped\" lets it bend".to_string(),
+            );
+        }
+        // Steps that a tolerance chooses are judged by it.
+        let fixed = match stepper.pace() {
+            Pace::Fixed(step) => Some(step),
+            Pace::Adaptive(_) => None,
+        };
+        let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), TAU / omega));
+        // Rounding is no reason to warn.
+        if let Some((steps, period)) = coarse.filter(|(steps, _)| *steps < MIN_STEPS_PER_PERIOD * (1.0 - 1e-9)) {
+            warnings.push(format!(
+                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {MIN_STEPS_PER_PERIOD}, solver.time_step_s = {:e}",
+                rounded_down(period / MIN_STEPS_PER_PERIOD)
+            ));
+        }
+        let strained = stepper.metrics().first_energy > 0.0;
+        if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained {
+            let rings = format!("the jump start rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
+            match fixed.map(|step| self.first_frequency * step) {
+                Some(ringing) if ringing > MAX_RESOLVED_PHASE => warnings.push(format!(
+                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start.kind = \"shaped\" has no ringing"
+                )),
+                Some(_) => {}
+                None => warnings.push(format!(
+                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; start.kind = \"shaped\" has no ringing"
+                )),
+            }
+        }
+        let sharpest = sharpest_turning(stepper.model());
+        if sharpest > FRAC_PI_4 {
+            warnings.push(format!(
+                "the mesh is coarse for this actuation: it turns a joint by up to {:.0}°; take more nodes to stay below 45°",
+                sharpest.to_degrees()
+            ));
+        }
+        let (bent, rounding) = (chain::bent_length(rod, step), chain::rounding(rod, step));
+        let part = rod.spacing / bent;
+        if stepper.form() == Form::Chain {
+            // Its rounding error does not grow with the mesh.
+        } else if part < MIN_SPACING[0] {
+            let problem = format!(
+                "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {step:.1e} s, or solver.form = \"auto\"",
+                rod.nodes,
+                MIN_SPACING[0],
+                (rod.length / (MIN_SPACING[0] * bent)).floor()
+            );
+            if part < MIN_SPACING[1] {
+                self.refusal = Some(KeyError { key: "rod.nodes".to_string(), problem: problem.clone() });
+            }
+            warnings.push(format!("rod.nodes: {problem}"));
+        } else if rounding > chain::ACCURACY {
+            warnings.push(format!("the mesh is so fine that one solve in positions may be off by {rounding:.1e} relative: Newton's method takes more iterations, and moments lose digits"));
+        }
+        if rod.spacing < rod.sections.outer.largest() {
+            warnings.push(format!(
+                "the node spacing ({:.2e} m) is below the rod's radius: a beam has no more to say there",
+                rod.spacing
+            ));
+        }
+    }
+}
+
+/// A positive number, rounded up to two digits.
+fn rounded_up(x: f64) -> f64 {
+    let exponent = x.log10().floor() as i32 - 1;
+    let digits = (x / 10.0_f64.powi(exponent) * (1.0 - 1e-12)).ceil();
+    format!("{digits}e{exponent}").parse().unwrap_or(x)
+}
+
+/// A description of the section in the middle of `rod`.
+fn describe_section(rod: &Rod) -> String {
+    let (sections, section) = (&rod.sections, rod.sections.at(0.5));
+    let (thickness, depth) = (2.0 * section.outer, section.depth);
+    let shape = sections.shape.name();
+    let outline = match sections.shape {
+        Shape::Round if sections.is_flat() => format!(
+            "{shape}, a core {thickness:.4e} m thick with a membrane {depth:.4e} m deep that only the fluid feels"
+        ),
+        Shape::Round => format!("{shape}, {thickness:.4e} m thick"),
+        Shape::Ellipse | Shape::Rectangle => {
+            format!("{shape}, {thickness:.4e} m thick in the plane of motion, {depth:.4e} m deep across it")
+        }
+    };
+    let hole = if section.inner > 0.0 { format!(", the hole {:.4e} m", 2.0 * section.inner) } else { String::new() };
+    let at = if sections.profiles().all(Profile::is_even) { "" } else { ", in the middle" };
+    format!("{outline}{hole}{at}")
+}
+
+/// The mass of `rod`, with its body, over the displaced mass of a fluid of this `density` (kg/m³), and what follows from it.
+fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
+    let ratio = rod.total_mass() / (density * rod.displaced_volume());
+    match head {
+        HeadKind::Free if ratio > 1.0 + NEUTRAL_BUOYANCY_MARGIN => {
+            format!("{ratio:.3}: heavier than the fluid, it sinks if nothing holds it")
+        }
+        HeadKind::Free if ratio < 1.0 - NEUTRAL_BUOYANCY_MARGIN => {
+            format!("{ratio:.3}: lighter than the fluid, it floats up if nothing holds it")
+        }
+        _ => format!("{ratio:.3}"),
+    }
+}
+
+/// A positive number, rounded down to two digits.
+fn rounded_down(x: f64) -> f64 {
+    let exponent = x.log10().floor() as i32 - 1;
+    let digits = (x / 10.0_f64.powi(exponent) * (1.0 + 1e-12)).floor();
+    format!("{digits}e{exponent}").parse().unwrap_or(x)
+}
+
+/// The effect of added mass on the frequencies of `rod`, and whether the rod is slender enough for its theory.
+fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
+    let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
+    let slender = regime.depth / rod.length;
+    let decides = if regime.water_decides_stability() {
+        format!(
+            "; it decides whether the rod is stable, which a motion from rest need not show (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {})",
+            two_digits(regime.flow_velocity.powi(2)),
+            regime::BECK
+        )
+    } else {
+        String::new()
+    };
+    format!("it lowers the rod's own frequencies by {slows:.1} %; depth over length {slender:.3}{decides}")
+}
+
+/// Half the tip's range of motion (m) in the shape that the actuation prescribes.
+fn prescribed_tip(model: &Model) -> Option<f64> {
+    let (actuation, drive) = model.actuation.as_ref()?;
+    let head = model.head.as_ref().map(|motion| pose(motion, 0.0));
+    let shapes = regime::shapes(&model.rod, &**actuation, *drive, head.as_ref());
+    let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();
+    Some(regime::half_width(&tips))
+}
+
+/// Drag across the rod per length and speed in that fluid, N s/m²; for a nonlocal law that of the default law.
+fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
+    let Model { rod, forces, .. } = model;
+    let own = || forces.resistance(rod, fluid);
+    let local = || {
+        let recipe = Recipe { wavelength: scene.wavelength(), ..Recipe::plain(rod) };
+        Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, fluid)
+    };
+    let [_, across] = if scene.has_nonlocal_drag() { local() } else { own() }?;
+    Some(across)
+}
+
+/// The fully developed natural curvature at a phase of the scene's drive.
+fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
+    let mut natural_curvature = vec![0.0; model.rod.nodes];
+    if let Some((actuation, drive)) = &model.actuation {
+        let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
+        actuation.add(wave, &mut natural_curvature, &mut vec![0.0; model.rod.nodes]);
+    }
+    natural_curvature
+}
+
+/// Largest rotation (rad) of a joint that the actuation prescribes.
+fn sharpest_turning(model: &Model) -> f64 {
+    let at = |phase: f64| {
+        natural_curvature(model, phase)[model.rod.joints()].iter().fold(0.0, |max: f64, k| max.max(k.abs()))
+    };
+    (0..16).map(|i| bend::turning(at(TAU * f64::from(i) / 16.0))).fold(0.0, f64::max)
+}

@@ -1,0 +1,243 @@
+//! The results of a design in sentences: what was identified or found, binding limits, the Pareto front, tolerances.
+
+use super::front::ParetoPoint;
+use super::identify::{Identifiability, Identification, JointEstimate};
+use super::limits::LimitUse;
+use super::refit::Refit;
+use super::scenarios::ScenarioResult;
+use super::search::{EstimatedNumber, FEASIBILITY_TOLERANCE, SAME_OPTIMUM, SearchResult, WORST_SCENARIO};
+use super::table::{DesignTable, Goal};
+use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
+use crate::scene::Scene;
+use crate::sensitivity::{Output, Parameter, Problem, Quantity};
+
+/// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
+const MIN_SENSITIVITY: f64 = 1e-2;
+
+pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
+    let count = |verdict: Identifiability| found.joints.iter().filter(|joint| joint.verdict == verdict).count();
+    let all = found.joints.len();
+    let unfit = match count(Identifiability::DoesNotFit) {
+        0 => String::new(),
+        some => format!("{some} that do not fit, "),
+    };
+    let mut lines = vec![format!(
+        "{} of {all} joints identified, {} prior-driven, {} at a bound, {}{} unobservable; noise {:.2e} m, {} samples, \
+         windows of {}",
+        count(Identifiability::Identified),
+        count(Identifiability::PriorDriven),
+        count(Identifiability::AtABound),
+        unfit,
+        count(Identifiability::Unobservable),
+        found.noise_m,
+        found.samples,
+        2 * found.window_samples + 1,
+    )];
+    if found.joints.iter().all(|joint| joint.drowns()) {
+        lines.push(
+            "stiffness cannot be identified from these data: what the rod bends beyond its natural curvature drowns in the \
+             noise of the positions"
+                .to_string(),
+        );
+    }
+    if let Some(gain) = found.actuation_gain {
+        let edge = if found.gain_at_edge { ", an edge of what is looked for: nothing is identified" } else { "" };
+        lines.push(format!("the actuation is {gain:.5} times the scene's{edge}"));
+    }
+    lines.extend(found.left_out.iter().map(|what| format!("left out: {what}")));
+    if let Some([x, y, moment]) = found.balances {
+        lines.push(format!(
+            "balances that need no stiffness, over the sizes of their parts: force x {x:.1e}, y {y:.1e}, moment {moment:.1e}"
+        ));
+        if x.max(y).max(moment) > 0.2 {
+            lines.push("warning: mass, drag or loads of the scene are not those of the data".to_string());
+        }
+    }
+    if !found.missing.is_empty() {
+        let shown = found.missing.iter().take(10).cloned().collect::<Vec<_>>().join(", ");
+        let more = found.missing.len().saturating_sub(10);
+        lines.push(format!("left out: {shown}{}", if more > 0 { format!(" and {more} more") } else { String::new() }));
+    }
+    lines.extend(found.active.iter().map(|(name, dual)| format!("binding: {name} (dual {dual:.3e})")));
+    lines
+}
+
+/// How many joints do not fit, and by how much.
+pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
+    let unfit: Vec<&JointEstimate> =
+        found.joints.iter().filter(|joint| joint.verdict == Identifiability::DoesNotFit).collect();
+    let worst = unfit.iter().fold(0.0, |max: f64, joint| max.max(joint.residual_over_noise));
+    (!unfit.is_empty()).then(|| {
+        format!(
+            "{} of {} joints do not fit: what is left of their balance is up to {worst:.1} times what noise leaves, so that mass, \
+             fluid, loads, drive or mesh of the scene are not those of the data; deviations include it",
+            unfit.len(),
+            found.joints.len()
+        )
+    })
+}
+
+/// How much stiffness matters in the scene.
+pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
+    let mut problem = Problem::of(scene).ok()?;
+    let rod = &problem.model().rod;
+    let (tip, length) = (rod.nodes - 1, rod.length);
+    let parameters: Vec<Parameter> = rod.joints().map(Parameter::Stiffness).collect();
+    let stiffness = problem.stiffness();
+    let outputs = [0, 1].map(|axis| Output::from(Quantity::Position(tip, axis)));
+    let found = problem.forward(&parameters, &outputs, 1, |_| {}).ok()?;
+    let along = |n: usize, o: usize| found.row(n, o).iter().zip(&stiffness).map(|(by, ei)| by * ei).sum::<f64>();
+    let moved = (0..found.times.len()).map(|n| along(n, 0).hypot(along(n, 1))).fold(0.0, f64::max);
+    let verdict =
+        if moved < MIN_SENSITIVITY * length { "stiffness does not matter here" } else { "stiffness matters here" };
+    Some(format!("{verdict}: 1 % more of it moves the tip by at most {:.1e} m", 0.01 * moved))
+}
+
+pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<String> {
+    let starts: Vec<String> = found.starts.iter().map(|value| format!("{value:.6e}")).collect();
+    let mut lines = vec![
+        format!("{}: {:.6e}", table.goal.label(), found.objective),
+        format!(
+            "{} after {} iterations, stationarity {:.1e}; {} starts ended at {}",
+            if found.interrupted {
+                "interrupted, the best so far,"
+            } else if found.converged {
+                "converged"
+            } else {
+                "not converged"
+            },
+            found.history.len(),
+            found.stationarity,
+            found.starts.len(),
+            starts.join(", ")
+        ),
+    ];
+    if !found.converged && !found.interrupted {
+        lines.push(format!("the search ended because {}", found.why));
+    }
+    if found.starts.len() > 1 {
+        let known = found.optima.iter().flatten();
+        let (came, count) = (known.clone().count(), known.copied().max().unwrap_or(0));
+        let optima = if count == 1 { "optimum" } else { "optima" };
+        lines.push(format!(
+            "{came} of {} starts converged, to {count} {optima}, which are the same where objectives agree to {} % or unknowns to {}",
+            found.starts.len(),
+            100.0 * SAME_OPTIMUM[0],
+            SAME_OPTIMUM[1]
+        ));
+    }
+    lines.extend(found.numbers.iter().map(explain_number));
+    if let Some(noise) = found.noise_m {
+        let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
+        lines.push(format!("deviations are those of positions that are uncertain by {noise:.2e} m, {whose}"));
+    }
+    if let Some(misfit) = found.misfit {
+        lines.push(format!(
+            "the simulation does not fit: {misfit:.1} times the noise of the markers is left, so that start, drive, fluid, mass, loads, steps \
+             or mesh of the scene are not those of the data; deviations include it"
+        ));
+    }
+    for names in &found.confused {
+        lines.push(match &names[..] {
+            [name] => format!("the data do not know {name}"),
+            several => format!("the data do not tell {} apart: they know them only together", several.join(" and ")),
+        });
+    }
+    for LimitUse { limit, used } in &found.limits {
+        lines.push(format!("limit: {limit}: {:.2} % of it", 100.0 * used));
+    }
+    lines.extend(found.active.iter().map(|(name, dual)| {
+        if let Some(case) = name.strip_prefix(WORST_SCENARIO) {
+            return format!("among the worst: {case} ({:.0} % of what decides the design)", 100.0 * dual);
+        }
+        let worth = if table.fits_positions() {
+            format!("dual {dual:.3e}")
+        } else {
+            // Unknowns are logarithms, and limits are over themselves; phases are angles.
+            let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
+            format!("{unit} more room is worth {dual:.3} % of the objective")
+        };
+        if found.limits.iter().any(|limit| limit.limit == *name && limit.used > 1.0 + FEASIBILITY_TOLERANCE) {
+            return format!("passed: {name}, which this design does not keep");
+        }
+        if !found.kept {
+            return format!("binding: {name}"); // beside what it does not keep no room has a worth
+        }
+        format!("binding: {name} ({worth})")
+    }));
+    lines
+}
+
+/// The objective in each scenario.
+pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
+    let line = |ScenarioResult { case, designed, gain_percent, .. }: &ScenarioResult| {
+        let value = designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
+        let gain = gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+        format!("in {case}: {value}{gain}")
+    };
+    let aggregate = (!cases.is_empty()).then(|| {
+        format!(
+            "for {} cases of {}; what counts is their {}",
+            cases.len(),
+            table.over.as_deref().unwrap_or_default(),
+            table.aggregate().words()
+        )
+    });
+    aggregate.into_iter().chain(cases.iter().map(line)).collect()
+}
+
+/// A summary of the Pareto front.
+pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Option<String> {
+    let [first, .., last] = front else { return None };
+    let [one, two] = [table.goal, table.front.as_ref()?.goal].map(Goal::label);
+    let best = front.iter().filter(|point| point.best).count();
+    Some(format!(
+        "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {:.6e} to {:.6e}, {one} \
+         from {:.6e} to {:.6e}",
+        front.len(),
+        first.second,
+        last.second,
+        first.first,
+        last.first
+    ))
+}
+
+/// The tightest and the loosest tolerance.
+pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
+    let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
+    if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
+        return Some(format!(
+            "no unknown costs 1 % of the objective, alone, within a factor of {:.0}",
+            MAX_REPORTED_TOLERANCE.exp()
+        ));
+    }
+    let order = |a: &&Tolerance, b: &&Tolerance| change(a).total_cmp(&change(b));
+    let [tight, loose] = [tolerances.iter().min_by(order)?, tolerances.iter().max_by(order)?];
+    let words = |tolerance: &Tolerance| match tolerance.change {
+        Some(change) if tolerance.name.starts_with("phase") => format!("{} off by {change:.3} rad", tolerance.name),
+        Some(change) => format!("{} off by {:.1} %", tolerance.name, 100.0 * (change.exp() - 1.0)),
+        None => format!("{}: a factor of {:.0} costs less", tolerance.name, MAX_REPORTED_TOLERANCE.exp()),
+    };
+    let loosest = if tolerances.len() > 1 { format!("; the loosest: {}", words(loose)) } else { String::new() };
+    Some(format!("what costs 1 % of the objective, alone: {}, the tightest{loosest}", words(tight)))
+}
+
+/// An estimated number.
+pub(super) fn explain_number(number: &EstimatedNumber) -> String {
+    let EstimatedNumber { key, unit, own, value, deviation, verdict } = number;
+    let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+    let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
+    let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));
+    format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}", value / own)
+}
+
+/// A warning if the simulation does not fit the markers.
+pub(super) fn explain_refit(refit: &Refit) -> Option<String> {
+    (!refit.fits()).then(|| {
+        format!(
+            "simulated with what was found each coordinate is {:.2e} m from the markers, {:.1} times what noise and steps of {:e} s \
+             leave: start, drive, fluid, mass, loads or mesh of the scene are not those of the data; deviations include it",
+            refit.residual_m, refit.residual_over_noise, refit.step_s
+        )
+    })
+}

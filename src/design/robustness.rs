@@ -1,0 +1,220 @@
+//! Robustness of a design: does its gain survive with half the step, another method, a finer mesh, a higher law of the fluid? Each check,
+//! of the design or of the baseline, in each scenario, is an independent simulation, which a worker can run.
+
+use std::ops::ControlFlow;
+
+use serde::Serialize;
+
+use super::checkpoint::Checkpoint;
+use super::design_vector::DesignVector;
+use super::designed_scene::{scene_with, simulations};
+use super::markers::Markers;
+use super::objective::Objective;
+use super::scenarios::Scenario;
+use super::table::DesignTable;
+use crate::fluid::laws::{CREEPING, DragLaw, LAWS, Reach, cross_flow};
+use crate::jobs;
+use crate::scene::{Document, Scene};
+use crate::sensitivity::Problem;
+
+/// The check simulations of a design.
+pub(super) struct RobustnessChecks<'a> {
+    table: &'a DesignTable,
+    target: Option<&'a Markers>,
+    /// Description of each, and the changes of the scene.
+    simulations: Vec<(String, Vec<String>)>,
+    scenes: Vec<CheckedScene>,
+}
+
+/// A scene in which the design is checked.
+struct CheckedScene {
+    document: Document,
+    /// The design, and the baseline.
+    profiles: [Option<DesignVector>; 2],
+}
+
+impl<'a> RobustnessChecks<'a> {
+    /// The checks of `profile`, designed for the scene of `document` or for `cases`, with a `target` trajectory if there is one.
+    pub fn of(
+        (document, cases): (&Document, &[Scenario]),
+        scene: &Scene,
+        table: &'a DesignTable,
+        target: Option<&'a Markers>,
+        profile: &DesignVector,
+    ) -> Self {
+        let before = Problem::of(scene).ok().map(|problem| DesignVector::before(table, &problem.stiffness()));
+        let allowed = |(_, changes): &(String, Vec<String>)| {
+            scene_with(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
+        };
+        let fluid = higher_fluids(scene).into_iter().filter(|_| before.is_some()).find(allowed);
+        let simulations = simulations(scene).into_iter().chain(fluid).collect();
+        let profiles = [Some(profile.clone()), before];
+        let of = |case: &Scenario| CheckedScene {
+            document: case.document.clone(),
+            profiles: [0, 1].map(|i| profiles[i].as_ref().map(|profile| case.profile(profile))),
+        };
+        let scenes = if cases.is_empty() {
+            vec![CheckedScene { document: document.clone(), profiles }]
+        } else {
+            cases.iter().map(of).collect()
+        };
+        Self { table, target, simulations, scenes }
+    }
+
+    /// Number of simulations.
+    pub fn count(&self) -> usize {
+        self.simulations.len() * 2 * self.scenes.len()
+    }
+
+    /// The changes, the scene and the design of simulation `index`.
+    fn at(&self, index: usize) -> (&(String, Vec<String>), &CheckedScene, Option<&DesignVector>) {
+        let (rest, scene) = (index / self.scenes.len(), &self.scenes[index % self.scenes.len()]);
+        (&self.simulations[rest / 2], scene, scene.profiles[rest % 2].as_ref())
+    }
+
+    /// A description of simulation `index`.
+    pub fn describe(&self, index: usize) -> String {
+        let ((name, _), ..) = self.at(index);
+        let which = ["the design", "what was before"][index / self.scenes.len() % 2];
+        match self.scenes.len() {
+            1 => format!("{which}, {name}"),
+            _ => format!("{which}, {name}, case {}", index % self.scenes.len()),
+        }
+    }
+
+    /// The key of its result in the checkpoint.
+    pub fn asked(&self, index: usize) -> String {
+        let ((_, changes), _, profile) = self.at(index);
+        format!("check {index}: {changes:?} of {profile:?}")
+    }
+
+    /// The objective in simulation `index`; `None` if it fails.
+    pub fn measure(&self, index: usize) -> Option<f64> {
+        let ((_, changes), CheckedScene { document, .. }, profile) = self.at(index);
+        let scene = scene_with(document, &self.table.numbers, changes, profile?).ok()?;
+        let mut problem = Problem::without_derivatives(&scene, scene.model().ok()?).ok()?;
+        let own = DesignVector::of(problem.stiffness());
+        let objective = Objective::new(self.table, &problem, self.target).ok()?;
+        objective.measure(&mut problem, &own).filter(|value| value.is_finite())
+    }
+
+    /// Runs all simulations whose results are not in `checkpoint`, on all cores.
+    pub fn make(&self, checkpoint: &mut Checkpoint) -> Vec<Check> {
+        let mut found: Vec<Option<f64>> = vec![None; self.count()];
+        let todo: Vec<usize> = (0..self.count()).filter(|index| !checkpoint.has(&self.asked(*index))).collect();
+        let keep = |index: usize, value| {
+            found[index] = value;
+            Ok(ControlFlow::Continue(()))
+        };
+        if jobs::run(&todo, jobs::cores(), |index| self.measure(index), keep).is_err() {
+            todo.iter().for_each(|index| found[*index] = self.measure(*index)); // there are no threads
+        }
+        let mut values = found.into_iter().enumerate();
+        let mut next = || {
+            let (index, value) = values.next()?;
+            checkpoint.get_or_compute(|| self.asked(index), || value)
+        };
+        let mut measured = || {
+            let values: Vec<Option<f64>> = self.scenes.iter().map(|_| next()).collect();
+            match values[..] {
+                [value] => value,
+                _ => {
+                    let values = values.into_iter().collect::<Option<Vec<f64>>>()?;
+                    self.table.aggregate().of(&values, self.table.smaller_is_better())
+                }
+            }
+        };
+        let check = |(simulation, _): &(String, Vec<String>)| {
+            let (designed, before) = (measured(), measured());
+            let gain_percent = designed.zip(before).map(|(value, before)| self.table.gain_percent(value, before));
+            Check { simulation: simulation.clone(), designed, before, gain_percent }
+        };
+        self.simulations.iter().map(check).collect()
+    }
+}
+
+/// The objective in another simulation. For identification, the root mean square distance of the rod from the markers (m).
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Check {
+    pub simulation: String,
+    /// Of the design; `None` if the simulation fails.
+    pub designed: Option<f64>,
+    /// Of the baseline, the scene's own.
+    pub before: Option<f64>,
+    /// Relative gain, %.
+    pub gain_percent: Option<f64>,
+}
+
+/// Whether a gain survives in other simulations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Robustness {
+    /// Gain in the simulation of the design, %.
+    pub gain_percent: Option<f64>,
+    /// Least gain in the other simulations, %; `None` if one of them fails.
+    pub least_percent: Option<f64>,
+    /// The simulation with the least gain.
+    pub least_in: String,
+    /// True if the gain is positive in all simulations.
+    pub survives: bool,
+}
+
+impl Robustness {
+    /// Of `checks`, of which the first is the simulation of the design.
+    pub(super) fn of(checks: &[Check]) -> Option<Self> {
+        let (first, others) = checks.split_first()?;
+        let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
+        let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
+        let least = others.iter().min_by(|a, b| size(a).total_cmp(&size(b)))?;
+        Some(Self {
+            gain_percent: gain(first),
+            least_percent: gain(least),
+            least_in: least.simulation.clone(),
+            survives: [first, least].into_iter().all(|check| size(check) > 0.0),
+        })
+    }
+
+    /// A sentence that states it.
+    pub(super) fn words(&self) -> String {
+        let gain = self.gain_percent.unwrap_or(f64::NAN);
+        match (self.survives, self.least_percent) {
+            (true, Some(least)) => {
+                format!("the gain of {gain:.2} % survives: it is {least:.2} % at least, with {}", self.least_in)
+            }
+            (_, Some(_)) if gain <= 0.0 => "no gain: the design is no better than what was before".to_string(),
+            (_, Some(least)) => {
+                format!("no gain: of {gain:+.2} % as designed {least:+.2} % is left with {}", self.least_in)
+            }
+            (_, None) => format!("no gain: {gain:+.2} % as designed, but the simulation with {} fails", self.least_in),
+        }
+    }
+}
+
+/// The more accurate fluid models to check with, as descriptions and changes of the scene; the first that the scene allows is used.
+/// Above a local law of creeping flow: the nonlocal law if the flow is creeping and the mesh affordable, else a law with the
+/// fluid's inertia. Above that: the reactive force. None above these, nor above laws with coefficients from the scene or near a
+/// wall.
+pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
+    let rod = scene.model().map(|model| model.rod);
+    let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime().ok()?)));
+    let Some((law, regime)) = of.filter(|_| scene.medium.is_some()) else { return Vec::new() };
+    if law == &cross_flow::LAW {
+        let water = ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]);
+        return if scene.reactive.is_none() { vec![water] } else { Vec::new() };
+    }
+    if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_whole() {
+        return Vec::new();
+    }
+    let cheap = |law: &&DragLaw| match law.reach {
+        Reach::Rod { most_nodes, .. } => regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes,
+        Reach::Edge => false,
+    };
+    let whole = LAWS
+        .iter()
+        .copied()
+        .find(cheap)
+        .map(|law| (format!("the law {}", law.name), vec![format!("drag.law={}", law.name)]));
+    let name = cross_flow::LAW.name;
+    let viscous = law.resistance.map(|_| format!("drag.viscous={}", law.name));
+    let changes = std::iter::once(format!("drag.law={name}")).chain(viscous).collect();
+    whole.into_iter().chain([(format!("the law {name}"), changes)]).collect()
+}

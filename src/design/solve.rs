@@ -1,0 +1,538 @@
+//! Solves the design problem that a scene's `[design]` states, and writes its results: the designed scene, numbers, tables and a page.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use super::checkpoint::{self, Checkpoint};
+use super::design_vector::{BASELINE, DesignVector};
+use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
+use super::explanations::{
+    explain_effect, explain_front, explain_identification, explain_misfit, explain_refit, explain_scenarios,
+    explain_search, explain_tolerances,
+};
+use super::front::{ParetoPoint, front};
+use super::identify::{Identification, identify};
+use super::markers::{MIN_SAMPLES, Markers, distances, rms};
+use super::objective::objective_of;
+use super::refit::Refit;
+use super::robustness::{Check, Robustness, RobustnessChecks};
+use super::scenarios::{Scenario, ScenarioResult, scenarios};
+use super::search::{ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult};
+use super::static_shape::{Equilibrium, StaticShape, rest};
+use super::stl;
+use super::table::{DesignTable, DesignVariable, Goal};
+use crate::assessment::Assessment;
+use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
+use crate::linear_stability::{RESTED, SteadyState, come_to_rest, grows};
+use crate::model::Dynamics;
+use crate::newton::Newton;
+use crate::report::{Claim, Folder, Owner};
+use crate::scene::{Document, Scene};
+use crate::sensitivity::{Problem, Trajectory};
+use crate::stepper::Stepper;
+use crate::system::System;
+
+/// Stiffnesses that differ by less than this fraction are equal.
+const SAME_STIFFNESS: f64 = 1e-9;
+
+/// A solved design problem.
+#[derive(Debug)]
+pub struct Design {
+    /// The design table.
+    pub table: DesignTable,
+    /// The answer.
+    pub answer: Answer,
+    /// EI of the joints, N m².
+    pub stiffness: Vec<f64>,
+    /// The results in sentences.
+    pub lines: Vec<String>,
+    pub(super) evidence: Evidence,
+    pub(super) scene: Scene,
+    document: Document,
+    pub(super) designed: Document,
+}
+
+/// The answer, by goal.
+#[derive(Debug, Clone, Serialize)]
+#[serde(untagged)]
+pub enum Answer {
+    /// Of `identify`.
+    Identification(Identification),
+    /// Of `static-shape`.
+    StaticShape(StaticShape),
+    /// Of the dynamic goals.
+    Search(Box<SearchResult>),
+}
+
+/// A scene's `[design]`, read for its error messages.
+#[derive(Deserialize)]
+struct SceneWithDesign {
+    #[serde(rename = "design")]
+    _table: Option<DesignTable>,
+}
+
+/// What is reported along with the answer.
+#[derive(Debug, Default)]
+pub(super) struct Evidence {
+    /// The design in other simulations.
+    pub checks: Vec<Check>,
+    /// Profiles for comparison, with their objectives; the design is the last.
+    pub profiles: Vec<ComparedProfile>,
+    /// The motions of baseline and design; empty if a simulation fails, or there is none.
+    pub motions: Vec<Trajectory>,
+    /// The target trajectory or markers.
+    pub target: Option<Markers>,
+    /// Dimensionless numbers.
+    pub numbers: Map<String, Value>,
+    /// The Pareto front.
+    pub front: Vec<ParetoPoint>,
+    /// True if the front was interrupted.
+    pub unfinished: bool,
+    /// The objectives in the scenarios.
+    pub cases: Vec<ScenarioResult>,
+    /// Whether the gain survives in the other simulations.
+    pub trust: Option<Robustness>,
+}
+
+/// A profile that the design is compared with.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct ComparedProfile {
+    pub name: String,
+    pub profile: DesignVector,
+    /// The objective; `None` if the simulation fails.
+    pub objective: Option<f64>,
+}
+
+impl Design {
+    /// Solves the design problem of `document`; `tell` is called after each iteration and may stop the search.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] if there is no answer; those of data and simulation.
+    pub fn of(document: &Document, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<Self> {
+        Self::made(document, None, tell)
+    }
+
+    /// The same for [`write`](Self::write) to `folder`, where the results of simulations are stored: an interrupted search resumes
+    /// there, with bit-identical results.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of); those of [`claim`](Self::claim).
+    pub fn resumed(
+        document: &Document,
+        folder: &Path,
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<Self> {
+        Self::made(document, Some(folder), tell)
+    }
+
+    /// The default folder of results.
+    pub fn folder(scene: &Scene) -> PathBuf {
+        PathBuf::from("out").join(format!("{}-design", scene.name))
+    }
+
+    /// Claims `folder` for the results on `scene`, see [`Folder::claim`]: before a long search, or to replace results of others.
+    ///
+    /// # Errors
+    /// Those of [`Folder::claim`].
+    pub fn claim(scene: &Scene, folder: &Path, claim: Claim) -> Result<Folder> {
+        Folder::claim(folder, Owner::of("design", scene), claim, &checkpoint::RESULT_FILES)
+    }
+
+    fn made(
+        document: &Document,
+        folder: Option<&Path>,
+        mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<Self> {
+        let scene = document.scene()?;
+        document.read_as::<SceneWithDesign>()?; // whose complaints know their place
+        let table = DesignTable::of(&scene).map_err(|fault| document.error_at(&fault))?;
+        let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
+        let asked = document;
+        let document = &with_fixed_fluid(document, &scene);
+        let rod = scene.model()?.rod;
+        let data = |least: usize| match &table.data {
+            Some(file) => {
+                let tip = table.goal == Goal::TrackTip;
+                Markers::read(&scene.folder.join(file), &rod, tip, least).map(Some)
+            }
+            None => Ok(None),
+        };
+        let mut lines = Vec::new();
+        let mut evidence = Evidence { numbers: dimensionless(&scene), ..Evidence::default() };
+        let (mut answer, profile) = match table.goal {
+            Goal::Identify if !table.is_searched() => {
+                if let Some(law) = dynamics.model.forces.whole() {
+                    let problem = format!(
+                        "{:?} found, whose drag at a node depends on all of the rod, and noise with it; allowed here: a law for each edge, as \"cox\"",
+                        law.name()
+                    );
+                    return Err(document.error_at(&crate::scene::KeyError { key: "drag.law".into(), problem }));
+                }
+                let markers = data(MIN_SAMPLES)?.unwrap_or_default().without_glitches();
+                let mut found = identify(&mut dynamics, &markers, &table)?;
+                let unfit = explain_misfit(&found);
+                let mut profile = DesignVector::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
+                profile.amplitude.fill(found.actuation_gain.unwrap_or(1.0));
+                let steps = fixed_steps(&scene);
+                let with_step = |step: f64| {
+                    let changes = [&steps[..], &[format!("solver.time_step_s={step:e}")]].concat();
+                    scene_with(document, &[], &changes, &DesignVector::of(Vec::new()))
+                };
+                let step = scene_with(document, &[], &steps, &DesignVector::of(Vec::new()))?.typical_step();
+                let deviations: Vec<f64> = found.joints.iter().map(|joint| joint.deviation_n_m2).collect();
+                if let Ok(refit) =
+                    Refit::of(with_step, step, &profile, (&markers, found.noise_m), (&deviations, table.actuation_gain))
+                {
+                    found.judge(refit);
+                }
+                lines.extend(explain_identification(&found).into_iter().chain(unfit));
+                lines.extend(explain_effect(&scene));
+                match scene_with(document, &[], &steps, &DesignVector::of(Vec::new()))
+                    .and_then(|scene| simulated(&scene, &profile))
+                {
+                    Ok(motions) => evidence.motions = motions.into(),
+                    Err(error) => lines.push(format!("no simulation beside the data: {error}")),
+                }
+                evidence.checks = replay(document, &scene, &table, &markers, &profile);
+                lines.extend(found.refit.as_ref().and_then(explain_refit));
+                evidence.target = Some(markers);
+                (Answer::Identification(found), profile)
+            }
+            Goal::StaticShape => {
+                let markers = data(1)?.unwrap_or_default();
+                let mut found = rest(&mut dynamics, &markers.positions[0], &table)?;
+                for (node, ei) in &found.missed {
+                    lines.push(format!("node {node} misses the shape: it would take EI = {ei:.4e} N m²"));
+                }
+                if !found.undecided.is_empty() {
+                    let nodes = &found.undecided;
+                    lines.push(format!("neither curvature nor moment at nodes {nodes:?}: any stiffness does"));
+                }
+                let profile = DesignVector::of(found.stiffness_n_m2.clone());
+                let own = Problem::of(&scene).map(|problem| DesignVector::of(problem.stiffness()))?;
+                for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
+                    let designed = resting(document, profile, &markers.positions[0]);
+                    let check = Check { simulation: simulation.into(), designed, before: None, gain_percent: None };
+                    evidence.checks.push(check);
+                }
+                found.state = rest_of(document, &profile, &markers.positions[0], &found);
+                lines.extend(found.state.words());
+                evidence.target = Some(markers);
+                (Answer::StaticShape(found), profile)
+            }
+            Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency | Goal::Cycle(_) => {
+                let target = data(1)?;
+                let (objective, problem) = objective_of(document, &scene, &table, target.as_ref())?;
+                let mut search = Search::new(&table, &objective, problem);
+                search.scenarios = scenarios(asked, &scene, &table)?;
+                if let Some(folder) = folder.filter(|_| !table.fits_positions()) {
+                    search.checkpoint = Checkpoint::open(folder, &scene, &table)?;
+                }
+                let mut found = search.run(&mut tell)?;
+                lines.extend(explain_search(&found, &table));
+                let profile = found.profile.clone();
+                if table.goal != Goal::Identify {
+                    evidence.profiles = compare(&mut search, &found, &table);
+                }
+                let own = DesignVector {
+                    numbers: table.initial_numbers(),
+                    ..DesignVector::of(found.own_stiffness_n_m2.clone())
+                };
+                let before = evidence.profiles.first().map_or(&own, |compared| &compared.profile);
+                if let Ok(motions) = motions(&mut search, before, &profile) {
+                    evidence.motions = motions.into();
+                }
+                evidence.cases = in_scenarios(&mut search, before, &profile);
+                lines.extend(explain_scenarios(&evidence.cases, &table));
+                if table.goal == Goal::Identify {
+                    let markers = target.clone().unwrap_or_default();
+                    evidence.checks = replay(document, &scene, &table, &markers, &profile);
+                } else if found.interrupted {
+                    lines.push(
+                        "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
+                    );
+                } else {
+                    let checks =
+                        RobustnessChecks::of((document, &search.scenarios), &scene, &table, target.as_ref(), &profile);
+                    evidence.checks = checks.make(&mut search.checkpoint);
+                    let again = || Problem::of(&scene);
+                    (evidence.front, evidence.unfinished) =
+                        front(&table, &objective, &found, (again, &mut search.checkpoint), &mut tell)?;
+                    lines.extend(explain_front(&evidence.front, &table));
+                    if !table.fits_positions() {
+                        found.tolerances = search.tolerances(&found);
+                    }
+                }
+                for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
+                    if let Some(value) = compared.objective {
+                        let gain = table.gain_percent(found.objective, value);
+                        lines.push(format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name));
+                    }
+                }
+                evidence.target = target;
+                (Answer::Search(Box::new(found)), profile)
+            }
+        };
+        for check in &evidence.checks {
+            let gain = check.gain_percent.filter(|gain| gain.abs() >= 0.005);
+            let gain = gain.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+            let value = check.designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
+            let what = match table.goal {
+                Goal::Identify => " rms distance from the markers (m)",
+                Goal::StaticShape => " rms distance from the shape (m)",
+                _ => "",
+            };
+            lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
+        }
+        if table.goal.is_dynamic()
+            && let Some(trust) = Robustness::of(&evidence.checks)
+        {
+            lines.push(trust.words());
+            evidence.trust = Some(trust);
+        }
+        if let Answer::Search(found) = &answer {
+            lines.extend(explain_tolerances(&found.tolerances));
+        }
+        let designed = designed(document, &scene, &table.numbers, &profile)?;
+        let stiffness = if profile.stiffness_n_m2.is_empty() {
+            let rod = profile.numbers_in(document, &table.numbers)?.model()?.rod;
+            rod.joints().map(|k| rod.joint_stiffness(k)).collect()
+        } else {
+            profile.stiffness_n_m2
+        };
+        if let Answer::Search(found) = &mut answer {
+            found.profile.stiffness_n_m2.clone_from(&stiffness);
+        }
+        Ok(Self { table, answer, stiffness, lines, evidence, scene, document: document.clone(), designed })
+    }
+
+    /// Writes the designed scene, design.json, tables, figures and report.html to `folder`, in this order, each atomically.
+    ///
+    /// # Errors
+    /// Those of [`claim`](Self::claim), [`Error::Page`].
+    pub fn write(&self, folder: &Path) -> Result<WrittenFiles> {
+        let failed = |reason: String| Error::Page { reason };
+        let findings = self.findings()?;
+        let numbers = serde_json::to_string_pretty(&self.numbers()?).map_err(|e| failed(e.to_string()))?;
+        let mut texts = vec![
+            (format!("{}-designed.toml", self.scene.name), self.designed.text().to_string()),
+            ("design.json".to_string(), numbers + "\n"),
+        ];
+        for (i, point) in self.evidence.front.iter().enumerate() {
+            let scene = designed(&self.document, &self.scene, &self.table.numbers, &point.profile)?;
+            texts.push((format!("{}-front-{}.toml", self.scene.name, i + 1), scene.text().to_string()));
+        }
+        let rod = self.designed.scene()?.model()?.rod;
+        texts.push(("body.stl".to_string(), stl::stl(&self.scene.name, &rod)));
+        for table in &findings.tables {
+            texts.push((table.file.to_string(), table.csv().map_err(|e| failed(e.to_string()))?));
+        }
+        texts.extend(findings.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
+        texts.push(("report.html".to_string(), findings.page(&self.scene.name, &self.document)?));
+        let mut folder = Self::claim(&self.scene, folder, Claim::Own)?;
+        let kept = folder.results().all(&texts);
+        let going_on = matches!(&self.answer, Answer::Search(found) if found.interrupted) || self.evidence.unfinished;
+        if kept.lost.is_empty() && !going_on {
+            folder.forget_journals();
+        }
+        Ok(kept)
+    }
+
+    /// The content of design.json.
+    ///
+    /// # Errors
+    /// [`Error::Page`].
+    pub fn numbers(&self) -> Result<Value> {
+        let failed = |e: serde_json::Error| Error::Page { reason: e.to_string() };
+        let rod = self.scene.model()?.rod;
+        Ok(json!({
+            "name": self.scene.name,
+            "caudal_version": env!("CARGO_PKG_VERSION"),
+            "goal": self.table.goal,
+            "status": self.status(),
+            "reference_stiffness_n_m2": rod.ei,
+            "xi": rod.joints().map(|k| rod.xi(k)).collect::<Vec<_>>(),
+            "stiffness_n_m2": self.stiffness,
+            "bounds": self.table.bounds,
+            "lines": self.lines,
+            "dimensionless": self.evidence.numbers,
+            "checks": serde_json::to_value(&self.evidence.checks).map_err(failed)?,
+            "cases": serde_json::to_value(&self.evidence.cases).map_err(failed)?,
+            "front": serde_json::to_value(&self.evidence.front).map_err(failed)?,
+            "trust": serde_json::to_value(&self.evidence.trust).map_err(failed)?,
+            "compared": serde_json::to_value(&self.evidence.profiles).map_err(failed)?,
+            "answer": serde_json::to_value(&self.answer).map_err(failed)?,
+        }))
+    }
+
+    /// Advice for a search that did not converge.
+    pub fn advice(&self) -> &'static str {
+        match &self.answer {
+            Answer::Search(found) if found.why == ITERATIONS_EXHAUSTED => "try more design.iterations",
+            Answer::Search(found) if !found.kept => {
+                "it does not keep its limits; try more design.starts, or weaker limits"
+            }
+            _ => "it ended by itself; try more design.starts, a smaller solver.newton_tolerance, or fewer variables",
+        }
+    }
+
+    pub(super) fn status(&self) -> &'static str {
+        match &self.answer {
+            Answer::Search(found) if found.interrupted => "interrupted",
+            Answer::Search(found) if !found.converged => "not converged",
+            Answer::StaticShape(found) => found.state.name(),
+            _ => "solved",
+        }
+    }
+}
+
+/// The objectives of design and baseline in each scenario.
+fn in_scenarios(search: &mut Search<'_>, before: &DesignVector, profile: &DesignVector) -> Vec<ScenarioResult> {
+    let mut of = |profile: &DesignVector| match search.in_scenarios(profile) {
+        Some(values) => values.into_iter().map(Some).collect(),
+        None => vec![None; search.scenarios.len()],
+    };
+    let (before, designed) = (of(before), of(profile));
+    let row = |((case, before), designed): ((&Scenario, Option<f64>), Option<f64>)| ScenarioResult {
+        case: case.name.clone(),
+        designed,
+        before,
+        gain_percent: designed.zip(before).map(|(designed, before)| search.table.gain_percent(designed, before)),
+    };
+    search.scenarios.iter().zip(before).zip(designed).map(row).collect()
+}
+
+/// The dimensionless numbers that decide the effect of stiffness (Sp, β, …), if the scene has them.
+fn dimensionless(scene: &Scene) -> Map<String, Value> {
+    let mut numbers = Map::new();
+    let assessed = Stepper::of(scene).and_then(|stepper| Assessment::of(scene, &stepper));
+    if let Ok(assessed) = assessed {
+        for (name, value) in [
+            ("sperm_number", assessed.sperm_number),
+            ("inertia_ratio", assessed.inertia_ratio),
+            ("frequency_ratio", assessed.frequency_ratio),
+            ("reynolds_number", assessed.reynolds),
+        ] {
+            numbers.insert(name.to_string(), json!(value));
+        }
+        numbers.insert("warnings".to_string(), json!(assessed.all_warnings().collect::<Vec<_>>()));
+    }
+    numbers
+}
+
+/// The baseline, a uniform profile, the source study's gradient and the best linear one of the same mean, and the design, with
+/// their objectives.
+fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -> Vec<ComparedProfile> {
+    let before = DesignVector::before(table, &search.own_stiffness);
+    let rod = &search.problem.model().rod;
+    let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
+    let reference = search.reference;
+    let even = if table.variables.contains(&DesignVariable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
+    let centre = xi.iter().sum::<f64>() / xi.len() as f64;
+    let of = |factors: Vec<f64>| DesignVector {
+        numbers: table.initial_numbers(),
+        ..DesignVector::of(factors.iter().map(|factor| factor * reference).collect())
+    };
+    let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
+    let mut profiles = Vec::new();
+    let mut add = |name: &str, profile: DesignVector, search: &mut Search<'_>| {
+        let objective = search.value(&profile);
+        profiles.push(ComparedProfile { name: name.to_string(), profile, objective });
+    };
+    let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < SAME_STIFFNESS);
+    add(BASELINE, before, search);
+    if table.variables.contains(&DesignVariable::Stiffness) {
+        if !alike {
+            add("even stiffness", of(vec![even; xi.len()]), search);
+        }
+        if table.goal != Goal::TrackTip && !found.interrupted {
+            add("the study's gradient", of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect()), search);
+            if let Some((slope, _)) = search.best_linear() {
+                add(&format!("best linear profile (slope {slope:.3})"), linear(slope), search);
+            }
+        }
+    }
+    let designed =
+        ComparedProfile { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
+    profiles.push(designed);
+    profiles
+}
+
+/// The motions of two designs.
+fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector) -> Result<[Trajectory; 2]> {
+    let mut motion = |profile: &DesignVector| {
+        search.objective.set(&mut search.problem, profile)?;
+        search.problem.simulate()
+    };
+    Ok([motion(before)?, motion(after)?])
+}
+
+/// The motions of the scene as it is, and with `profile`.
+fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[Trajectory; 2]> {
+    let mut problem = Problem::of(scene)?;
+    let before = problem.simulate()?;
+    problem.set_stiffness(&profile.stiffness_n_m2)?;
+    problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
+    Ok([before, problem.simulate()?])
+}
+
+/// The distance of the rod from `markers` without and with the identified profile, in several simulations.
+fn replay(
+    document: &Document,
+    scene: &Scene,
+    table: &DesignTable,
+    markers: &Markers,
+    profile: &DesignVector,
+) -> Vec<Check> {
+    let fixed = fixed_steps(scene);
+    let measure = |changes: &[String], profile: &DesignVector| -> Option<f64> {
+        let changes = [&fixed[..], changes].concat();
+        let variant = scene_with(document, &table.numbers, &changes, profile).ok()?;
+        let trajectory = Problem::of(&variant).ok()?.simulate().ok()?;
+        let finer = (variant.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
+        distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
+    };
+    let scene_of = |changes: &[String]| scene_with(document, &[], changes, &DesignVector::of(Vec::new()));
+    let fixed_scene = scene_of(&fixed);
+    let own = fixed_scene.as_ref().ok().and_then(|scene| Problem::of(scene).ok());
+    let own = own.map(|problem| DesignVector::of(problem.stiffness()));
+    let check = |(simulation, changes): (String, Vec<String>)| {
+        let designed = measure(&changes, profile);
+        let before = own.as_ref().and_then(|own| measure(&changes, own));
+        let gain_percent = designed.zip(before).map(|(designed, before)| table.gain_percent(designed, before));
+        Check { simulation, designed, before, gain_percent }
+    };
+    simulations(fixed_scene.as_ref().unwrap_or(scene)).into_iter().map(check).collect()
+}
+
+/// The stability of the equilibrium of a profile near `positions`.
+fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found: &StaticShape) -> Equilibrium {
+    let steady = || -> Option<SteadyState> {
+        SteadyState::near(scene_with(document, &[], &[], profile).ok()?.model().ok()?, positions).ok()
+    };
+    match steady().map(|mut steady| steady.eigenvalues()) {
+        None => Equilibrium::Unknown,
+        Some(Ok(values)) if values.iter().any(|(value, uncertainty)| grows(*value, *uncertainty)) => {
+            Equilibrium::Unstable
+        }
+        Some(_) if !found.missed.is_empty() => Equilibrium::Missed,
+        Some(_) => Equilibrium::Stable,
+    }
+}
+
+/// The distance (m, root mean square) of the equilibrium of a profile from `positions`; `None` if none is found.
+fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Option<f64> {
+    let scene = scene_with(document, &[], &[], profile).ok()?;
+    let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
+    let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;
+    let mut state = dynamics.first_state();
+    state.q.copy_from_slice(positions);
+    come_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
+    let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
+    Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
+}

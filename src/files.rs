@@ -1,0 +1,141 @@
+//! Atomic writes: a file is written under a temporary name beside its place and then renamed, so that a reader never sees half of it.
+//! Also free disk space, and folders that are removed again if nothing was written to them.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use tempfile::{Builder, NamedTempFile};
+
+use crate::error::{Error, Result};
+
+/// The error of writing `path`.
+pub fn write_error(path: &Path, error: &std::io::Error) -> Error {
+    Error::Write { path: path.to_path_buf(), reason: error.to_string() }
+}
+
+/// A file beside `path`, which disappears unless it is put in place. It is locked while its program lives, so that others
+/// can tell it from one that a killed program left.
+pub fn partial_file(path: &Path) -> Result<NamedTempFile> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let prefix = format!(".{name}.");
+    let mut builder = Builder::new();
+    builder.prefix(&prefix).suffix(PARTIAL);
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's mask, as any file
+    let file = builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))?;
+    let _ = file.as_file().try_lock(); // a file system without locks is no reason not to write
+    Ok(file)
+}
+
+/// What the names of files in the making end with; they begin with a dot.
+pub const PARTIAL: &str = ".partial";
+
+/// Folders that were made for something, the innermost first; those that nothing came into go again when it is dropped.
+#[derive(Debug, Default)]
+pub struct CreatedFolders(Vec<PathBuf>);
+
+impl CreatedFolders {
+    /// Makes the folder at `path` and what it lies in, where they are not there.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn at(path: &Path) -> Result<Self> {
+        let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+        let made = Self(path.ancestors().take_while(missing).map(Path::to_path_buf).collect());
+        if !made.0.is_empty() {
+            std::fs::create_dir_all(path).map_err(|e| write_error(path, &e))?;
+        }
+        Ok(made)
+    }
+}
+
+impl Drop for CreatedFolders {
+    fn drop(&mut self) {
+        for folder in &self.0 {
+            let _ = std::fs::remove_dir(folder); // which takes none that holds anything
+        }
+    }
+}
+
+/// Room on the disk of `folder`, or of what it would be made in, bytes; `None` if the system does not say.
+pub fn free_space(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let disk = rustix::fs::statvfs(existing(folder)).ok()?;
+        Some(disk.f_bavail.saturating_mul(disk.f_frsize))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
+/// The innermost folder on the way to `folder` that there is.
+fn existing(folder: &Path) -> &Path {
+    let found = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.exists());
+    found.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// The files of a result as far as they could be written.
+#[derive(Debug, Default)]
+pub struct WrittenFiles {
+    /// What is there.
+    pub files: Vec<PathBuf>,
+    /// What could not be written, and why.
+    pub lost: Vec<Error>,
+}
+
+impl WrittenFiles {
+    /// One error of all that is lost, if any is.
+    ///
+    /// # Errors
+    /// The first, with the number of others.
+    pub fn complete(self) -> Result<Vec<PathBuf>> {
+        let others = self.lost.len().saturating_sub(1);
+        match self.lost.into_iter().next() {
+            None => Ok(self.files),
+            Some(Error::Write { path, reason }) if others > 0 => {
+                Err(Error::Write { path, reason: format!("{reason}; nor can {others} other files") })
+            }
+            Some(error) => Err(error),
+        }
+    }
+}
+
+/// Writes `content` to `path` as a whole or not at all, and makes its folder where there is none.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
+    write_atomically(path, |file| fill(file, path, content.as_ref()))
+}
+
+/// The same for what `write` leaves in the file beside `path` that it is given.
+///
+/// # Errors
+/// [`Error::Write`]; those of `write`.
+pub fn write_atomically(path: &Path, write: impl FnOnce(&mut NamedTempFile) -> Result<()>) -> Result<()> {
+    let _made = path.parent().map(CreatedFolders::at).transpose()?;
+    let mut file = partial_file(path)?;
+    write(&mut file)?;
+    persist(file, path.to_path_buf()).map(|_| ())
+}
+
+/// Gives a finished file its name.
+pub fn persist(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
+    file.persist(&path).map_err(|e| write_error(&path, &e.error))?;
+    Ok(path)
+}
+
+/// A file with `content` beside `path`.
+pub fn partial_file_with(path: &Path, content: impl AsRef<[u8]>) -> Result<NamedTempFile> {
+    let mut file = partial_file(path)?;
+    fill(&mut file, path, content.as_ref())?;
+    Ok(file)
+}
+
+fn fill(file: &mut NamedTempFile, path: &Path, content: &[u8]) -> Result<()> {
+    file.as_file_mut().write_all(content).map_err(|e| write_error(path, &e))
+}

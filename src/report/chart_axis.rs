@@ -1,0 +1,200 @@
+//! Axes of charts: a range that contains the data, and axis ticks at round numbers (linear, logarithmic, signed logarithmic,
+//! categories).
+
+use crate::words::number;
+
+/// Values beyond these are treated as infinity or zero, so that ranges and ticks cannot overflow.
+const LARGEST: f64 = 1e300;
+const SMALLEST: f64 = 1e-290;
+
+/// Approximate number of ticks.
+const TICKS: f64 = 7.0;
+
+/// How numbers are spaced along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum TickSpacing {
+    Linear,
+    Logarithmic,
+    /// By the logarithm of their modulus, above or below the middle depending on their sign.
+    Signed,
+}
+
+/// An axis from 0 to 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChartAxis {
+    /// The values at 0 and 1: numbers, or their decimal logarithms; for a signed axis the middle and both ends.
+    range: [f64; 2],
+    spacing: TickSpacing,
+    /// Tick positions from 0 to 1 with their labels; minor ticks have none.
+    pub ticks: Vec<(f64, String)>,
+    /// Common power of ten of all labels.
+    pub power: i32,
+}
+
+impl ChartAxis {
+    /// A linear axis that contains the finite `values`, with a margin.
+    pub fn linear(values: impl Iterator<Item = f64>) -> Self {
+        Self::from(range(values))
+    }
+
+    /// A linear axis over a range.
+    pub fn from([low, high]: [f64; 2]) -> Self {
+        let step = round_step((high - low) / TICKS);
+        let size = low.abs().max(high.abs());
+        let power = if (1e-3..1e5).contains(&size) { 0 } else { 3 * (size.log10() / 3.0).floor() as i32 };
+        let unit = 10.0_f64.powi(power);
+        let decimals = (-(step / unit).log10() - 1e-9).ceil().clamp(0.0, 12.0) as usize;
+        let first = (low / step).ceil();
+        let tick = |i: u32| {
+            let x = (first + f64::from(i)) * step;
+            let label = format!("{:.decimals$}", x / unit);
+            let label = if label.trim_matches(['-', '0', '.']).is_empty() { "0".to_string() } else { label };
+            ((x - low) / (high - low), label)
+        };
+        let ticks = (0..20).map(tick).take_while(|(place, _)| *place <= 1.0 + 1e-9).collect();
+        Self { range: [low, high], spacing: TickSpacing::Linear, ticks, power }
+    }
+
+    /// A logarithmic axis that contains the positive `values`, with a margin.
+    pub fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
+        let logs = values.filter(|x| *x > 0.0 && x.is_finite()).map(|x| x.clamp(SMALLEST, LARGEST).log10());
+        let [low, high] = extent(logs).unwrap_or([-1.0, 0.0]);
+        let margin = (0.04 * (high - low)).max(0.04);
+        Self::from_logs([low - margin, high + margin])
+    }
+
+    /// A logarithmic axis for the moduli of `values`: this many `decades` down from the largest.
+    pub fn decades(values: impl Iterator<Item = f64>, decades: i32) -> Self {
+        let largest = values.filter(|x| x.is_finite()).fold(0.0, |max: f64, x| max.max(x.abs())).min(LARGEST);
+        let top = if largest < SMALLEST { 0.0 } else { largest.log10() };
+        Self::from_logs([(top.ceil() - f64::from(decades)).max(SMALLEST.log10()), top + 0.15])
+    }
+
+    fn from_logs([low, high]: [f64; 2]) -> Self {
+        let place = |log: f64| (log - low) / (high - low);
+        let (first, last) = (low.ceil() as i32, high.floor() as i32);
+        let every = ((last - first) as usize / 8 + 1).max(1);
+        let decades = (first..=last).step_by(every).map(|power| (place(f64::from(power)), power_of_ten(power)));
+        let mut ticks: Vec<_> = decades.collect();
+        let inside = |log: f64| (low..=high).contains(&log);
+        if high - low < 0.6 {
+            // Less than a factor of four: as on a linear axis.
+            let linear = Self::from([low, high].map(|log| 10.0_f64.powf(log)));
+            let [bottom, top] = linear.range;
+            let x = |(at, _): &(f64, String)| bottom + at * (top - bottom);
+            ticks = linear.ticks.iter().map(|tick| (place(x(tick).log10()), number(x(tick)))).collect();
+        } else if high - low < 12.0 {
+            for (power, digit) in (first - 1..=last).flat_map(|power| (2..10).map(move |digit| (power, digit))) {
+                let log = f64::from(power) + f64::from(digit).log10();
+                if inside(log) {
+                    let shown = high - low < 2.5 && [2, 5].contains(&digit);
+                    let label = if shown { number(f64::from(digit) * 10.0_f64.powi(power)) } else { String::new() };
+                    ticks.push((place(log), label));
+                }
+            }
+        }
+        Self { range: [low, high], spacing: TickSpacing::Logarithmic, ticks, power: 0 }
+    }
+
+    /// A signed logarithmic axis: this many `decades` in each direction, from the largest modulus of `values` to zero in the
+    /// middle.
+    pub fn signed(values: impl Iterator<Item = f64>, decades: i32) -> Self {
+        let one = Self::decades(values, decades);
+        let [low, high] = one.range;
+        let every = (decades as usize / 4).max(1);
+        let powers = (low.ceil() as i32..=high.floor() as i32)
+            .rev()
+            .step_by(every)
+            .filter(|power| f64::from(*power) > low + 0.5);
+        let mut ticks = vec![(0.5, "0".to_string())];
+        for power in powers {
+            let place = 0.5 * (f64::from(power) - low) / (high - low);
+            ticks.push((0.5 + place, power_of_ten(power)));
+            ticks.push((0.5 - place, format!("−{}", power_of_ten(power))));
+        }
+        Self { spacing: TickSpacing::Signed, ticks, ..one }
+    }
+
+    /// An axis of equally wide categories at 0, 1, 2 …
+    pub fn categories(labels: &[String]) -> Self {
+        let range = [-0.5, labels.len().max(1) as f64 - 0.5];
+        let place = |i: usize| (i as f64 - range[0]) / (range[1] - range[0]);
+        let ticks = labels.iter().enumerate().map(|(i, label)| (place(i), label.clone())).collect();
+        Self { range, spacing: TickSpacing::Linear, ticks, power: 0 }
+    }
+
+    /// The same range, extended about its middle by `factor`.
+    pub fn widened(&self, factor: f64) -> Self {
+        let [low, high] = self.range;
+        let (middle, half) = (0.5 * low + 0.5 * high, 0.5 * factor * (high - low));
+        Self::from([(middle - half).max(-LARGEST), (middle + half).min(LARGEST)])
+    }
+
+    /// Length of its range.
+    pub fn size(&self) -> f64 {
+        self.range[1] - self.range[0]
+    }
+
+    /// Its lower end.
+    pub fn low(&self) -> f64 {
+        match self.spacing {
+            TickSpacing::Linear => self.range[0],
+            TickSpacing::Logarithmic => 10.0_f64.powf(self.range[0]),
+            TickSpacing::Signed => -10.0_f64.powf(self.range[1]),
+        }
+    }
+
+    /// Position of a number from 0 at the lower end to 1 at the upper; `None` outside the axis.
+    pub fn place(&self, x: f64) -> Option<f64> {
+        let part = |x: f64| (x - self.range[0]) / self.size();
+        let place = match self.spacing {
+            TickSpacing::Linear => part(x),
+            TickSpacing::Logarithmic => part(x.log10()),
+            TickSpacing::Signed => 0.5 + 0.5 * part(x.abs().log10()).max(0.0).copysign(x),
+        };
+        (-1e-6..=1.0 + 1e-6).contains(&place).then_some(place)
+    }
+}
+
+/// Least and largest value; `None` without values.
+fn extent(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    values.fold(None, |extent, x| {
+        let [low, high] = extent.unwrap_or([x, x]);
+        Some([x.min(low), x.max(high)])
+    })
+}
+
+/// A non-empty range that contains the finite `values`, with a margin.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let finite = values.filter(|x| x.is_finite()).map(|x| x.clamp(-LARGEST, LARGEST));
+    let [low, high] = extent(finite).unwrap_or([0.0, 1.0]);
+    let size = low.abs().max(high.abs());
+    if size < SMALLEST {
+        return [-1.0, 1.0];
+    }
+    let margin = (0.04 * (high - low)).max(1e-6 * size);
+    [low - margin, high + margin]
+}
+
+/// The next larger of 1, 2, 5, 10 … times a power of ten.
+fn round_step(step: f64) -> f64 {
+    let power = 10.0_f64.powf(step.log10().floor());
+    power * [1.0, 2.0, 5.0].into_iter().find(|digit| step <= digit * power * (1.0 + 1e-9)).unwrap_or(10.0)
+}
+
+/// The label of a power of ten.
+fn power_of_ten(power: i32) -> String {
+    if (-3..=4).contains(&power) {
+        return number(10.0_f64.powi(power));
+    }
+    format!("10{}", superscript(power))
+}
+
+/// An integer in superscript digits.
+pub fn superscript(power: i32) -> String {
+    let raised = |c: char| match c.to_digit(10) {
+        Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],
+        None => '⁻',
+    };
+    power.to_string().chars().map(raised).collect()
+}

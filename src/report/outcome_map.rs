@@ -1,0 +1,137 @@
+//! Outcome maps: panels of coloured cells over two linear or logarithmic axes, with a common legend.
+
+use super::chart_axis::ChartAxis;
+use super::svg::{Anchor, Colour, Svg, cut, width};
+
+/// Size of a panel, and height of the legend, px.
+const PANEL: (f64, f64) = (360.0, 290.0);
+const LEGEND: f64 = 54.0;
+/// Colour of theoretical boundaries.
+const BOUNDARY: Colour = Colour::INK;
+
+/// A possible outcome of a cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Category {
+    /// Legend label.
+    pub label: &'static str,
+    /// Colour, red, green and blue.
+    pub colour: [u8; 3],
+}
+
+/// A panel of cells.
+#[derive(Debug, Clone)]
+pub struct Panel {
+    /// Title.
+    pub title: String,
+    /// Index of the category for each x and y.
+    pub cells: Vec<Vec<usize>>,
+    /// A theoretical boundary; empty if there is none.
+    pub boundary: Vec<(f64, f64)>,
+}
+
+/// The map.
+#[derive(Debug, Clone)]
+pub struct OutcomeMap {
+    /// Title.
+    pub title: String,
+    /// Label of the x axis, and its values, increasing.
+    pub x: (String, Vec<f64>),
+    /// True if x is linear, otherwise logarithmic.
+    pub linear: bool,
+    /// Label of the y axis, and its values, increasing; y is logarithmic.
+    pub y: (String, Vec<f64>),
+    /// Label of the boundary.
+    pub boundary: String,
+    /// The categories.
+    pub categories: Vec<Category>,
+    /// The panels, two per row.
+    pub panels: Vec<Panel>,
+}
+
+impl OutcomeMap {
+    /// The map as an SVG document.
+    pub fn svg(&self) -> String {
+        let rows = self.panels.len().div_ceil(2).max(1) as f64;
+        let (width_all, top) = (2.0 * PANEL.0 + 10.0, 40.0);
+        let mut svg = Svg::new(width_all, top + rows * PANEL.1 + LEGEND, &self.title);
+        svg.text((width_all / 2.0, 24.0), &cut(&self.title, 17.0, width_all - 20.0), 17.0, Anchor::Middle, Colour::INK);
+        for (i, panel) in self.panels.iter().enumerate() {
+            let alone = if self.panels.len() == 1 { 0.5 } else { 0.0 };
+            let at = (((i % 2) as f64 + alone) * PANEL.0, top + (i / 2) as f64 * PANEL.1);
+            self.panel(&mut svg, panel, at);
+        }
+        self.legend(&mut svg, top + rows * PANEL.1 + 8.0, width_all);
+        svg.finish()
+    }
+
+    fn panel(&self, svg: &mut Svg, panel: &Panel, (left, top): (f64, f64)) {
+        let [x, y] = [edges(&self.x.1, self.linear), edges(&self.y.1, false)];
+        let (left, top, width, height) = (left + 66.0, top + 24.0, PANEL.0 - 82.0, PANEL.1 - 70.0);
+        let axis = |edges: &[f64], linear: bool| {
+            let ends = [edges[0], edges[edges.len() - 1]];
+            if linear { ChartAxis::linear(ends.into_iter()) } else { ChartAxis::logarithmic(ends.into_iter()) }
+        };
+        let (across, up) = (axis(&x, self.linear), axis(&y, false));
+        let at = |px: f64, py: f64| Some((left + width * across.place(px)?, top + height * (1.0 - up.place(py)?)));
+        svg.text((left + width / 2.0, top - 7.0), &cut(&panel.title, 14.0, width), 14.0, Anchor::Middle, Colour::INK);
+        for (column, x) in panel.cells.iter().zip(x.windows(2)) {
+            // One field for each run of equal cells.
+            let mut low = 0;
+            for same in column.chunk_by(|a, b| a == b) {
+                let high = low + same.len();
+                if let (Some(from), Some(to)) = (at(x[0], y[low]), at(x[1], y[high])) {
+                    svg.cell(
+                        [from.0, to.1],
+                        [to.0 - from.0 + 0.3, from.1 - to.1 + 0.3],
+                        self.categories[same[0]].colour,
+                    );
+                }
+                low = high;
+            }
+        }
+        let boundary: Vec<_> = panel.boundary.iter().filter_map(|(x, y)| at(*x, *y)).collect();
+        svg.line(&boundary, BOUNDARY, 2.0, "");
+        for (place, label) in across.ticks.iter().filter(|(_, label)| !label.is_empty()) {
+            svg.text((left + width * place, top + height + 15.0), label, 11.0, Anchor::Middle, Colour::SOFT);
+        }
+        for (place, label) in up.ticks.iter().filter(|(_, label)| !label.is_empty()) {
+            svg.text((left - 6.0, top + height * (1.0 - place) + 4.0), label, 11.0, Anchor::End, Colour::SOFT);
+        }
+        svg.text(
+            (left + width / 2.0, top + height + 33.0),
+            &cut(&self.x.0, 13.0, width),
+            13.0,
+            Anchor::Middle,
+            Colour::INK,
+        );
+        svg.upright((left - 48.0, top + height / 2.0), &cut(&self.y.0, 13.0, height), 13.0, Colour::INK);
+    }
+
+    fn legend(&self, svg: &mut Svg, top: f64, right: f64) {
+        let bounded = self.panels.iter().any(|panel| !panel.boundary.is_empty());
+        let colours = self.categories.iter().map(|category| (category.label, Some(category.colour)));
+        let (mut left, mut top) = (14.0, top);
+        for (label, colour) in colours.chain(bounded.then_some((self.boundary.as_str(), None))) {
+            let room = 36.0 + width(label, 13.0);
+            if left > 14.0 && left + room > right {
+                (left, top) = (14.0, top + 20.0);
+            }
+            match colour {
+                Some(colour) => svg.cell([left, top], [14.0, 14.0], colour),
+                None => svg.line(&[(left, top + 7.0), (left + 14.0, top + 7.0)], BOUNDARY, 2.0, ""),
+            }
+            svg.text((left + 20.0, top + 12.0), label, 13.0, Anchor::Start, Colour::SOFT);
+            left += room;
+        }
+    }
+}
+
+/// The borders of cells around `values`: midway between them, and symmetric at the ends.
+pub(super) fn edges(values: &[f64], linear: bool) -> Vec<f64> {
+    let v: Vec<f64> = values.iter().map(|x| if linear { *x } else { x.ln() }).collect();
+    let step = |i: usize| if v.len() < 2 { 0.5 } else { 0.5 * (v[i + 1] - v[i]) };
+    let last = v.len() - 1;
+    let inner = (0..last).map(|i| v[i] + step(i));
+    let all = [v[0] - step(0)].into_iter().chain(inner).chain([v[last] + step(last.saturating_sub(1))]);
+    all.map(|x| if linear { x } else { x.exp() }).collect()
+}

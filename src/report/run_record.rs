@@ -1,0 +1,252 @@
+//! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
+
+use std::ops::ControlFlow;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Result;
+use crate::fluid::{Fluid, Layers};
+use crate::integrator::Pace;
+use crate::rod::{Rod, node};
+use crate::scene::Scene;
+use crate::spectrum::Spectrum;
+use crate::stepper::Stepper;
+use crate::variable::{Variable, View};
+
+/// Most samples of a curve; at least half as many are kept.
+const MAX_SAMPLES: usize = 2500;
+/// The same for frames of the animation.
+const MAX_FRAMES: usize = 1200;
+
+/// The times that are recorded.
+#[derive(Debug, Clone, Copy)]
+pub enum RecordingTimes {
+    /// Multiples of a number of steps; the last one that was passed.
+    Steps(u64, u64),
+    /// Multiples of an interval (s); the next multiple.
+    Every(f64, u64),
+}
+
+impl RecordingTimes {
+    /// Those that a scene asks for, after the initial state. If `stepper` takes its own steps instead of the scene's, they are at
+    /// the ends of the scene's.
+    pub fn of(scene: &Scene, stepper: &Stepper) -> Self {
+        let every = scene.record.every.map_or(1, |every| every.get() as u64);
+        match (scene.record.interval_s, scene.pace(), stepper.pace()) {
+            (Some(interval), ..) => Self::Every(interval.get(), 1),
+            (None, Pace::Fixed(step), Pace::Adaptive(_)) => Self::Every(step * every as f64, 1),
+            (None, ..) => Self::Steps(every, 0),
+        }
+    }
+
+    /// Calls `look` for the last step with the dense output at recorded times within it, or at its end. There may be many; `look`
+    /// may stop it.
+    ///
+    /// # Errors
+    /// Those of `look` and of [`Stepper::at`].
+    pub fn pass(
+        &mut self,
+        stepper: &mut Stepper,
+        mut look: impl FnMut(&View<'_>, bool) -> Result<ControlFlow<()>>,
+    ) -> Result<ControlFlow<()>> {
+        match self {
+            Self::Steps(every, last) => {
+                let step = stepper.metrics().totals.steps;
+                if std::mem::replace(last, step) == step {
+                    return Ok(ControlFlow::Continue(())); // half a step
+                }
+                look(&stepper.view(), step.is_multiple_of(*every))
+            }
+            Self::Every(interval, next) => {
+                while let Some(time) = due(*interval, *next, stepper.time()) {
+                    let flow = stepper.at(time, |view| look(view, true))??;
+                    *next += 1;
+                    if flow.is_break() {
+                        return Ok(flow);
+                    }
+                }
+                Ok(ControlFlow::Continue(()))
+            }
+        }
+    }
+}
+
+/// Multiple `k` of `interval` (s), if it is not after `now` (s), up to rounding.
+fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
+    let time = k as f64 * interval;
+    match (time - now).abs() <= SAME_TIME * interval + 4.0 * f64::EPSILON * now {
+        true => Some(now),
+        false => (time < now).then_some(time),
+    }
+}
+
+/// Times that differ by less than this fraction of the interval are equal.
+const SAME_TIME: f64 = 1e-9;
+
+/// The rod at a time, for the animation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Time, s.
+    pub time: f64,
+    /// Positions of some nodes, including head and tip, m.
+    pub points: Vec<[f64; 2]>,
+    /// Centre of mass, m.
+    pub com: [f64; 2],
+    /// Semi-axes (m) and angle (rad) of the body at the head, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<[f64; 3]>,
+    /// The medium, if it has layers.
+    #[serde(default)]
+    pub medium: Option<(Fluid, Layers)>,
+}
+
+impl Frame {
+    /// Approximate limit of the number of nodes.
+    pub const POINTS: usize = 120;
+
+    /// Semi-axes (m) and angle (rad) of the body at the head of `rod`, whose nodes are at `q`.
+    pub fn body(rod: &Rod, q: &[f64]) -> Option<[f64; 3]> {
+        let body = rod.body?;
+        let along = node(q, 1) - node(q, 0);
+        Some([body.along, body.across, along.y.atan2(along.x)])
+    }
+
+    /// The current frame.
+    pub fn of(view: &View<'_>) -> Self {
+        let nodes = view.state.q.len() / 2;
+        let points = Self::POINTS.min(nodes);
+        let point = |i: usize| {
+            let k = i * (nodes - 1) / (points - 1);
+            [view.state.q[2 * k], view.state.q[2 * k + 1]]
+        };
+        let inputs = &view.dynamics.inputs;
+        Self {
+            time: view.state.t,
+            points: (0..points).map(point).collect(),
+            com: view.metrics.now.com.into(),
+            body: Self::body(&view.dynamics.model.rod, &view.state.q),
+            medium: inputs.layers.filter(|layers| layers.iter().len() > 0).map(|layers| (inputs.fluid, layers)),
+        }
+    }
+}
+
+/// Downsampling: every n-th item; n doubles whenever `limit` is reached, so that the length of the run need not be known.
+#[derive(Debug)]
+struct Thinned<T> {
+    kept: Vec<T>,
+    every: u64,
+    limit: usize,
+}
+
+impl<T> Thinned<T> {
+    fn new(limit: usize) -> Self {
+        Self { kept: Vec::with_capacity(limit), every: 1, limit }
+    }
+
+    fn offer(&mut self, step: u64, item: impl FnOnce() -> T) {
+        if !step.is_multiple_of(self.every) {
+            return;
+        }
+        if self.kept.len() == self.limit {
+            let mut index = 0;
+            self.kept.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.every *= 2;
+            if !step.is_multiple_of(self.every) {
+                return;
+            }
+        }
+        self.kept.push(item());
+    }
+}
+
+/// Curves and frames of a run, independent of the recorded tables.
+#[derive(Debug)]
+pub struct RunRecord {
+    times: RecordingTimes,
+    columns: Vec<&'static Variable>,
+    samples: Thinned<Vec<f64>>,
+    frames: Thinned<Frame>,
+    step: u64,
+}
+
+/// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
+const SAMPLES_PER_PERIOD: f64 = 24.0;
+const SAMPLES_PER_RUN: f64 = 1000.0;
+
+impl RunRecord {
+    /// Starts a record with the initial state. It samples every step or, for adaptive steps, which may be longer than the motion
+    /// they contain, equidistant times.
+    pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
+        let duration = scene.solver.duration_s.get();
+        let drive = Spectrum::of_model(stepper.model()).fastest();
+        let wanted =
+            drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
+        let times = match stepper.pace() {
+            Pace::Fixed(_) => RecordingTimes::Steps(1, 0),
+            Pace::Adaptive(_) => RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1),
+        };
+        let mut record = Self {
+            times,
+            columns: stepper.variables().iter().copied().filter(|variable| variable.recorded).collect(),
+            samples: Thinned::new(MAX_SAMPLES),
+            frames: Thinned::new(MAX_FRAMES),
+            step: 0,
+        };
+        let view = stepper.view();
+        record.samples.offer(0, || sample(&record.columns, &view));
+        record.frames.offer(0, || Frame::of(&view));
+        record
+    }
+
+    /// Records the last step.
+    ///
+    /// # Errors
+    /// Those of [`Stepper::at`].
+    pub fn pass(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let mut times = self.times;
+        let outcome = times.pass(stepper, |view, _| {
+            self.take(view);
+            Ok(ControlFlow::Continue(()))
+        });
+        self.times = times;
+        outcome.map(|_| ())
+    }
+
+    fn take(&mut self, view: &View<'_>) {
+        self.step += 1;
+        self.samples.offer(self.step, || sample(&self.columns, view));
+        self.frames.offer(self.step, || Frame::of(view));
+    }
+
+    /// Records the final state, unless it was recorded.
+    pub fn finish(&mut self, view: &View<'_>) {
+        let now = Some(view.state.t);
+        if self.samples.kept.last().map(|sample| sample[0]) != now {
+            self.samples.kept.push(sample(&self.columns, view));
+        }
+        if self.frames.kept.last().map(|frame| frame.time) != now {
+            self.frames.kept.push(Frame::of(view));
+        }
+    }
+
+    /// The curve of variable `y` against variable `x`; empty if the scene lacks one of them.
+    pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
+        let column = |name: &str| self.columns.iter().position(|variable| variable.name == name);
+        match (column(x), column(y)) {
+            (Some(x), Some(y)) => self.samples.kept.iter().map(|sample| (sample[x], sample[y])).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The frames in order of time; never empty.
+    pub fn frames(&self) -> &[Frame] {
+        &self.frames.kept
+    }
+}
+
+fn sample(columns: &[&Variable], view: &View<'_>) -> Vec<f64> {
+    columns.iter().map(|variable| variable.first(view)).collect()
+}

@@ -1,0 +1,103 @@
+//! The content of summary.json: the results of a run as one flat record.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::cycle::CycleAverages;
+use crate::system::Form;
+use crate::verification::Verification;
+
+/// Estimated relative errors of the fluid model against the most complete one: of speed or thrust, and of power.
+#[derive(Debug, Clone, Copy, Serialize)]
+#[expect(missing_docs, reason = "the names say what they are")]
+pub struct FluidError {
+    pub motion: f64,
+    pub power: f64,
+}
+
+/// The results of a run, in SI units; written as summary.json.
+#[derive(Debug, Clone, Serialize)]
+#[expect(missing_docs, reason = "the names say what they are, with units; time_step_s is the mean of adaptive steps")]
+pub struct Summary {
+    pub name: String,
+    pub scene_file: PathBuf,
+    pub scene_fingerprint: String,
+    pub caudal_version: &'static str,
+    pub complete: bool,
+    pub ending: String,
+    pub end_time_s: f64,
+    pub nodes: usize,
+    pub model: &'static str,
+    pub model_reason: Option<String>,
+    pub forces: Vec<&'static str>,
+    pub fluid_reason: Option<String>,
+    pub fluid_error: Option<FluidError>,
+    pub integrator: String,
+    pub form: Form,
+    pub time_step_s: f64,
+    pub tolerance: Option<f64>,
+    pub steps: u64,
+    pub rejected_steps: u64,
+    pub newton_iterations: u64,
+    pub factorisations: u64,
+    pub linear_solver: &'static str,
+    pub linear_fallbacks: u64,
+    pub step_halvings: u64,
+    pub newton_floor_stops: u64,
+    pub max_strain: f64,
+    pub max_rotation_per_step_rad: f64,
+    pub x_com_m: f64,
+    pub y_com_m: f64,
+    pub net_displacement_m: f64,
+    pub max_lateral_excursion_m: f64,
+    pub com_path_m: f64,
+    pub initial_energy_j: f64,
+    pub stretching_energy_j: f64,
+    pub bending_energy_j: f64,
+    pub kinetic_energy_j: f64,
+    pub fluid_energy_j: f64,
+    pub mean_stretching_energy_j: f64,
+    pub mean_bending_energy_j: f64,
+    pub mean_kinetic_energy_j: f64,
+    pub actuation_work_j: f64,
+    pub viscous_work_j: f64,
+    pub wake_work_j: f64,
+    pub spray_work_j: f64,
+    pub other_work_j: f64,
+    pub load_work_j: f64,
+    pub head_work_j: f64,
+    pub flow_work_j: f64,
+    pub mean_actuation_power_w: f64,
+    pub mean_viscous_power_w: f64,
+    pub mean_wake_power_w: f64,
+    pub mean_spray_power_w: f64,
+    pub mean_load_power_w: f64,
+    pub mean_head_power_w: f64,
+    pub mean_flow_power_w: f64,
+    pub numerical_dissipation_j: f64,
+    pub rod_momentum_n_s: [f64; 2],
+    pub fluid_momentum_n_s: [f64; 2],
+    pub drag_impulse_n_s: [f64; 2],
+    pub wake_impulse_n_s: [f64; 2],
+    pub flow_impulse_n_s: [f64; 2],
+    pub load_impulse_n_s: [f64; 2],
+    pub head_impulse_n_s: [f64; 2],
+    pub momentum_defect_n_s: [f64; 2],
+    pub notes: Vec<String>,
+    pub cost_of_transport: Option<f64>,
+    pub efficiency: Option<f64>,
+    pub head_force_n: Option<[f64; 2]>,
+    pub head_moment_n_m: Option<f64>,
+    pub mean_head_force_n: Option<[f64; 2]>,
+    pub mean_thrust_n: Option<f64>,
+    pub mean_head_moment_n_m: Option<f64>,
+    pub max_head_force_n: Option<f64>,
+    pub max_head_moment_n_m: Option<f64>,
+    #[serde(flatten)]
+    pub cycles: CycleAverages,
+    pub wall_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verification: Option<Verification>,
+    pub final_positions_m: Vec<[f64; 2]>,
+}

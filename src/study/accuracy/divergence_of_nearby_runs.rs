@@ -1,0 +1,108 @@
+//! Chaos: if no reference solution exists, how fast two runs that start almost together diverge.
+
+use serde_json::json;
+
+use super::quantities::{describe_errors, quantities};
+use super::reference::{Reference, SAMPLES};
+use crate::error::Result;
+use crate::report::Findings;
+use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::scene::Scene;
+use crate::study::study_run::StudyRun;
+
+/// Initial distance of two nearby runs, over the length.
+pub const PUSH: f64 = 1e-9;
+
+/// A motion is chaotic if two nearby runs diverge by this factor.
+const CHAOTIC_GROWTH: f64 = 1e4;
+
+/// The growth is fitted up to this fraction of the length. Runs cover these fractions of the duration; the longest with this many
+/// samples below that is used.
+const SATURATION: f64 = 1e-3;
+
+pub const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
+
+const MIN_SAMPLES: usize = 100;
+
+/// The findings if the two references disagree.
+pub fn without_reference(
+    scene: &Scene,
+    nodes: u64,
+    step: f64,
+    four: &[StudyRun],
+    reference: Option<&Reference>,
+    pairs: &[StudyRun],
+) -> Result<Findings> {
+    let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
+    let why = match reference {
+        Some(Reference { errors, .. }) => {
+            let errors = describe_errors(quantities(scene), errors.map(|e| format!("{:.1} %", 100.0 * e)));
+            format!(
+                "two references that have only the equations in common, ESDIRK3 and generalized-α extrapolated, with steps from {step:e} s down, differ by {errors}"
+            )
+        }
+        None => {
+            let failures: Vec<_> = four
+                .iter()
+                .filter_map(|run| run.failure.as_ref())
+                .map(|(_, t, reason)| format!("at t = {t:.4} s: {reason}"))
+                .collect();
+            format!("a run meant as reference failed {}", failures.first().map_or("", String::as_str))
+        }
+    };
+    findings.answers.push(format!("No trajectory reference exists on {nodes} nodes: {why}."));
+    findings.numbers.insert("reference_exists".into(), json!(false));
+    let (duration, length) = (scene.solver.duration_s.get(), scene.rod.length_m.get());
+    let distances = |(pair, part): (&[StudyRun], f64)| -> Vec<(f64, f64)> {
+        let apart = pair[0].tip.iter().zip(&pair[1].tip).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
+        apart.enumerate().map(|(i, d)| (part * duration * i as f64 / SAMPLES as f64, d)).skip(1).collect()
+    };
+    let windows: Vec<_> = pairs.chunks(2).zip(WINDOWS).map(distances).collect();
+    let widest = windows.iter().flatten().map(|p| p.1).fold(0.0, f64::max);
+    // The longest window in which the growth can be followed.
+    let followed =
+        |apart: &&Vec<(f64, f64)>| apart.iter().take_while(|p| p.1 < SATURATION * length).count() >= MIN_SAMPLES;
+    let apart = windows.iter().find(followed).or(windows.last()).cloned().unwrap_or_default();
+    if let Some((rate, end)) = growth(&apart, length) {
+        findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
+        let common = format!(
+            "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            widest / length
+        );
+        findings.answers.push(if widest > CHAOTIC_GROWTH * PUSH * length {
+            format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
+        } else {
+            format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
+        });
+    }
+    findings.answers.push("No errors are given, because there is nothing to measure them against.".to_string());
+    let over = |(apart, part): (&Vec<(f64, f64)>, f64)| {
+        let since_start = |p: &(f64, f64)| (p.0, p.1 / length);
+        Series::new(format!("over {} s", part * duration), apart.iter().map(since_start).collect(), Mark::Line)
+    };
+    let series = windows.iter().zip(WINDOWS).map(over).collect();
+    let chart = Chart {
+        title: format!("{}: two runs that start {PUSH:e} of a length apart", scene.name),
+        x: "time (s)".into(),
+        y: "distance of their tips over the length".into(),
+        scale: Scale::LogLog,
+        series,
+    };
+    let caption =
+        "How fast two runs part that begin almost together: where that has no end, no run can be called accurate.";
+    findings.figures.push(Figure::new("separation.svg", caption, chart.svg()));
+    Ok(findings)
+}
+
+/// Growth rate (1/s) of a distance by a least-squares fit of its logarithm, until it reaches a thousandth of `length` (at the time
+/// that is also returned, s), or the end.
+fn growth(apart: &[(f64, f64)], length: f64) -> Option<(f64, f64)> {
+    let until = apart.iter().position(|p| p.1 > SATURATION * length).unwrap_or(apart.len()).max(3).min(apart.len());
+    let logs: Vec<_> = apart[..until].iter().filter(|p| p.1 > 0.0).map(|p| (p.0, p.1.ln())).collect();
+    let count = logs.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;
+    let (t, y) = (mean(|p| p.0), mean(|p| p.1));
+    let along: f64 = logs.iter().map(|p| (p.0 - t).powi(2)).sum();
+    let rate = logs.iter().map(|p| (p.0 - t) * (p.1 - y)).sum::<f64>() / along;
+    rate.is_finite().then(|| (rate, logs[logs.len() - 1].0))
+}

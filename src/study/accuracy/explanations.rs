@@ -1,0 +1,363 @@
+//! The answers of the study in sentences and numbers: references, recommended settings, cheaper models, mesh convergence.
+
+use serde_json::json;
+
+use super::plan::PlannedRun;
+use super::quantities::{ComparedQuantity, describe_errors, quantities};
+use super::reference::{RUN_OPTIONS, Reference, RunResults};
+use crate::error::Result;
+use crate::integrator::Pace;
+use crate::report::Findings;
+use crate::scene::{HeadKind, Scene};
+use crate::study::study_run::{SimulationMethod, StudyRun};
+use crate::words::{percent, two_digits};
+
+/// A cheaper model with a larger relative error computes another motion.
+const MEANINGLESS_ERROR: f64 = 1.0;
+
+/// A cheaper model has converged if its error is at most this multiple of its own modelling error.
+const CONVERGED: f64 = 1.1;
+
+/// Target errors for which settings are recommended.
+const TARGETS: [f64; 2] = [1e-2, 1e-4];
+
+/// The results of all runs.
+pub struct AccuracyReport<'a> {
+    pub scene: &'a Scene,
+    pub meshes: &'a [u64],
+    pub references: &'a [Reference],
+    pub cases: &'a [PlannedRun],
+    pub runs: &'a [StudyRun],
+    /// Methods that are left out, with the reason.
+    pub left_out: &'a [String],
+}
+
+/// A run with its errors.
+pub struct AccuracyRow<'a> {
+    pub case: &'a PlannedRun,
+    pub run: &'a StudyRun,
+    /// Error against the reference on the same mesh: that of the time steps. `None` if the run failed.
+    pub time: Option<[f64; 3]>,
+    /// Error against the limit of fine meshes.
+    pub total: Option<[f64; 3]>,
+}
+
+impl AccuracyRow<'_> {
+    fn setting(&self) -> String {
+        let recipe = &self.case.recipe;
+        let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
+        match self.case.pace {
+            Pace::Fixed(step) => format!("{by} with steps of {} s", short(step)),
+            Pace::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
+        }
+    }
+
+    /// Its step or tolerance.
+    fn fineness(&self) -> f64 {
+        match self.case.pace {
+            Pace::Fixed(x) | Pace::Adaptive(x) => x,
+        }
+    }
+
+    /// Name of the curve it belongs to.
+    pub fn curve(&self) -> String {
+        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, Pace::Adaptive(_));
+        format!("{}{}", self.case.recipe, if adaptive { ", adaptive" } else { "" })
+    }
+}
+
+/// A number with few digits.
+fn short(x: f64) -> String {
+    let digits: f64 = format!("{x:.2e}").parse().unwrap_or(x);
+    format!("{digits:e}")
+}
+
+fn milliseconds(seconds: f64) -> String {
+    let ms = 1e3 * seconds;
+    if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
+}
+
+impl AccuracyReport<'_> {
+    /// The quantities that are compared.
+    pub fn quantities(&self) -> [&'static ComparedQuantity; 3] {
+        quantities(self.scene)
+    }
+
+    fn is_held(&self) -> bool {
+        self.scene.head.kind != HeadKind::Free
+    }
+
+    /// Nodes of the first mesh: by default the scene's own.
+    pub fn nodes(&self) -> u64 {
+        self.meshes.first().copied().unwrap_or_default()
+    }
+
+    pub fn findings(&self) -> Result<Findings> {
+        let limit = self.mesh_limit();
+        let rows: Vec<AccuracyRow<'_>> =
+            self.cases.iter().zip(self.runs).map(|(case, run)| self.row(case, run, limit.as_ref())).collect();
+        let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
+        self.references_in_words(&mut findings);
+        self.own_setting(&rows, &mut findings);
+        self.law_in_words(&rows, &mut findings);
+        self.cheaper_models(&rows, &mut findings);
+        self.recommend(&rows, &mut findings);
+        self.meshes_in_words(limit.as_ref(), &mut findings);
+        findings.answers.extend(self.left_out.iter().map(|what| format!("Left out: {what}.")));
+        findings.tables.push(self.recommended(&rows));
+        findings.tables.push(self.table(&rows));
+        self.charts(&rows, limit.as_ref(), &mut findings)?;
+        Ok(findings)
+    }
+
+    /// The limit of fine meshes by Richardson extrapolation with the observed order of three meshes, and its uncertainty: half of
+    /// the extrapolated change.
+    fn mesh_limit(&self) -> Option<(RunResults, [f64; 3], f64)> {
+        let [.., a, b, c] = self.references else { return None };
+        let [.., na, nb, nc] = self.meshes else { return None };
+        let ratio = (nc - 1) as f64 / (nb - 1) as f64;
+        if ((nb - 1) as f64 / (na - 1) as f64 - ratio).abs() > 1e-9 || ratio <= 1.0 {
+            return None;
+        }
+        let change = b.result.apart(&a.result) / c.result.apart(&b.result);
+        let order = change.log(ratio).clamp(0.5, 4.0);
+        let limit = RunResults::extrapolated(&b.result, &c.result, ratio.powf(order));
+        let added = c.result.errors(&limit);
+        Some((limit, added.map(|e| 0.5 * e), order))
+    }
+
+    fn row<'r>(
+        &self,
+        case: &'r PlannedRun,
+        run: &'r StudyRun,
+        limit: Option<&(RunResults, [f64; 3], f64)>,
+    ) -> AccuracyRow<'r> {
+        let result = run.is_complete(RUN_OPTIONS).then(|| RunResults::of(run));
+        let mesh = self.meshes.iter().position(|nodes| *nodes == case.nodes);
+        let reference = mesh.and_then(|mesh| self.references.get(mesh));
+        AccuracyRow {
+            case,
+            run,
+            time: result.as_ref().zip(reference).map(|(result, reference)| result.errors(&reference.result)),
+            total: result.as_ref().zip(limit).map(|(result, limit)| result.errors(&limit.0)),
+        }
+    }
+
+    fn references_in_words(&self, findings: &mut Findings) {
+        for (nodes, reference) in self.meshes.iter().zip(self.references) {
+            let errors = reference.errors;
+            findings.answers.push(format!(
+                "Reference on {nodes} nodes: {}, energy put in {:.6e} J; two independent references agree to {}.",
+                reference.result.first_in_words(self.is_held()),
+                reference.result.work,
+                describe_errors(self.quantities(), errors.map(|e| format!("{e:.1e}")))
+            ));
+            let mut numbers = json!({ "energy_put_in_j": reference.result.work });
+            for (column, value) in self.quantities()[0].columns.iter().zip(reference.result.first) {
+                numbers[*column] = json!(value);
+            }
+            for (quantity, error) in self.quantities().iter().zip(errors) {
+                numbers[format!("{}_error", quantity.key)] = json!(error);
+            }
+            findings.numbers.insert(format!("reference_{nodes}_nodes"), numbers);
+        }
+    }
+
+    /// The rows of a mesh.
+    pub fn on<'r, 's>(&self, rows: &'r [AccuracyRow<'s>], nodes: u64) -> impl Iterator<Item = &'r AccuracyRow<'s>> {
+        rows.iter().filter(move |row| row.case.nodes == nodes)
+    }
+
+    fn own_setting(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
+        let Some(own) = SimulationMethod::own(self.scene) else { return };
+        let (pace, nodes) = (self.scene.pace(), self.nodes());
+        let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
+        if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
+            findings.answers.push(format!(
+                "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
+                row.setting(),
+                describe_errors(self.quantities(), errors.map(|e| format!("{:.2} %", 100.0 * e))),
+                milliseconds(row.run.processor_s)
+            ));
+        }
+    }
+
+    /// Published relative uncertainty of the fluid's law in each quantity; `None` if unknown.
+    pub fn law(&self) -> Option<(String, [Option<f64>; 3])> {
+        let rod = self.scene.model().ok()?.rod;
+        let [motion, power] = self.scene.uncertainty(&rod)?.measured(self.is_held());
+        let (law, reactive) = self.scene.fluid_model(&rod);
+        Some((law?.with_reactive(reactive), [Some(motion), None, Some(power)]))
+    }
+
+    /// Compares the uncertainty of the fluid's law with the errors of steps and mesh.
+    fn law_in_words(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
+        let Some((name, of_law)) = self.law() else { return };
+        for (quantity, error) in self.quantities().iter().zip(of_law) {
+            findings.numbers.insert(format!("law_error_{}", quantity.key), json!(error));
+        }
+        let [Some(law), _, Some(energy)] = of_law else { return };
+        let good = format!(
+            "the law of the fluid, {name}, is good to {} in {} and {} in energy, by what is published of it",
+            percent(law),
+            self.quantities()[0].within,
+            percent(energy)
+        );
+        let own = SimulationMethod::own(self.scene).and_then(|own| {
+            let (pace, nodes) = (self.scene.pace(), self.nodes());
+            self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace)?.time
+        });
+        findings.answers.push(match own {
+            Some([step, ..]) if step < law => {
+                format!(
+                    "A smaller step is worth nothing here: {good}, and the scene's own steps err by {}.",
+                    percent(step)
+                )
+            }
+            Some([step, ..]) => {
+                format!("A smaller step is worth its time: the scene's own steps err by {}; {good}.", percent(step))
+            }
+            None => format!("No step is worth more than this: {good}."),
+        });
+    }
+
+    /// For each cheaper model, the run with the finest tolerance on the scene's own mesh, and its errors: the modelling errors.
+    pub fn settled<'r, 's>(&self, rows: &'r [AccuracyRow<'s>]) -> Vec<(&'r AccuracyRow<'s>, [f64; 3])> {
+        let mut settled: Vec<(&AccuracyRow<'_>, [f64; 3])> = Vec::new();
+        for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
+            let Some(errors) = row.time else { continue };
+            match settled.iter_mut().find(|(other, _)| other.case.recipe == row.case.recipe) {
+                Some(best) if row.fineness() < best.0.fineness() => *best = (row, errors),
+                Some(_) => {}
+                None => settled.push((row, errors)),
+            }
+        }
+        settled
+    }
+
+    /// What the cheaper models omit, and what the full model costs at the same error.
+    fn cheaper_models(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
+        let on_mesh = || self.on(rows, self.nodes());
+        let first = |row: &AccuracyRow<'_>| row.time.map(|e| e[0]);
+        let what = self.quantities()[0];
+        let own_method = self.scene.method().ok().map(|(method, values)| SimulationMethod::whole(method, values));
+        for (finest, errors) in self.settled(rows) {
+            let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
+            let Some(row) = self.cheapest(model, first, CONVERGED * errors[0]) else { continue };
+            let (name, seconds) = (row.case.recipe.rung.name, row.run.processor_s);
+            let mut numbers = json!({ "processor_s": seconds });
+            for (quantity, error) in self.quantities().iter().zip(errors) {
+                numbers[format!("{}_error", quantity.key)] = json!(error);
+            }
+            let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
+            if errors[0] >= MEANINGLESS_ERROR {
+                text += &format!(" leaves out what decides this motion: its {} is another.", what.name);
+                findings.answers.push(text);
+                findings.numbers.insert(format!("model_{name}"), numbers);
+                continue;
+            }
+            text += &format!(
+                " errs by {}, which no step removes, and takes {}.",
+                describe_errors(self.quantities(), errors.map(percent)),
+                milliseconds(seconds)
+            );
+            // The scene's own method with steps that still err more, so that it is not made dearer than it is.
+            let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
+            let own = own.filter(|row| first(row).is_some_and(|e| e >= errors[0]));
+            let own = own.max_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s));
+            let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
+            let best = self.cheapest(whole, first, errors[0]);
+            for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
+                let Some((other, error)) = other.and_then(|other| Some((other, first(other)?))) else {
+                    continue;
+                };
+                let ratio = other.run.processor_s / seconds;
+                text += &format!(
+                    " The whole model by {}, which {errs} in {} ({}), takes {} times as long.",
+                    other.setting(),
+                    what.within,
+                    percent(error),
+                    two_digits(ratio)
+                );
+                numbers[key] = json!({ "setting": other.setting(), "times_as_long": ratio });
+                numbers[key][format!("{}_error", what.key)] = json!(error);
+            }
+            findings.answers.push(text);
+            findings.numbers.insert(format!("model_{name}"), numbers);
+        }
+    }
+
+    /// The cheapest run whose error of the quantity is at most `target`, also with finer steps of the same method.
+    pub fn cheapest<'r, 's>(
+        &self,
+        rows: impl Iterator<Item = &'r AccuracyRow<'s>>,
+        error: impl Fn(&AccuracyRow<'s>) -> Option<f64>,
+        target: f64,
+    ) -> Option<&'r AccuracyRow<'s>>
+    where
+        's: 'r,
+    {
+        let rows: Vec<_> = rows.collect();
+        let holds = |row: &&&AccuracyRow<'s>| {
+            error(row).is_some_and(|e| e <= target)
+                && rows
+                    .iter()
+                    .filter(|other| {
+                        other.case.nodes == row.case.nodes
+                            && other.curve() == row.curve()
+                            && other.fineness() < row.fineness()
+                    })
+                    .all(|other| error(other).is_some_and(|e| e <= target))
+        };
+        rows.iter().filter(holds).min_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s)).copied()
+    }
+
+    fn recommend(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
+        let nodes = self.nodes();
+        for (i, quantity) in self.quantities().iter().map(|quantity| quantity.name).enumerate().take(2) {
+            for target in TARGETS {
+                let percent = 100.0 * target;
+                let time = self.cheapest(self.on(rows, nodes), |row| row.time.map(|e| e[i]), target);
+                findings.answers.push(match time {
+                    Some(row) => format!(
+                        "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
+                        row.setting(), milliseconds(row.run.processor_s), row.run.factorisations
+                    ),
+                    None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer --steps may."),
+                });
+                let total = self.cheapest(rows.iter(), |row| row.total.map(|e| e[i]), target);
+                if let Some(row) = total {
+                    findings.answers.push(format!(
+                        "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
+                        row.setting(),
+                        row.case.nodes,
+                        milliseconds(row.run.processor_s)
+                    ));
+                }
+                findings.numbers.insert(
+                    format!("recommended_{}_{target:e}", quantity.replace(' ', "_")),
+                    json!({ "on_this_mesh": time.map(|row| row.setting()), "with_the_mesh": total.map(|row| format!("{} on {} nodes", row.setting(), row.case.nodes)) }),
+                );
+            }
+        }
+    }
+
+    fn meshes_in_words(&self, limit: Option<&(RunResults, [f64; 3], f64)>, findings: &mut Findings) {
+        let Some((limit, uncertain, order)) = limit else { return };
+        findings.answers.push(format!(
+            "In the limit of fine meshes: {} (±{:.1e} relative, extrapolated; its error falls as N^-{order:.2}).",
+            limit.first_in_words(self.is_held()),
+            uncertain[0]
+        ));
+        for (nodes, reference) in self.meshes.iter().zip(self.references) {
+            let errors = reference.result.errors(limit);
+            let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (errors[0] / target).powf(1.0 / order);
+            findings.answers.push(format!(
+                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
+                describe_errors(self.quantities(), errors.map(|e| format!("{:.3} %", 100.0 * e))),
+                needed(1e-2),
+                needed(1e-4)
+            ));
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The runs of the study: which methods, models, steps and tolerances on which meshes.
+
+use crate::error::Result;
+use crate::integrator::{METHODS, Pace};
+use crate::modes::Modes;
+use crate::scene::Scene;
+use crate::study::study_run::SimulationMethod;
+
+/// Symplectic Euler runs with this fraction of its stability limit and with half of it.
+pub const BELOW_LIMIT: f64 = 0.95;
+/// The stability limit is computed for at most this many nodes.
+const MAX_NODES_FOR_MODES: u64 = 401;
+
+/// Steps of an explicit method that cost about as much as one of an implicit method on the same mesh.
+const EXPLICIT_STEPS_PER_IMPLICIT: f64 = 10.0;
+/// An explicit method is left out on a mesh if its runs would cost more than this multiple of all implicit runs with fixed steps.
+const MAX_RELATIVE_COST: f64 = 3.0;
+
+/// A run of the study: a method with a step or tolerance on a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedRun {
+    pub recipe: SimulationMethod,
+    pub pace: Pace,
+    pub nodes: u64,
+    /// Fraction of the scene's duration.
+    pub part: f64,
+    /// Displacement that the run starts with, over the length, see [`RunOptions::push`].
+    pub push: Option<f64>,
+}
+
+/// The cost of two explicit runs, with steps of the stability `limit` (s) and half of it, over that of all implicit runs with these fixed
+/// `steps` (s) on the same mesh.
+fn relative_cost(steps: &[f64], limit: f64) -> f64 {
+    let methods = METHODS.iter().filter(|method| method.implicit).count() as f64;
+    let implicit = methods * steps.iter().map(|step| 1.0 / step).sum::<f64>();
+    let explicit = 3.0 / (BELOW_LIMIT * limit);
+    explicit / EXPLICIT_STEPS_PER_IMPLICIT / implicit
+}
+
+/// All runs of the study: every model and method on every mesh with every step or tolerance, and the scene as it is. Also which methods
+/// are left out, and why.
+pub fn plan(
+    scene: &Scene,
+    meshes: &[u64],
+    steps: &[f64],
+    tolerances: &[f64],
+    without: &[String],
+) -> Result<(Vec<PlannedRun>, Vec<String>)> {
+    let mut left_out = Vec::new();
+    let asked = |recipe: &SimulationMethod| !without.iter().any(|name| recipe.is(name));
+    let case = |recipe: &SimulationMethod, pace: Pace, nodes: u64| PlannedRun {
+        recipe: recipe.clone(),
+        pace,
+        nodes,
+        part: 1.0,
+        push: None,
+    };
+    let mut cases = Vec::new();
+    for nodes in meshes {
+        for recipe in SimulationMethod::all(scene).into_iter().filter(asked) {
+            let case = |pace: Pace| case(&recipe, pace, *nodes);
+            if recipe.method.implicit {
+                cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
+            } else if let Some(limit) = limit_step(scene, *nodes)? {
+                let dear = relative_cost(steps, limit);
+                if dear > MAX_RELATIVE_COST {
+                    left_out.push(format!(
+                        "{recipe} on {nodes} nodes, whose limit of {limit:.1e} s makes {:.1e} steps: foreseen to cost {dear:.1} times all implicit runs together",
+                        3.0 * scene.solver.duration_s.get() / (BELOW_LIMIT * limit)
+                    ));
+                    continue;
+                }
+                cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(Pace::Fixed(part * limit))));
+            }
+            if recipe.method.adaptive {
+                cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
+            }
+        }
+        for recipe in SimulationMethod::cheaper(scene).into_iter().filter(asked) {
+            let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
+            cases.extend(tolerances.iter().map(case));
+        }
+    }
+    let own = SimulationMethod::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.pace(), *nodes));
+    cases.extend(own.filter(|own| !cases.contains(own)));
+    left_out.extend(without.iter().map(|name| format!("{name}, as asked")));
+    Ok((cases, left_out))
+}
+
+/// The stability limit (s) of explicit methods, 2/ω_max; `None` for meshes too fine to compute it.
+pub fn limit_step(scene: &Scene, nodes: u64) -> Result<Option<f64>> {
+    if nodes > MAX_NODES_FOR_MODES {
+        return Ok(None);
+    }
+    Ok(Some(2.0 / Modes::of_model(scene.with_nodes(nodes).model()?)?.highest()))
+}

@@ -1,0 +1,72 @@
+//! Root search: the first zero crossing of a function of one variable, by sampling, golden-section search for narrow peaks, and
+//! bisection.
+
+/// Sampling intervals of the search, and bisections of the one with the crossing.
+pub(super) const SAMPLES: usize = 60;
+const BISECTIONS: usize = 30;
+
+/// Golden-section steps in the search for a narrow peak between samples.
+const GOLDEN_STEPS: usize = 24;
+
+/// The golden ratio.
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
+
+/// Two arguments between which `f` first becomes positive, from `samples` (x, f(x)) with increasing x. Between samples around a
+/// negative maximum, the peak is searched for.
+pub(super) fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
+    for i in 0..samples.len() {
+        let (x, here) = samples[i];
+        if here > 0.0 {
+            return Some([if i == 0 { x } else { samples[i - 1].0 }, x]);
+        }
+        let Some(((from, before), (to, after))) = i.checked_sub(1).map(|i| samples[i]).zip(samples.get(i + 1).copied())
+        else {
+            continue;
+        };
+        if after > 0.0 || here <= before || here < after {
+            continue;
+        }
+        // The golden section: the inner one of two places that is higher stays inside.
+        let (mut low, mut high) = (from, to);
+        let mut places = [high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low)];
+        let mut heights = places.map(&mut f);
+        for _ in 0..GOLDEN_STEPS {
+            if let Some(top) = (0..2).find(|i| heights[*i] > 0.0) {
+                return Some([from, places[top]]);
+            }
+            if heights[0] > heights[1] {
+                high = places[1];
+                places = [high - GOLDEN_RATIO * (high - low), places[0]];
+                heights = [f(places[0]), heights[0]];
+            } else {
+                low = places[0];
+                places = [places[1], low + GOLDEN_RATIO * (high - low)];
+                heights = [heights[1], f(places[1])];
+            }
+        }
+    }
+    None
+}
+
+/// The least x between `low` and `high` at which `f` becomes positive.
+pub(super) fn first_crossing(low: f64, high: f64, mut f: impl FnMut(f64) -> f64) -> Option<f64> {
+    let at = |i: usize| low + (high - low) * i as f64 / SAMPLES as f64;
+    let mut samples = Vec::with_capacity(SAMPLES);
+    // Beyond the first place that is above it there is nothing to look for.
+    for x in (1..=SAMPLES).map(at) {
+        let here = f(x);
+        samples.push((x, here));
+        if here > 0.0 {
+            break;
+        }
+    }
+    let [mut below, mut above] = first_rise(&samples, &mut f)?;
+    if below == above {
+        below = low;
+    }
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (below + above);
+        if f(middle) > 0.0 { above = middle } else { below = middle }
+    }
+    Some(0.5 * (below + above))
+}

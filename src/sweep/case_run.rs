@@ -1,0 +1,186 @@
+//! Runs the cases of a sweep, similar ones batched, and stores a result for each.
+
+use std::borrow::Cow;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use serde_json::{Map, Value};
+
+use super::case_result::CaseResult;
+use super::definition::Sweep;
+use crate::assessment::Assessment;
+use crate::batch::{Batch, WIDTH};
+use crate::error::{Error, Result};
+use crate::jobs::{self, Journal};
+use crate::report::Frame;
+use crate::report::Summary;
+use crate::run::{BatchedRun, Ending, run_batched};
+use crate::scene::Scene;
+use crate::stepper::Stepper;
+
+/// Entries of a summary that a result leaves out: those that differ between runs of the same scene, and lists.
+const LEFT_OUT: [&str; 4] = ["name", "caudal_version", "wall_s", "final_positions_m"];
+
+/// Runs the cases `todo` on `threads` threads and adds each result to `journal` immediately; `progress` receives its index and
+/// result. Setting `interrupted` aborts all running cases.
+///
+/// # Errors
+/// Those of [`Journal::add`]. A failing case is a result, not an error.
+pub fn run(
+    sweep: &Sweep,
+    journal: &mut Journal,
+    todo: &[usize],
+    threads: usize,
+    interrupted: &AtomicBool,
+    mut progress: impl FnMut(usize, CaseResult),
+) -> Result<()> {
+    // Cases that share no steps are done one by one: each is kept the moment it is done. Where every thread has one case at most
+    // nobody has to be asked.
+    let asked = todo.first().filter(|_| todo.len() > threads);
+    let first = asked.and_then(|index| Some((*index, Stepper::of(&scene(sweep, *index).ok()?.0).ok()?)));
+    let together = if first.as_ref().is_some_and(|(_, stepper)| Batch::takes(stepper)) { WIDTH } else { 1 };
+    let first = Mutex::new(first); // which is not made again: a scene's estimates may take long
+    let made = |index: usize| {
+        let mut first = first.lock().unwrap_or_else(PoisonError::into_inner);
+        first.take_if(|(own, _)| *own == index).map(|(_, stepper)| stepper)
+    };
+    let work = |indices: &[usize]| run_cases_with(sweep, indices, interrupted, made);
+    jobs::run_chunks(todo, threads, together, work, |index, row| {
+        let Some(row) = row else { return Ok(ControlFlow::Break(())) };
+        journal.add(index, &row)?;
+        progress(index, row);
+        Ok(ControlFlow::Continue(()))
+    })?;
+    journal.sync()
+}
+
+/// Runs some cases, similar ones batched; `None` for an interrupted case. The wall-clock time of a result is an equal share of the
+/// time of all.
+pub fn run_together(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<CaseResult>> {
+    run_cases_with(sweep, indices, interrupted, |_| None)
+}
+
+/// The same, with some steppers `made` before.
+fn run_cases_with(
+    sweep: &Sweep,
+    indices: &[usize],
+    interrupted: &AtomicBool,
+    made: impl Fn(usize) -> Option<Stepper>,
+) -> Vec<Option<CaseResult>> {
+    let start = Instant::now();
+    let scenes: Vec<_> = indices.iter().map(|index| scene(sweep, *index)).collect();
+    let mut cases: Vec<CaseRun<'_>> =
+        indices.iter().zip(&scenes).map(|(index, scene)| CaseRun::of(sweep, *index, scene)).collect();
+    let (mut own, mut runs) = (Vec::new(), Vec::new());
+    for (case, index) in cases.iter_mut().zip(indices) {
+        if let Some(run) = case.begin(made(*index)) {
+            runs.push(run);
+            own.push(case);
+        }
+    }
+    let outcomes = run_batched(&mut runs, |i, stepper| {
+        own[i].keep(stepper)?;
+        Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    });
+    for ((case, BatchedRun { scene, stepper }), outcome) in own.into_iter().zip(&runs).zip(&outcomes) {
+        if outcome.ending != Ending::Interrupted {
+            case.row.quantities = quantities(&Summary::of(scene, stepper, outcome, &case.warnings));
+        }
+    }
+    let part = start.elapsed().as_secs_f64() / indices.len().max(1) as f64;
+    let dropped = |row: &CaseResult| interrupted.load(Ordering::Relaxed) && !row.complete();
+    let rows = cases.into_iter().map(|case| CaseResult { wall_s: part, ..case.row });
+    rows.map(|row| (!dropped(&row)).then_some(row)).collect()
+}
+
+/// The scene of a case, and its hash.
+type Hashed<'a> = (Cow<'a, Scene>, Cow<'a, str>);
+
+fn scene(sweep: &Sweep, index: usize) -> Result<Hashed<'_>> {
+    match sweep.kept(index) {
+        Some((scene, hash)) => Ok((Cow::Borrowed(scene), Cow::Borrowed(hash))),
+        None => sweep.scene(&sweep.case(index)?).map(|(scene, hash)| (Cow::Owned(scene), Cow::Owned(hash))),
+    }
+}
+
+/// A running case.
+struct CaseRun<'a> {
+    scene: &'a Result<Hashed<'a>>,
+    warnings: Vec<String>,
+    row: CaseResult,
+    /// Number of frames and of points of the path to record.
+    wanted: [usize; 2],
+    /// The time at which the next of them is due, s.
+    due: f64,
+}
+
+impl<'a> CaseRun<'a> {
+    fn of(sweep: &'a Sweep, index: usize, scene: &'a Result<Hashed<'a>>) -> Self {
+        let frames = if sweep.plays(index) { sweep.record.frames } else { 0 };
+        let wanted = [frames, sweep.record.traces];
+        Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, due: 0.0 }
+    }
+
+    /// The run at its start, with a stepper that may be `made` before; if it cannot start, the result has the error.
+    fn begin(&mut self, made: Option<Stepper>) -> Option<BatchedRun<'a>> {
+        let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
+            self.row.scene_hash = hash.to_string();
+            let mut stepper = made.map_or_else(|| Stepper::of(scene), Ok)?;
+            self.warnings = Assessment::of(scene, &stepper)?.warnings;
+            self.keep(&mut stepper)?;
+            Ok(BatchedRun { scene, stepper })
+        });
+        start.map_err(|error| self.fail(&error)).ok()
+    }
+
+    fn fail(&mut self, error: &Error) {
+        self.row.quantities.insert("complete".to_string(), false.into());
+        self.row.quantities.insert("ending".to_string(), error.to_string().into());
+    }
+
+    /// Records frames and path up to the time of `stepper`.
+    fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let now = stepper.time();
+        let Self { row, scene: Ok((scene, _)), wanted, due, .. } = self else { return Ok(()) };
+        if now < *due {
+            return Ok(());
+        }
+        // The times wanted, evenly over the run, of which so many are kept already.
+        let next = |count: usize, kept: usize| even(scene.solver.duration_s.get(), count, kept);
+        while let Some(time) = next(wanted[0], row.frames.len()).filter(|time| *time <= now) {
+            row.frames.push(stepper.at(time, Frame::of)?);
+        }
+        while let Some(time) = next(wanted[1], row.trace.len()).filter(|time| *time <= now) {
+            row.trace.push(stepper.at(time, |view| [time, view.metrics.now.com.x, view.metrics.now.com.y])?);
+        }
+        let times = [next(wanted[0], row.frames.len()), next(wanted[1], row.trace.len())];
+        *due = times.into_iter().flatten().fold(f64::INFINITY, f64::min);
+        Ok(())
+    }
+}
+
+/// Time `i` of `count` equidistant times from 0 to `duration`, s.
+fn even(duration: f64, count: usize, i: usize) -> Option<f64> {
+    (i < count).then(|| duration * (i as f64 / count.saturating_sub(1).max(1) as f64))
+}
+
+/// The scalar quantities of a summary; lists of numbers element by element, notes as one text.
+fn quantities(summary: &Summary) -> Map<String, Value> {
+    let mut row = Map::new();
+    let Ok(Value::Object(entries)) = serde_json::to_value(summary) else { return row };
+    for (name, value) in entries.into_iter().filter(|(name, _)| !LEFT_OUT.contains(&name.as_str())) {
+        match value {
+            Value::Array(items) if items.iter().all(Value::is_string) => {
+                let texts: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
+                row.insert(name, texts.join("; ").into());
+            }
+            Value::Array(items) => {
+                row.extend(items.into_iter().enumerate().map(|(i, item)| (format!("{name}.{i}"), item)));
+            }
+            value => drop(row.insert(name, value)),
+        }
+    }
+    row
+}
