@@ -13,8 +13,8 @@ pub fn write_error(path: &Path, error: &std::io::Error) -> Error {
     Error::Write { path: path.to_path_buf(), reason: error.to_string() }
 }
 
-/// A file beside `path`, which disappears unless it is put in place. It is locked while its program lives, so that others
-/// can tell it from one that a killed program left.
+/// A temporary file next to `path`, which is removed unless it is persisted. It is locked as long as this program lives, so that
+/// others can distinguish it from one that a killed program left.
 pub fn partial_file(path: &Path) -> Result<NamedTempFile> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -28,15 +28,15 @@ pub fn partial_file(path: &Path) -> Result<NamedTempFile> {
     Ok(file)
 }
 
-/// What the names of files in the making end with; they begin with a dot.
+/// Extension of temporary files, whose names begin with a dot.
 pub const PARTIAL: &str = ".partial";
 
-/// Folders that were made for something, the innermost first; those that nothing came into go again when it is dropped.
+/// Created folders, innermost first; those that are empty are removed when this is dropped.
 #[derive(Debug, Default)]
 pub struct CreatedFolders(Vec<PathBuf>);
 
 impl CreatedFolders {
-    /// Makes the folder at `path` and what it lies in, where they are not there.
+    /// Creates the folder at `path` and its parents, if missing.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -58,7 +58,7 @@ impl Drop for CreatedFolders {
     }
 }
 
-/// Room on the disk of `folder`, or of what it would be made in, bytes; `None` if the system does not say.
+/// Free space, bytes, on the disk of `folder` or of its first existing parent; `None` if the system does not report it.
 pub fn free_space(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
@@ -72,26 +72,26 @@ pub fn free_space(folder: &Path) -> Option<u64> {
     }
 }
 
-/// The innermost folder on the way to `folder` that there is.
+/// The innermost existing folder among `folder` and its parents.
 fn existing(folder: &Path) -> &Path {
     let found = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.exists());
     found.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The files of a result as far as they could be written.
+/// The files of a result, and the errors of those that could not be written.
 #[derive(Debug, Default)]
 pub struct WrittenFiles {
-    /// What is there.
+    /// The files that were written.
     pub files: Vec<PathBuf>,
-    /// What could not be written, and why.
+    /// The errors of the others.
     pub lost: Vec<Error>,
 }
 
 impl WrittenFiles {
-    /// One error of all that is lost, if any is.
+    /// The files, or one error if any file is missing.
     ///
     /// # Errors
-    /// The first, with the number of others.
+    /// The first error, with the number of others.
     pub fn complete(self) -> Result<Vec<PathBuf>> {
         let others = self.lost.len().saturating_sub(1);
         match self.lost.into_iter().next() {
@@ -104,7 +104,7 @@ impl WrittenFiles {
     }
 }
 
-/// Writes `content` to `path` as a whole or not at all, and makes its folder where there is none.
+/// Writes `content` to `path` atomically, and creates its folder if missing.
 ///
 /// # Errors
 /// [`Error::Write`].
@@ -112,7 +112,7 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     write_atomically(path, |file| fill(file, path, content.as_ref()))
 }
 
-/// The same for what `write` leaves in the file beside `path` that it is given.
+/// The same for what `write` writes to a temporary file next to `path`.
 ///
 /// # Errors
 /// [`Error::Write`]; those of `write`.
@@ -123,13 +123,13 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut NamedTempFile) -> R
     persist(file, path.to_path_buf()).map(|_| ())
 }
 
-/// Gives a finished file its name.
+/// Renames a finished file to its path.
 pub fn persist(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
     file.persist(&path).map_err(|e| write_error(&path, &e.error))?;
     Ok(path)
 }
 
-/// A file with `content` beside `path`.
+/// A temporary file with `content` next to `path`.
 pub fn partial_file_with(path: &Path, content: impl AsRef<[u8]>) -> Result<NamedTempFile> {
     let mut file = partial_file(path)?;
     fill(&mut file, path, content.as_ref())?;

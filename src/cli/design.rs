@@ -10,7 +10,7 @@ use caudal::error::Result;
 use caudal::report::Claim;
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, refuse, say, say_kept};
+use super::{SceneArguments, exit, print_error, refuse, say, say_kept};
 
 pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
@@ -37,11 +37,11 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
     let whole = say_kept(&design.write(&folder)?, &folder);
     Ok(match &design.answer {
         Answer::Search(found) if found.interrupted => {
-            complain("interrupted: the files hold the best design so far");
+            print_error("interrupted: the files hold the best design so far");
             ExitCode::from(exit::INTERRUPTED)
         }
         Answer::Search(found) if !found.converged => {
-            complain(&format!("the search did not converge: the files hold its best design; {}", design.advice()));
+            print_error(&format!("the search did not converge: the files hold its best design; {}", design.advice()));
             ExitCode::from(exit::FAILED)
         }
         _ => whole,

@@ -15,7 +15,7 @@ use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
 use super::run::{progress_bar, watch_for_interrupts};
-use super::{Prepared, SceneArguments, complain, exit, output_folder, refuse, say, say_written};
+use super::{Prepared, SceneArguments, exit, output_folder, print_error, refuse, say, say_written};
 
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
@@ -115,7 +115,7 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
         return Ok(refuse(&error));
     }
     if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != scene.fingerprint_text()) {
-        complain(&format!(
+        print_error(&format!(
             "{}: the run is of another scene than {} is now ({fingerprint}); --set gives the overrides that it was made with",
             arguments.run.display(),
             arguments.run.display()
@@ -176,7 +176,7 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
         Ending::Complete => whole,
         Ending::Interrupted => ExitCode::from(exit::INTERRUPTED),
         Ending::Failed(error) => {
-            complain(&error.to_string());
+            print_error(&error.to_string());
             say("what was computed until then is there");
             ExitCode::from(exit::FAILED)
         }

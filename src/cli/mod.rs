@@ -198,19 +198,19 @@ fn say_written(kept: &WrittenFiles, folder: &Path, open: &str) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     // The first says why, and it is the same for the others.
-    kept.lost.iter().take(1).for_each(|error| complain(&error.to_string()));
+    kept.lost.iter().take(1).for_each(|error| print_error(&error.to_string()));
     let names = |paths: &mut dyn Iterator<Item = &PathBuf>| -> String {
         let names = paths.filter_map(|path| path.file_name()).map(|name| name.to_string_lossy());
         names.collect::<Vec<_>>().join(", ")
     };
     let lost = names(&mut kept.lost.iter().filter_map(Error::path));
-    complain(&format!("not written: {lost}; kept in {}: {}", folder.display(), names(&mut kept.files.iter())));
+    print_error(&format!("not written: {lost}; kept in {}: {}", folder.display(), names(&mut kept.files.iter())));
     ExitCode::from(exit::FAILED)
 }
 
 pub fn main() -> ExitCode {
     let Cli { quiet, command } = Cli::parse();
-    hush(quiet);
+    set_quiet(quiet);
     let outcome = match command {
         Command::Run { scene, out, verify, force, json } => run::run(&scene, out, verify, force, json),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
@@ -229,7 +229,7 @@ pub fn main() -> ExitCode {
         Command::Man { folder } => shell::man(&folder),
     };
     outcome.unwrap_or_else(|error| {
-        complain(&error.to_string());
+        print_error(&error.to_string());
         ExitCode::from(if error.is_bad_input() { exit::WRONG_INPUT } else { exit::FAILED })
     })
 }
@@ -238,7 +238,7 @@ pub fn main() -> ExitCode {
 static QUIET: AtomicBool = AtomicBool::new(false);
 
 /// From now on nothing is said, where it `is` so.
-fn hush(is: bool) {
+fn set_quiet(is: bool) {
     QUIET.fetch_or(is, Ordering::Relaxed);
 }
 
@@ -247,7 +247,7 @@ fn is_quiet() -> bool {
 }
 
 /// A bar on a terminal, unless nothing but errors is to be printed; nothing elsewhere. `words` are said behind its percentage.
-fn bar_of(length: u64, words: &str) -> ProgressBar {
+fn progress_bar_with(length: u64, words: &str) -> ProgressBar {
     let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(length) };
     if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:24}} {{percent:>3}} %  {words}")) {
         bar.set_style(style);
@@ -268,7 +268,7 @@ fn print(line: &str) {
 }
 
 /// Prints an error, or several, one a line.
-fn complain(text: &str) {
+fn print_error(text: &str) {
     for line in text.lines() {
         let _ = writeln!(std::io::stderr(), "error: {line}");
     }
@@ -276,6 +276,6 @@ fn complain(text: &str) {
 
 /// Prints an error and ends as for wrong input.
 fn refuse(error: &Error) -> ExitCode {
-    complain(&error.to_string());
+    print_error(&error.to_string());
     ExitCode::from(exit::WRONG_INPUT)
 }

@@ -10,7 +10,7 @@ use caudal::files::write_file;
 use caudal::scene::Document;
 use clap::{Args, ValueEnum};
 
-use super::{complain, exit, say};
+use super::{exit, print_error, say};
 
 /// What swims.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -73,7 +73,7 @@ const FREQUENCIES: [f64; 2] = [1e-4, 1e4];
 pub fn new(arguments: &Arguments) -> Result<ExitCode> {
     let Arguments { file, force, .. } = arguments;
     if !force && file.exists() {
-        complain(&format!("{}: there already; --force replaces it", file.display()));
+        print_error(&format!("{}: there already; --force replaces it", file.display()));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     let choices = |values: &[&str]| values.join(", ");
@@ -86,7 +86,7 @@ pub fn new(arguments: &Arguments) -> Result<ExitCode> {
     let frequency = asked(arguments.frequency, "how often it beats, Hz", "2", 2.0, number)?;
     for (name, value, [least, most]) in [("length", length, LENGTHS), ("frequency", frequency, FREQUENCIES)] {
         if !(least..=most).contains(&value) {
-            complain(&format!("--{name}: found {value}; allowed: {least:e} to {most:e}"));
+            print_error(&format!("--{name}: found {value}; allowed: {least:e} to {most:e}"));
             return Ok(ExitCode::from(exit::WRONG_INPUT));
         }
     }
@@ -126,7 +126,7 @@ fn asked<T: Copy>(
         }
         match read(line.trim()) {
             Some(answer) => return Ok(answer),
-            None => complain(&format!("found {:?}; allowed: {allowed}", line.trim())),
+            None => print_error(&format!("found {:?}; allowed: {allowed}", line.trim())),
         }
     }
 }

@@ -15,7 +15,10 @@ use caudal::scene::Scene;
 use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
-use super::{Prepared, SceneArguments, bar_of, complain, exit, hush, output_folder, print, refuse, say, say_kept};
+use super::{
+    Prepared, SceneArguments, exit, output_folder, print, print_error, progress_bar_with, refuse, say, say_kept,
+    set_quiet,
+};
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
@@ -27,7 +30,7 @@ pub fn run(
     force: bool,
     json: bool,
 ) -> Result<ExitCode> {
-    hush(json);
+    set_quiet(json);
     let Prepared { document, scene, mut stepper, assessment } = arguments.prepare()?;
     if let Some(error) = assessment.refused(&document) {
         return Ok(refuse(&error));
@@ -109,12 +112,12 @@ pub fn run(
     Ok(match outcome.ending {
         Ending::Complete => whole,
         Ending::Interrupted => {
-            complain(&format!("interrupted: the files are complete and valid up to t = {} s", summary.end_time_s));
+            print_error(&format!("interrupted: the files are complete and valid up to t = {} s", summary.end_time_s));
             ExitCode::from(exit::INTERRUPTED)
         }
         Ending::Failed(error) => {
-            complain(&error.to_string());
-            complain(&format!("what was computed up to t = {} s is kept", summary.end_time_s));
+            print_error(&error.to_string());
+            print_error(&format!("what was computed up to t = {} s is kept", summary.end_time_s));
             ExitCode::from(exit::FAILED)
         }
     })
@@ -140,5 +143,5 @@ pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
 
 /// A bar of a run with the time left.
 pub(super) fn progress_bar() -> ProgressBar {
-    bar_of(PROGRESS, "{eta} left")
+    progress_bar_with(PROGRESS, "{eta} left")
 }

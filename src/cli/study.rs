@@ -15,7 +15,7 @@ use caudal::study::{
 use clap::{Args, Subcommand};
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, bar_of, complain, exit, refuse, say, say_kept};
+use super::{SceneArguments, exit, print_error, progress_bar_with, refuse, say, say_kept};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
@@ -140,7 +140,7 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
         Err(error) => return Ok(refuse(&error)),
     };
     let interrupted = watch_for_interrupts();
-    let bar = bar_of(0, "run {pos}/{len}  {eta} left");
+    let bar = progress_bar_with(0, "run {pos}/{len}  {eta} left");
     let progress = |done: usize, of: usize| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
@@ -157,7 +157,7 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
             Ok(say_kept(&kept, &folder))
         }
         StudyOutcome::Interrupted(done, of) => {
-            complain(&format!(
+            print_error(&format!(
                 "interrupted: {done} of {of} runs are kept in {}; the same command goes on from there",
                 folder.display()
             ));

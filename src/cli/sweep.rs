@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
 use super::run::watch_for_interrupts;
-use super::{bar_of, complain, exit, refuse, say, say_kept};
+use super::{exit, print_error, progress_bar_with, refuse, say, say_kept};
 
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -158,7 +158,7 @@ fn run(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
     bar.finish_and_clear();
     outcome?;
     if interrupted.load(Ordering::Relaxed) && done < cases.len() as u64 {
-        complain(&format!(
+        print_error(&format!(
             "interrupted: {} of {all} cases are done and kept in {}; the same command goes on",
             all - cases.len() + done as usize,
             path.display()
@@ -178,10 +178,10 @@ fn run(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
 fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
     let WrittenSweep { kept, failed } = results.write(folder)?;
     for (index, ending) in failed.iter().take(3) {
-        complain(&format!("case {index}: {ending}"));
+        print_error(&format!("case {index}: {ending}"));
     }
     if !failed.is_empty() {
-        complain(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
+        print_error(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
     }
     let whole = say_kept(&kept, folder.path());
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
@@ -223,7 +223,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
             say(&lacking);
             return finish(&results, &mut claimed()?);
         }
-        complain(&format!("{lacking}; let their shards finish, or take what is there with --partial"));
+        print_error(&format!("{lacking}; let their shards finish, or take what is there with --partial"));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     finish(&results, &mut claimed()?)
@@ -231,7 +231,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
 
 /// A bar of cases with the time left and failures so far.
 fn progress_bar(cases: usize) -> ProgressBar {
-    let bar = bar_of(cases as u64, "case {pos}/{len}  {eta} left  {msg}");
+    let bar = progress_bar_with(cases as u64, "case {pos}/{len}  {eta} left  {msg}");
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }

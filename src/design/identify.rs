@@ -1,12 +1,12 @@
-//! Identification: the stiffness with which tracked markers moved, by one convex quadratic programme.
+//! Identification of stiffness from tracked markers: one convex quadratic program on the moment balances of the joints.
 //!
 //! Turning all nodes beyond node k about it stretches no edge and changes κ_k only, so that EI_k c_k = m_k at every time,
 //! exactly for the discrete rod: c_k = (κ_k − κ̄_k)(1 + κ_k²/4)/ΔL, m_k = −Σ_{j>k} (x_j − x_k) × (M a_j + drag_j − W_j), or +Σ
 //! over j < k of a free rod, whichever side has fewer nodes. Neither EA nor tension appears.
 //!
-//! Positions and κ̄ go through the same filter (local polynomials). Noise of the positions is carried through it exactly to
-//! first order, overlapping windows and all: it gives the standard deviation of every joint, its weight in the programme, and
-//! what noise adds to Σc², which is taken off again (errors in variables; Fuller, Measurement Error Models, 1987).
+//! Positions and κ̄ are smoothed by the same filter (local polynomials). Noise of the positions is propagated through it exactly to
+//! first order, including overlapping windows. It gives the standard deviation of each joint, its weight in the program, and the bias of
+//! Σc² by noise, which is subtracted (errors in variables; Fuller, Measurement Error Models, 1987).
 
 use nalgebra::{DMatrix, Vector2};
 use serde::Serialize;

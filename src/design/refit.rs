@@ -1,9 +1,9 @@
 //! Validation of an identified stiffness by simulation: does the scene with it move as the markers do?
 //!
-//! Balances look at each joint by itself, and a wrong fluid or mass can pass there as another stiffness. The simulation is left with
-//! the residual r = markers − x at all markers; with S = ∂x/∂EI, noise of σ in each coordinate, and deviations D of the stiffness,
-//! the stiffness that meets both best is off by δ = (SᵀS/σ² + D⁻²)⁻¹ Sᵀr/σ² (Bard, Nonlinear Parameter Estimation, 1974, section 7).
-//! The strength of the actuation, where it was found too, takes part and has no D. What is left of r then should be noise.
+//! Moment balances treat each joint separately, so that a wrong fluid or mass may appear as another stiffness. The simulation has the
+//! residual r = markers − x. With S = ∂x/∂EI, noise of σ per coordinate, and deviations D of the stiffness, the best fit of both changes
+//! the stiffness by δ = (SᵀS/σ² + D⁻²)⁻¹ Sᵀr/σ² (Bard, Nonlinear Parameter Estimation, 1974, section 7). The actuation gain, if it was
+//! identified too, has no D. The remaining residual should be noise.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;

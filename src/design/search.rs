@@ -1,17 +1,18 @@
-//! Dynamic goals: sequential quadratic programming on simulated outputs with their exact sensitivities.
+//! The search for a design: sequential quadratic programming (SQP) with a trust region and an exact penalty, on simulated objectives with
+//! exact sensitivities.
 //!
-//! Each step solves min gᵀd + ½dᵀHd under bounds, order and the linearised means. A step that does not lower the objective,
-//! or whose simulation fails, is rejected. Roughness adds its own matrix to H. The rest of H is
+//! Each step solves min gᵀd + ½dᵀHd subject to bounds, order and linearised means and limits. A step without sufficient decrease of the
+//! merit function, or whose simulation fails, is rejected. Roughness adds its own matrix to H. The rest of H is
 //!
-//! - for a tracked tip, in compliances, JᵀJ + μfM (Gauss, Newton, Levenberg), M = 1 + (0.3 L)⁴ D₂ᵀD₂: steps are smooth where
-//!   the tip does not ask for more, or they would run along narrow bent valleys. As the damping falls with the objective f
-//!   (half the mean square), it does not slow the end (Yamashita & Fukushima, Computing Suppl. 15, 2001); μ follows the gain
-//!   ratio (Nielsen, IMM-REP-1999-05);
-//! - else, in logarithms, a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical Optimization, 2006, section
-//!   18.3), with a trust radius |d_i| ≤ Δ.
+//! - for a tracked tip, in compliances, the Levenberg-Marquardt matrix JᵀJ + μfM with M = 1 + (0.3 L)⁴ D₂ᵀD₂. M makes steps smooth
+//!   wherever the tip does not require otherwise, since they would follow narrow curved valleys. The damping decreases with the
+//!   objective f (half the mean square), so that it does not slow the final convergence (Yamashita & Fukushima, Computing Suppl. 15,
+//!   2001); μ follows the gain ratio (Nielsen, IMM-REP-1999-05);
+//! - otherwise, in logarithms, a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical Optimization, 2006, section
+//!   18.3), with the trust region |d_i| ≤ Δ.
 //!
-//! The worst of several cases has a kink wherever another becomes the worst, so it is a variable of the step more, t, and each
-//! case i a constraint f_i + g_iᵀd ≤ t; the duals of these weigh the cases in the Lagrangian.
+//! The maximum over several scenarios is not differentiable where another one becomes the worst. So the program has a further variable
+//! t, and a constraint f_i + g_iᵀd ≤ t per scenario i, whose duals weigh the scenarios in the Lagrangian.
 
 use std::ops::ControlFlow;
 

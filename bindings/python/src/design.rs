@@ -55,7 +55,7 @@ fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&SearchIteration, &mut Opt
     }
 }
 
-/// What of a design workers elsewhere can do next; `None` if nothing is left.
+/// The next parts of a design for workers; `None` if nothing is left.
 #[pyfunction]
 #[pyo3(name = "_design_parts")]
 pub fn parts(
@@ -79,7 +79,7 @@ pub fn parts(
     }
 }
 
-/// Does parts of a design that came in a parcel, one after the other: what they simulated, and the time that each took (s).
+/// On a worker: runs parts of the design in a bundle; returns their lines and the wall-clock time of each (s).
 #[pyfunction]
 #[pyo3(name = "_simulate")]
 pub fn simulate_parts<'py>(

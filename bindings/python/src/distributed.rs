@@ -11,27 +11,27 @@ use pyo3::types::PyBytes;
 use crate::error::OrRaise;
 use crate::locks::lock;
 
-/// A job at work, with what is known of its parts in its folder.
+/// A distributable job, with its stored results.
 #[pyclass(module = "caudal._caudal", name = "_Parts", frozen)]
 pub struct JobHandle {
-    /// Where what comes back is kept.
+    /// The folder of its results.
     #[pyo3(get)]
     folder: PathBuf,
-    /// What a part is called.
+    /// The noun for a part.
     #[pyo3(get)]
     noun: &'static str,
-    /// What does them on a worker: a function of this module.
+    /// The function of this module that runs parts on a worker.
     #[pyo3(get)]
     worker: &'static str,
     /// Number of parts.
     #[pyo3(get)]
     size: usize,
-    /// None once it is closed.
+    /// `None` once it is closed.
     parts: Mutex<Option<Box<dyn DistributableJob>>>,
 }
 
 impl JobHandle {
-    /// `parts`, each called `noun`, that `worker` does and that are kept in `folder`.
+    /// A job whose `parts`, each called `noun`, the function `worker` runs, with results in `folder`.
     pub fn new(
         parts: impl DistributableJob + 'static,
         noun: &'static str,
@@ -52,34 +52,34 @@ impl JobHandle {
 
 #[pymethods]
 impl JobHandle {
-    /// Parts that are worth handing out.
+    /// The parts without a result.
     fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
         self.with(|parts| Ok(parts.pending()), py)
     }
 
-    /// A part in words.
+    /// A description of a part.
     fn describe(&self, py: Python<'_>, index: usize) -> PyResult<String> {
         self.with(|parts| Ok(parts.describe(index)), py)
     }
 
-    /// All that a worker elsewhere needs.
+    /// What a worker is sent.
     fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         self.with(|parts| parts.bundle(), py).map(|bytes| PyBytes::new(py, &bytes))
     }
 
-    /// Keeps what parts elsewhere came to; how many of them are new.
+    /// Stores the results that workers returned; returns the number of new ones.
     fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
         self.with(|parts| lines.iter().try_fold(0, |new, line| Ok(new + usize::from(parts.store(line)?))), py)
     }
 
-    /// Closes its journal, so that the job may go on with it.
+    /// Closes its journal, so that the job can resume.
     fn close(&self, py: Python<'_>) {
         let parts = lock(py, &self.parts).take();
         py.detach(|| drop(parts));
     }
 }
 
-/// Lines of a journal and the time that each took (s), as Python has them.
+/// Journal lines and the wall-clock time of each (s), for Python.
 pub fn lines(py: Python<'_>, lines: Vec<(Vec<u8>, f64)>) -> (Vec<Bound<'_, PyBytes>>, Vec<f64>) {
     lines.into_iter().map(|(line, time)| (PyBytes::new(py, &line), time)).unzip()
 }

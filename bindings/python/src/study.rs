@@ -15,12 +15,12 @@ use crate::error::OrRaise;
 use crate::scene::Scene;
 use crate::values::plain;
 
-/// What is asked for as `{kind: options}`.
+/// The study `{kind: options}`.
 fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
     pythonize::depythonize(&plain(study)?).map_err(|error| PyTypeError::new_err(error.to_string()))
 }
 
-/// The runs that a study needs next, for workers elsewhere; `None` if all are there.
+/// The next runs of a study for workers; `None` if none is missing.
 #[pyfunction]
 #[pyo3(name = "_runs_of")]
 pub fn runs_of(
@@ -38,7 +38,7 @@ pub fn runs_of(
     Ok(runs.map(|runs| JobHandle::new(runs, "run", "_runs", folder)))
 }
 
-/// Makes runs of a study that came in a parcel, one after the other: their lines, and the time that each took (s).
+/// On a worker: executes runs of the study in a bundle; returns their lines and the wall-clock time of each (s).
 #[pyfunction]
 #[pyo3(name = "_runs")]
 pub fn runs<'py>(
@@ -49,7 +49,7 @@ pub fn runs<'py>(
     Ok(lines(py, py.detach(|| make_runs(parcel, &indices)).or_raise(py)?))
 }
 
-/// Makes a study, `{kind: options}`, and writes its files: what `caudal.study` makes its findings from.
+/// Runs a study, `{kind: options}`, and writes its files; returns its findings.
 #[pyfunction]
 #[pyo3(name = "_study")]
 pub fn study<'py>(

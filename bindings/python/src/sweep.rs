@@ -18,18 +18,18 @@ use crate::error::OrRaise;
 use crate::locks::{lock, lock_detached};
 use crate::values::to_toml;
 
-/// A sweep at work, with the journal in its folder.
+/// A sweep in progress, with its journal.
 #[pyclass(module = "caudal._caudal", name = "_Sweep", frozen)]
 pub struct SweepAtWork {
     sweep: Sweep,
     job: Job,
     folder: PathBuf,
-    /// The same, held while results are written.
+    /// Its folder, claimed while results are written.
     held: Mutex<Folder>,
     threads: usize,
-    /// None once the results are made of it.
+    /// `None` once the results are written.
     journal: Mutex<Option<Journal>>,
-    /// Rows of cases that ran here.
+    /// Results of cases that ran here.
     fresh: Mutex<RecentResults>,
 }
 
@@ -91,19 +91,19 @@ impl SweepAtWork {
         self.sweep.size()
     }
 
-    /// What a part of it is called.
+    /// The noun for a case.
     #[getter]
     fn noun(&self) -> &'static str {
         "case"
     }
 
-    /// What runs them on a worker: a function of this module.
+    /// The function of this module that runs cases on a worker.
     #[getter]
     fn worker(&self) -> &'static str {
         "_cases"
     }
 
-    /// Where its results go.
+    /// The folder of its results.
     #[getter]
     fn folder(&self) -> &PathBuf {
         &self.folder
@@ -116,23 +116,23 @@ impl SweepAtWork {
         axes.map(|axis| Ok((axis.name.clone(), pythonize::pythonize(py, &axis.labels)?, axis.sampled))).collect()
     }
 
-    /// The cases that the journal lacks.
+    /// The cases without a result.
     fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
         self.with_journal(|journal| Ok((0..self.sweep.size()).filter(|index| !journal.has(*index)).collect()), py)
     }
 
-    /// A case in words.
+    /// A description of a case.
     fn describe(&self, py: Python<'_>, index: usize) -> PyResult<String> {
         Ok(self.sweep.describe(&self.sweep.case(index).or_raise(py)?))
     }
 
-    /// All that a worker elsewhere needs to run its cases.
+    /// What a worker is sent.
     fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.sweep.bundle().and_then(|bundle| bundle.bytes()).or_raise(py)?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Keeps the lines of cases that were run elsewhere; those that are there already are left out. Their number.
+    /// Stores the lines of cases that workers ran; returns the number of new ones.
     fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
         let add = |journal: &mut Journal| {
             let mut new = 0;
@@ -144,7 +144,7 @@ impl SweepAtWork {
         self.with_journal(add, py)
     }
 
-    /// Runs the cases that the journal lacks on this machine's threads.
+    /// Runs the cases without a result on this machine's threads.
     fn run(&self, py: Python<'_>, progress: Option<Py<PyAny>>) -> PyResult<()> {
         let todo = self.todo(py)?;
         let told = Progress::default();
@@ -163,7 +163,7 @@ impl SweepAtWork {
         told.tell(py, progress.as_ref())
     }
 
-    /// Closes the journal, so that others may go on with it.
+    /// Closes the journal, so that the sweep can resume.
     fn close(&self, py: Python<'_>) {
         let journal = lock(py, &self.journal).take();
         py.detach(|| drop(journal));
@@ -204,7 +204,7 @@ impl SweepAtWork {
     }
 }
 
-/// The descriptors of the journals that this process holds locked.
+/// File descriptors of the journals that this process has locked.
 #[pyfunction]
 #[pyo3(name = "_held_descriptors")]
 pub fn held_descriptors() -> Vec<i32> {
@@ -214,10 +214,10 @@ pub fn held_descriptors() -> Vec<i32> {
     return Vec::new();
 }
 
-/// The sweep that this process ran cases of last, by the parcel that it came in.
+/// The sweep of which this process ran cases last, and its bundle.
 static UNPACKED: Mutex<Option<(Vec<u8>, Arc<SweepWorker>)>> = Mutex::new(None);
 
-/// Runs cases of a sweep that came in a parcel, one after the other; their lines, and the time that each took (s).
+/// On a worker: runs cases of the sweep in a bundle; returns their lines and the wall-clock time of each (s).
 #[pyfunction]
 #[pyo3(name = "_cases")]
 pub fn cases<'py>(

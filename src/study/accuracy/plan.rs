@@ -24,7 +24,7 @@ pub struct PlannedRun {
     pub nodes: u64,
     /// Fraction of the scene's duration.
     pub part: f64,
-    /// Displacement that the run starts with, over the length, see [`RunOptions::push`].
+    /// Displacement that the run starts with, over the length, see [`RunOptions::push`](crate::study::study_run::RunOptions::push).
     pub push: Option<f64>,
 }
 
