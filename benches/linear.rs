@@ -10,7 +10,7 @@ use std::ffi::{c_char, c_int};
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, FaerLu, LinearSolver};
+use caudal::linear::{BandMatrix, BlockBand, FaerLu, FallbackSolver, LinearSolver, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::scene::Document;
 use caudal::system::{Direction, Linearisation, System};
@@ -132,7 +132,7 @@ fn linear(criterion: &mut Criterion) {
                 });
             });
         }
-        let mut chosen = Chosen::new(Choice::Auto, &matrix).unwrap();
+        let mut chosen = FallbackSolver::new(SolverChoice::Auto, &matrix).unwrap();
         group.bench_function(id("auto"), |b| {
             b.iter(|| {
                 x.copy_from_slice(black_box(&residual));

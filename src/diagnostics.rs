@@ -1,7 +1,7 @@
 //! Diagnostics of a finished simulation: does the energy balance close, do strain and rotation per step stay in range, and does the
 //! motion stay inside the validity of the fluid's laws?
 
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::metrics::{Power, RunMetrics};
 use crate::model::Model;
 use crate::rod::Rod;
@@ -22,10 +22,10 @@ const MAX_LINEAR_STRAIN: f64 = 0.05;
 const MAX_ROTATION_PER_STEP: f64 = std::f64::consts::FRAC_PI_4;
 
 /// The setting that a user reduces for finer steps.
-fn finer(pace: Pace) -> &'static str {
+fn finer(pace: StepControl) -> &'static str {
     match pace {
-        Pace::Fixed(_) => "step",
-        Pace::Adaptive(_) => "tolerance",
+        StepControl::Fixed(_) => "step",
+        StepControl::Adaptive(_) => "tolerance",
     }
 }
 
@@ -37,7 +37,7 @@ pub(crate) fn rounding_energy(rod: &Rod, positions: &[f64]) -> f64 {
 
 /// A note on an energy balance that does not close beyond `rounding` (J): a sign of steps that are too large, or of a wrong root of
 /// the equations.
-fn balance_note(metrics: &RunMetrics, rounding: f64, pace: Pace) -> Option<String> {
+fn balance_note(metrics: &RunMetrics, rounding: f64, pace: StepControl) -> Option<String> {
     let Power { actuation, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
     let scale =
         [metrics.first_energy, metrics.now.energy.total(), actuation, viscous, wake, spray, load, head, flow, other]
@@ -56,7 +56,7 @@ fn balance_note(metrics: &RunMetrics, rounding: f64, pace: Pace) -> Option<Strin
 }
 
 /// Notes on edges that stretch or rotate further than the model or the step size allows.
-fn motion_notes(metrics: &RunMetrics, pace: Pace) -> impl Iterator<Item = String> {
+fn motion_notes(metrics: &RunMetrics, pace: StepControl) -> impl Iterator<Item = String> {
     let strained = (metrics.totals.max_strain > MAX_LINEAR_STRAIN).then(|| {
         format!(
             "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
@@ -82,7 +82,7 @@ pub(crate) fn notes(
     model: &Model,
     metrics: &RunMetrics,
     positions: &[f64],
-    pace: Pace,
+    pace: StepControl,
     warnings: &[String],
 ) -> Vec<String> {
     let left = metrics.across().map(|across| scene.range_notes(&model.forces, &model.rod, across));

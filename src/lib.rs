@@ -76,8 +76,8 @@ pub use nalgebra;
 pub mod error;
 pub mod files;
 pub mod linear;
+pub mod number_format;
 pub mod system;
-pub mod words;
 
 pub mod newton;
 

@@ -9,13 +9,13 @@ use crate::error::{Error, Result};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
-use crate::fluid::{Fluid, Forces, Kinematics, Sink};
+use crate::fluid::{Fluid, Forces, Kinematics, PowerKind};
 use crate::head::{Row, hermite};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::linear::Real;
 use crate::model::{Dynamics, Mechanics};
 use crate::regime;
-use crate::rod::sums::{Moving, Sums};
+use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
 
@@ -24,7 +24,7 @@ use crate::system::{Link, State, System};
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured<T: Real = f64> {
     /// Sums over the rod.
-    pub sums: Sums<T>,
+    pub sums: RodSums<T>,
     /// The force that a held head must exert, N; zero for a free one.
     pub held: Vector2<T>,
 }
@@ -121,17 +121,17 @@ impl Power {
 
     /// Adds the powers and the resultant of a force with that sink.
     #[inline(always)]
-    fn add_powers(&mut self, sink: Option<Sink>, powers: Powers, resultants: &mut Resultants) {
+    fn add_powers(&mut self, sink: Option<PowerKind>, powers: Powers, resultants: &mut Resultants) {
         let Powers { opposing, against_fluid, of_flow } = powers;
         self.flow += of_flow;
         *resultants.from(sink) -= opposing;
         match sink {
-            Some(Sink::Drag) => self.viscous += against_fluid,
-            Some(Sink::Wake) => self.wake += against_fluid,
-            Some(Sink::Flow) => self.flow -= against_fluid,
-            Some(Sink::Spray) => self.spray += against_fluid,
-            Some(Sink::Load) => self.load -= against_fluid,
-            Some(Sink::Other) => self.other -= against_fluid,
+            Some(PowerKind::Drag) => self.viscous += against_fluid,
+            Some(PowerKind::Wake) => self.wake += against_fluid,
+            Some(PowerKind::Flow) => self.flow -= against_fluid,
+            Some(PowerKind::Spray) => self.spray += against_fluid,
+            Some(PowerKind::Load) => self.load -= against_fluid,
+            Some(PowerKind::Other) => self.other -= against_fluid,
             None => (),
         }
     }
@@ -166,14 +166,14 @@ impl Resultants {
     }
 
     /// The resultant of forces with that sink.
-    pub(crate) fn from(&mut self, sink: Option<Sink>) -> &mut Vector2<f64> {
+    pub(crate) fn from(&mut self, sink: Option<PowerKind>) -> &mut Vector2<f64> {
         match sink {
-            Some(Sink::Drag) => &mut self.drag,
-            Some(Sink::Wake) => &mut self.wake,
-            Some(Sink::Spray) => &mut self.spray,
-            Some(Sink::Load) => &mut self.load,
-            Some(Sink::Flow) => &mut self.flow,
-            Some(Sink::Other) => &mut self.other,
+            Some(PowerKind::Drag) => &mut self.drag,
+            Some(PowerKind::Wake) => &mut self.wake,
+            Some(PowerKind::Spray) => &mut self.spray,
+            Some(PowerKind::Load) => &mut self.load,
+            Some(PowerKind::Flow) => &mut self.flow,
+            Some(PowerKind::Other) => &mut self.other,
             None => &mut self.inertia,
         }
     }
@@ -345,7 +345,7 @@ impl Measurements {
             bend::moments(&rod.joint, &self.kappa, &self.natural, &mut self.moment);
         }
         self.tangent.iter_mut().zip(edges).for_each(|(tangent, edge)| *tangent = edge.t);
-        let moving = Moving {
+        let moving = MovingRod {
             cells: &rod.cells,
             edges,
             mass: &rod.mass,
@@ -356,7 +356,7 @@ impl Measurements {
             natural_rate: &dynamics.natural_rate,
             moment: &self.moment,
         };
-        let mut sums = Sums::of(&moving, 0.0);
+        let mut sums = RodSums::of(&moving, 0.0);
         if !state.links.is_empty() {
             let stored = |((edge, link), cell): ((&Edge, &Link), &Cell)| {
                 let tension = edge.t.dot(&Vector2::from(link.force));
@@ -417,11 +417,11 @@ impl Measurements {
         &mut self,
         dynamics: &Dynamics,
         state: &State,
-        sums: &Sums,
+        sums: &RodSums,
         forces: impl FnOnce(&mut Power, &mut Resultants) -> (f64, Vector2<f64>),
         held: impl FnOnce() -> Vector2<f64>,
     ) -> Result<()> {
-        let Sums { bending, stretching, kinetic, actuation, moment_of_mass, momentum, strain } = *sums;
+        let RodSums { bending, stretching, kinetic, actuation, moment_of_mass, momentum, strain } = *sums;
         self.time = state.t;
         self.com = Vector2::from(moment_of_mass.to_array()) / dynamics.model.rod.total_mass();
         self.strain = strain;
@@ -724,12 +724,12 @@ impl RunMetrics {
     }
 
     /// Root mean square of the cross-flow since the start, or None before the first step.
-    pub fn across(&self) -> Option<regime::Across> {
+    pub fn across(&self) -> Option<regime::TransverseMotion> {
         let CrossFlowSquares { speed, per_depth, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
         let root = |sum: f64| (sum / elapsed).sqrt();
         let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };
-        Some(regime::Across { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
+        Some(regime::TransverseMotion { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
     }
 
     /// Δx of the centre of mass since the start, m.

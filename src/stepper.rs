@@ -25,10 +25,10 @@ pub use snapshot::Snapshot;
 
 use crate::cycle::Cycles;
 use crate::error::{Error, Result};
-use crate::integrator::{Pace, StepError};
+use crate::integrator::{StepControl, StepError};
 use crate::metrics::{Measurements, RunMetrics, RunningTotals, WorkSource};
-use crate::model::course::HIGHEST_ORDER;
-use crate::model::{Course, Dynamics, Inputs, Mechanics, Model};
+use crate::model::input_extrapolation::HIGHEST_ORDER;
+use crate::model::{Dynamics, InputExtrapolation, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
 use crate::reduced::{ModelChoice, ModelStepper};
 use crate::scene::Scene;
@@ -65,7 +65,7 @@ pub struct Stepper {
     model_stepper: Box<dyn ModelStepper>,
     choice: Option<ModelChoice>,
     newton: Newton,
-    pace: Pace,
+    pace: StepControl,
     /// All that changes during a run, other than the inputs.
     now: RunState,
     /// How many times a failing step is halved.
@@ -94,7 +94,7 @@ pub struct Stepper {
     /// The largest jump of the head since the last query.
     head_jump: Option<HeadJump>,
     // Work arrays.
-    inputs: (Inputs, Option<Box<Course>>),
+    inputs: (Inputs, Option<Box<InputExtrapolation>>),
     next: State,
     measurements: Measurements,
     read_at_once: Measurements,
@@ -126,7 +126,7 @@ impl Stepper {
         model: impl Into<Arc<Model>>,
         model_stepper: impl Into<Box<dyn ModelStepper>>,
         newton: Newton,
-        pace: impl Into<Pace>,
+        pace: impl Into<StepControl>,
     ) -> Result<Self> {
         let (model, model_stepper, pace) = (model.into(), model_stepper.into(), pace.into());
         let scene = model.fingerprint(&(&model_stepper, newton.form()));
@@ -137,7 +137,7 @@ impl Stepper {
         model: Arc<Model>,
         mut model_stepper: Box<dyn ModelStepper>,
         mut newton: Newton,
-        pace: Pace,
+        pace: StepControl,
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model);
         dynamics.mechanics = model_stepper.mechanics();
@@ -145,8 +145,8 @@ impl Stepper {
         model_stepper.begin(&mut dynamics, &mut newton, &mut state)?;
         newton.work = Work::default();
         let time_step = match pace {
-            Pace::Fixed(time_step) => time_step,
-            Pace::Adaptive(tolerance) => {
+            StepControl::Fixed(time_step) => time_step,
+            StepControl::Adaptive(tolerance) => {
                 let acceleration = largest(&state.a);
                 let lightest = dynamics.model.rod.mass.iter().copied().fold(f64::INFINITY, f64::min);
                 let rounding = dynamics.residual_floor(&state) / lightest;
@@ -159,8 +159,8 @@ impl Stepper {
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         let dense = model_stepper.has_dense_output().then(|| DenseOutput::new(&state, &metrics));
         let shortest = match pace {
-            Pace::Fixed(time_step) => STEP_ROUNDING * time_step,
-            Pace::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
+            StepControl::Fixed(time_step) => STEP_ROUNDING * time_step,
+            StepControl::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
         };
         let now = RunState {
             clock: Clock { origin: state.t, count: 0 },
@@ -242,7 +242,7 @@ impl Stepper {
             if taken.newton_may_predict() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
         let mut start =
             Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.start_error(&error))?;
-        if matches!(start.pace, Pace::Adaptive(_)) {
+        if matches!(start.pace, StepControl::Adaptive(_)) {
             start.now.time_step = start.now.time_step.min(solver.duration_s.get());
         }
         Ok(Self {
@@ -299,7 +299,7 @@ impl Stepper {
     }
 
     /// The control of its step size.
-    pub fn pace(&self) -> Pace {
+    pub fn pace(&self) -> StepControl {
         self.pace
     }
 
@@ -383,8 +383,8 @@ impl Stepper {
         }
         self.now.pending_time = None;
         match self.pace {
-            Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
-            Pace::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
+            StepControl::Fixed(time_step) => self.equal_steps(h, time_step, look),
+            StepControl::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
         }
     }
 
@@ -603,7 +603,7 @@ impl Stepper {
             Mechanics::Overdamped => tolerance * dynamics.length() / apart(&next.v, &state.v),
             Mechanics::Shape => f64::INFINITY,
         };
-        if let Pace::Adaptive(tolerance) = self.pace {
+        if let StepControl::Adaptive(tolerance) = self.pace {
             // A longer step would see where the rod comes to rest, not how.
             self.now.time_step = self.now.time_step.min(reach(tolerance));
         }
@@ -889,7 +889,7 @@ impl InputChange<'_> {
         } else {
             let mut course = match dynamics.course.take() {
                 Some(course) => course,
-                None => Box::new(Course::resting(&dynamics.model, &dynamics.inputs, t)),
+                None => Box::new(InputExtrapolation::resting(&dynamics.model, &dynamics.inputs, t)),
             };
             course.change(dynamics, order, |rates| variable.write(rates, t, first, values));
             dynamics.inputs.flow_taken |= course.takes_flow();

@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::error::Result;
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::reduced::comparison::{SeriesPoint, TimeSeries};
 use crate::reduced::{Differences, ErrorMeasure};
 use crate::scene::Scene;
@@ -51,8 +51,8 @@ impl Verification {
         let mut courses = [&whole, &again].map(|run| TimeSeries::of(run.model()));
         let end = stepper.time();
         let part = match stepper.pace() {
-            Pace::Fixed(step) => step * (end / (step * MAX_COMPARISONS)).ceil(),
-            Pace::Adaptive(_) => end / MAX_COMPARISONS,
+            StepControl::Fixed(step) => step * (end / (step * MAX_COMPARISONS)).ceil(),
+            StepControl::Adaptive(_) => end / MAX_COMPARISONS,
         };
         loop {
             for (run, course) in [&whole, &again].into_iter().zip(&mut courses) {

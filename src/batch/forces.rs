@@ -10,7 +10,7 @@ use wide::f64x2;
 
 use super::WIDTH;
 use super::lanes::{Lanes, PairLanes, two};
-use crate::fluid::force::{self, OnTip, PowerSums, Powers};
+use crate::fluid::force::{self, PowerSums, Powers, TipForce};
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
 use crate::fluid::laws::weak_inertia::WeakInertia;
 use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
@@ -19,7 +19,7 @@ use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
 use crate::linear::{Number, Pair};
 use crate::model::Model;
 use crate::rod::Edge;
-use crate::rod::around::OnEdge;
+use crate::rod::edge_force::EdgeForce;
 use crate::system::Direction;
 
 /// All forces on the rods other than a drag that is linear in velocity.
@@ -47,7 +47,7 @@ pub struct LaneMotion<'a> {
 /// A force on edges, in lanes.
 trait BatchedForce: Debug + Send {
     /// Adds its opposing forces to `sums`, or sets `sums` if it is the `first` force.
-    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]);
 
     /// Its totals over the rods.
     fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals;
@@ -119,7 +119,7 @@ impl BatchedForces {
     }
 
     /// Writes the opposing forces on the edges to `sums`.
-    pub fn on_edges(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
+    pub fn on_edges(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, sums: &mut [EdgeForce<Lanes>]) {
         for (i, (_, force)) in self.forces.iter().enumerate() {
             force.add(simd, rods, direction, i == 0, sums);
         }
@@ -133,7 +133,7 @@ impl BatchedForces {
         rods: &LaneMotion<'_>,
         fluid: Fluid,
         direction: Direction,
-        visit: impl FnMut(OnTip),
+        visit: impl FnMut(TipForce),
     ) {
         if !self.tips.is_empty() {
             rods.at_end(lane, fluid, |end| {
@@ -289,7 +289,7 @@ fn drag<L: BatchedLaw>(
 }
 
 impl<L: BatchedLaw> BatchedForce for BatchedDrag<L> {
-    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]) {
         let LaneMotion { edges, v, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
@@ -367,7 +367,7 @@ fn water(
 }
 
 impl BatchedForce for BatchedReactive {
-    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]) {
         let LaneMotion { edges, v, a, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
@@ -426,6 +426,6 @@ fn accelerating(
 
 /// Sets `sum` to the `first` force, or adds to it.
 #[inline(always)]
-fn put(sum: &mut OnEdge<Lanes>, first: bool, on: OnEdge<Lanes>) {
+fn put(sum: &mut EdgeForce<Lanes>, first: bool, on: EdgeForce<Lanes>) {
     if first { *sum = on } else { sum.add(&on) }
 }

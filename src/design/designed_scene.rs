@@ -2,7 +2,7 @@
 
 use super::design_vector::DesignVector;
 use crate::error::{Error, Result};
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::rod;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::scene_parameter::{SceneParameter, keys_with};
@@ -52,13 +52,13 @@ pub(super) fn scene_with(
 /// The changes that give a scene fixed steps and a one-stage method, if it has none.
 pub(super) fn fixed_steps(scene: &Scene) -> Vec<String> {
     let one_stage = |step: f64| scene.integrator().is_ok_and(|integrator| integrator.rule(step).is_some());
-    if let Pace::Fixed(step) = scene.pace()
+    if let StepControl::Fixed(step) = scene.pace()
         && one_stage(step)
     {
         return Vec::new();
     }
     let step = match (scene.pace(), scene.spectrum().fastest()) {
-        (Pace::Fixed(step), _) => step,
+        (StepControl::Fixed(step), _) => step,
         (_, Some(frequency)) => 1.0 / frequency / STEPS[0],
         (_, None) => scene.solver.duration_s.get() / STEPS[1],
     };

@@ -5,9 +5,9 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
+use crate::number_format::number;
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
-use crate::words::number;
 
 /// Least number of samples of a motion.
 pub const MIN_SAMPLES: usize = 2 * DEGREE + 1;

@@ -12,7 +12,7 @@ use super::markers::Markers;
 use super::objective::Objective;
 use super::scenarios::Scenario;
 use super::table::DesignTable;
-use crate::fluid::laws::{CREEPING, DragLaw, LAWS, Reach, cross_flow};
+use crate::fluid::laws::{CREEPING, Dependence, DragLaw, LAWS, cross_flow};
 use crate::jobs;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
@@ -205,8 +205,10 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
         return Vec::new();
     }
     let cheap = |law: &&DragLaw| match law.reach {
-        Reach::Rod { most_nodes, .. } => regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes,
-        Reach::Edge => false,
+        Dependence::Rod { most_nodes, .. } => {
+            regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes
+        }
+        Dependence::Edge => false,
     };
     let whole = LAWS
         .iter()

@@ -28,7 +28,7 @@ use super::table::{DesignTable, DesignVariable, Goal};
 use crate::assessment::Assessment;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
-use crate::linear_stability::{RESTED, SteadyState, come_to_rest, grows};
+use crate::linear_stability::{REST_TOLERANCE, SteadyState, come_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::report::{Claim, Folder, Owner};
@@ -529,7 +529,7 @@ fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found
 fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Option<f64> {
     let scene = scene_with(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
-    let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;
+    let mut newton = Newton::new(dynamics.nodes(), REST_TOLERANCE).ok()?;
     let mut state = dynamics.first_state();
     state.q.copy_from_slice(positions);
     come_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;

@@ -10,16 +10,16 @@ use nalgebra::Complex;
 
 use super::force::{Forces, Validity};
 use super::laws::{DragLaw, LAWS};
-use crate::regime::Across;
+use crate::regime::TransverseMotion;
 use crate::rod::Rod;
 
 /// What the numbers of a motion are made from.
 #[derive(Debug, Clone, Copy)]
-pub struct Motion<'a> {
+pub struct FlowConditions<'a> {
     /// The rod.
     pub rod: &'a Rod,
     /// How it moves across itself, and through which fluid.
-    pub across: Across,
+    pub across: TransverseMotion,
     /// Frequency of what drives the rod, Hz.
     pub frequency: Option<f64>,
     /// The wavelength along the rod, m.
@@ -30,7 +30,7 @@ pub struct Motion<'a> {
 
 /// A number of the motion that a range is given in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scale {
+pub enum DimensionlessNumber {
     /// wD/ν by the mean depth D and the velocity w across the rod.
     Reynolds,
     /// wL/ν by the length.
@@ -62,7 +62,7 @@ pub enum Scale {
     BodyHeight,
 }
 
-impl Scale {
+impl DimensionlessNumber {
     /// Its name in a sentence.
     pub const fn words(self) -> &'static str {
         match self {
@@ -84,8 +84,8 @@ impl Scale {
     }
 
     /// It of a motion; none of one that lacks what it is made from, or is at rest.
-    pub fn of(self, motion: &Motion<'_>) -> Option<f64> {
-        let Motion { rod, across: Across { fluid, .. }, frequency, wavelength, height } = *motion;
+    pub fn of(self, motion: &FlowConditions<'_>) -> Option<f64> {
+        let FlowConditions { rod, across: TransverseMotion { fluid, .. }, frequency, wavelength, height } = *motion;
         let (length, radius) = (rod.length, rod.sections.largest_radius());
         let depth = || rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let per_nu = fluid.density / fluid.viscosity;
@@ -154,13 +154,13 @@ const COX: f64 = 0.1931;
 const FORM: f64 = 1.1;
 
 /// Up to which [`Scale::Unsteady`] laws of steady drag hold.
-pub const STEADY: Bound = Bound::at_most(Scale::Unsteady, 2.0);
+pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 
 /// Between which values of a number of the motion a force holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// The number.
-    pub scale: Scale,
+    pub scale: DimensionlessNumber,
     /// Its least value; 0 for none.
     pub least: f64,
     /// Its largest value; infinite for none.
@@ -169,17 +169,17 @@ pub struct Bound {
 
 impl Bound {
     /// Up to `most`.
-    pub const fn at_most(scale: Scale, most: f64) -> Self {
+    pub const fn at_most(scale: DimensionlessNumber, most: f64) -> Self {
         Self { scale, least: 0.0, most }
     }
 
     /// From `least` on.
-    pub const fn at_least(scale: Scale, least: f64) -> Self {
+    pub const fn at_least(scale: DimensionlessNumber, least: f64) -> Self {
         Self { scale, least, most: f64::INFINITY }
     }
 
     /// From `least` to `most`.
-    pub const fn between(scale: Scale, least: f64, most: f64) -> Self {
+    pub const fn between(scale: DimensionlessNumber, least: f64, most: f64) -> Self {
         Self { scale, least, most }
     }
 
@@ -194,7 +194,7 @@ impl Bound {
     }
 
     /// The number of a motion that is beyond it.
-    pub fn left(&self, motion: &Motion<'_>) -> Option<f64> {
+    pub fn left(&self, motion: &FlowConditions<'_>) -> Option<f64> {
         // Numbers at the bound itself are rounded.
         let most = self.most * (1.0 + 1e-9);
         self.scale.of(motion).filter(|number| !(self.least * (1.0 - 1e-9)..=most).contains(number))
@@ -229,12 +229,12 @@ impl Validity {
     }
 
     /// True where no bound is left by a motion.
-    pub fn holds(&self, motion: &Motion<'_>) -> bool {
+    pub fn holds(&self, motion: &FlowConditions<'_>) -> bool {
         self.bounds.iter().all(|bound| bound.left(motion).is_none())
     }
 
     /// The bounds that a motion leaves, in words; none where it leaves none.
-    pub fn beyond(&self, motion: &Motion<'_>) -> Option<String> {
+    pub fn beyond(&self, motion: &FlowConditions<'_>) -> Option<String> {
         let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.left(motion)?)));
         let in_words = left
             .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()));
@@ -245,7 +245,11 @@ impl Validity {
 
 /// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
 /// change where another law is taken; nothing where it cannot be.
-pub fn left(forces: &Forces, motion: &Motion<'_>, without: impl Fn(&'static DragLaw) -> Option<String>) -> Vec<String> {
+pub fn left(
+    forces: &Forces,
+    motion: &FlowConditions<'_>,
+    without: impl Fn(&'static DragLaw) -> Option<String>,
+) -> Vec<String> {
     let mut said: Vec<(Vec<&str>, String)> = Vec::new();
     for force in forces.iter() {
         let validity = force.validity();
@@ -267,10 +271,10 @@ pub fn left(forces: &Forces, motion: &Motion<'_>, without: impl Fn(&'static Drag
 fn others(
     name: &str,
     bounds: &[Bound],
-    motion: &Motion<'_>,
+    motion: &FlowConditions<'_>,
     without: impl Fn(&'static DragLaw) -> Option<String>,
 ) -> String {
-    if bounds.iter().any(|bound| bound.scale == Scale::BodyReynolds && bound.left(motion).is_some()) {
+    if bounds.iter().any(|bound| bound.scale == DimensionlessNumber::BodyReynolds && bound.left(motion).is_some()) {
         return "; head_body.form_drag_along and head_body.form_drag_across add form drag".to_string();
     }
     if !LAWS.iter().any(|law| law.name == name) {

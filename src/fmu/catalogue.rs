@@ -1,6 +1,6 @@
 //! The table of FMI variables: which variables and parameters a scene has, their value references, causality and variability.
 
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::scene::Scene;
 use crate::scene::parameter::ScalarParameter;
 use crate::stepper::Stepper;
@@ -76,7 +76,9 @@ impl Catalogue {
             Causality::Input => ["input", "continuous"],
             Causality::Output if COUNTS.contains(&variable.name) => ["output", "discrete"],
             Causality::Output => ["output", "continuous"],
-            Causality::Parameter if variable.name == TIME_STEP && matches!(stepper.pace(), Pace::Adaptive(_)) => {
+            Causality::Parameter
+                if variable.name == TIME_STEP && matches!(stepper.pace(), StepControl::Adaptive(_)) =>
+            {
                 ["output", "discrete"]
             }
             Causality::Parameter if stepper.can_change_parameters() && Self::follows_stiffness(variable, stepper) => {

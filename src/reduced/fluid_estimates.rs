@@ -15,15 +15,15 @@ use crate::error::{Error, Result};
 use crate::fluid::Fluid;
 use crate::fluid::laws::{DragLaw, Uncertainty};
 use crate::integrator::Method;
-use crate::linear::Choice as Linear;
+use crate::linear::SolverChoice as Linear;
 use crate::metrics::{Measurements, RunMetrics};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
-use crate::regime::{self, Across, MISALIGNED, Motion, Regime};
+use crate::number_format::{percent, signed, two_digits};
+use crate::regime::{self, MISALIGNED, MeanMotion, Regime, TransverseMotion};
 use crate::rod::node;
 use crate::spectrum::Spectrum;
 use crate::system::{Form, State};
-use crate::words::{percent, signed, two_digits};
 
 /// Simulated periods after a ramp, steps per period, and steps without a period.
 pub const PERIODS: f64 = 8.0;
@@ -99,7 +99,7 @@ pub struct ShortRunResult {
     /// Motion and power.
     pub means: MotionAndPower,
     /// The motion of the rod relative to the fluid.
-    pub motion: Motion,
+    pub motion: MeanMotion,
 }
 
 /// Simulates `model` over `span` from its start.
@@ -202,7 +202,7 @@ impl MotionSample {
 }
 
 /// The motion over equally spaced `samples`, of which the first is its start.
-fn motion(samples: &[MotionSample], held: bool) -> Motion {
+fn motion(samples: &[MotionSample], held: bool) -> MeanMotion {
     let later = samples.get(1..).unwrap_or_default();
     let mean = |of: fn(&MotionSample) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
     let root = |of: fn(&MotionSample) -> f64| mean(of).sqrt();
@@ -215,9 +215,9 @@ fn motion(samples: &[MotionSample], held: bool) -> Motion {
         _ => sample.from,
     };
     let tips: Vec<_> = later.iter().map(|sample| sample.tip - gone(sample)).collect();
-    Motion {
+    MeanMotion {
         along: root(|sample| sample.along),
-        across: Across {
+        across: TransverseMotion {
             speed: root(|sample| sample.across),
             per_depth: root(|sample| sample.inertia),
             body: root(|sample| sample.body),

@@ -2,7 +2,7 @@
 
 use super::{ModelKind, ModelStepper};
 use crate::error::Result;
-use crate::integrator::{Integrator, Rule, StepError};
+use crate::integrator::{Integrator, StepError, StepWeights};
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
 use crate::system::{Direction, State};
@@ -50,7 +50,7 @@ impl ModelStepper for Full {
         Ok(())
     }
 
-    fn rule(&self, h: f64) -> Option<Rule> {
+    fn rule(&self, h: f64) -> Option<StepWeights> {
         self.integrator.rule(h)
     }
 

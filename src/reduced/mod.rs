@@ -18,7 +18,7 @@ mod time_scales;
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::integrator::{Integrator, Rule, StepError};
+use crate::integrator::{Integrator, StepError, StepWeights};
 use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
@@ -140,7 +140,7 @@ pub trait ModelStepper: std::fmt::Debug + Send {
     ) -> Result<StepError>;
 
     /// The rule of a step of `h` (s), if it solves the full model by a method of one stage.
-    fn rule(&self, _h: f64) -> Option<Rule> {
+    fn rule(&self, _h: f64) -> Option<StepWeights> {
         None
     }
 

@@ -22,7 +22,7 @@ use nalgebra::Vector2;
 
 use crate::error::Error;
 use crate::head::{Row, STEPS_A_PERIOD, Sample, hermite};
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::model::{Dynamics, Model};
 use crate::rod::{bend, node};
 use crate::start::Start;
@@ -59,7 +59,7 @@ pub struct PlannedRun {
     /// Number of nodes of the scene. Estimates may use fewer.
     pub nodes: usize,
     /// Step control of the full model, and of a reduced one.
-    pub pace: [Pace; 2],
+    pub pace: [StepControl; 2],
     /// Approximate Newton iterations per step of the full model.
     pub iterations: f64,
     /// The requested accuracy.
@@ -254,8 +254,8 @@ impl Estimator {
     fn full_model_work(&self) -> f64 {
         let PlannedRun { duration, iterations, pace: [pace, _], .. } = self.run;
         match pace {
-            Pace::Fixed(step) => duration / step * (iterations + MEASUREMENT_WORK),
-            Pace::Adaptive(tolerance) => {
+            StepControl::Fixed(step) => duration / step * (iterations + MEASUREMENT_WORK),
+            StepControl::Adaptive(tolerance) => {
                 let model = &self.dynamics.model;
                 let flows = model.flow.is_some() || model.fluid.flow != Vector2::zeros();
                 let flow = !model.forces.is_empty() && flows;
@@ -294,8 +294,8 @@ impl Estimator {
     /// The tolerance for steps of a reduced model.
     fn tolerance(&self) -> f64 {
         match self.run.pace[1] {
-            Pace::Adaptive(tolerance) => self.tolerance.min(tolerance),
-            Pace::Fixed(_) => self.tolerance,
+            StepControl::Adaptive(tolerance) => self.tolerance.min(tolerance),
+            StepControl::Fixed(_) => self.tolerance,
         }
     }
 
@@ -451,7 +451,7 @@ impl Estimator {
             return no_estimate(format!("inertia is {inertia:.1e} of the drag"));
         }
         let PlannedRun { duration, pace: [_, pace], .. } = self.run;
-        if let Pace::Adaptive(tolerance) = pace {
+        if let StepControl::Adaptive(tolerance) = pace {
             self.check_cost(tolerance)?;
         }
         // The net displacement, and means of loads, may be as small as the parts of a path that they are measured against.

@@ -11,7 +11,7 @@ use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, RawJson, render};
 use super::run_record::Frame;
 use crate::error::Result;
-use crate::words::number;
+use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
 pub const QUANTITIES: [SummaryQuantity; 22] = [

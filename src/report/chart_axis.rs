@@ -1,7 +1,7 @@
 //! Axes of charts: a range that contains the data, and axis ticks at round numbers (linear, logarithmic, signed logarithmic,
 //! categories).
 
-use crate::words::number;
+use crate::number_format::number;
 
 /// Values beyond these are treated as infinity or zero, so that ranges and ticks cannot overflow.
 const LARGEST: f64 = 1e300;

@@ -8,8 +8,8 @@ use super::folder::Folder;
 use super::page::{Animation, RawJson, render};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
+use crate::number_format::number;
 use crate::scene::Document;
-use crate::words::number;
 
 /// Most rows of a table on the page.
 const MAX_TABLE_ROWS: usize = 60;

@@ -4,7 +4,7 @@ use super::chart::{LABEL, LINE, PlotArea, Scale, TITLE, WIDTH};
 use super::chart_axis::ChartAxis;
 use super::outcome_map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
-use crate::words::significant;
+use crate::number_format::significant;
 
 /// Sequential colour map with increasing lightness, which survives print and colour-vision deficiency: matplotlib's viridis at
 /// equal steps.

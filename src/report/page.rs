@@ -9,7 +9,7 @@ use super::Summary;
 use super::chart::Figure;
 use super::run_record::Frame;
 use crate::error::{Error, Result};
-use crate::words::number;
+use crate::number_format::number;
 
 /// The content of the page.
 pub struct Page<'a> {

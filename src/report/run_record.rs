@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 use crate::fluid::{Fluid, Layers};
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::rod::{Rod, node};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -34,7 +34,7 @@ impl RecordingTimes {
         let every = scene.record.every.map_or(1, |every| every.get() as u64);
         match (scene.record.interval_s, scene.pace(), stepper.pace()) {
             (Some(interval), ..) => Self::Every(interval.get(), 1),
-            (None, Pace::Fixed(step), Pace::Adaptive(_)) => Self::Every(step * every as f64, 1),
+            (None, StepControl::Fixed(step), StepControl::Adaptive(_)) => Self::Every(step * every as f64, 1),
             (None, ..) => Self::Steps(every, 0),
         }
     }
@@ -185,8 +185,10 @@ impl RunRecord {
         let wanted =
             drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
         let times = match stepper.pace() {
-            Pace::Fixed(_) => RecordingTimes::Steps(1, 0),
-            Pace::Adaptive(_) => RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1),
+            StepControl::Fixed(_) => RecordingTimes::Steps(1, 0),
+            StepControl::Adaptive(_) => {
+                RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1)
+            }
         };
         let mut record = Self {
             times,

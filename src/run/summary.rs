@@ -3,8 +3,8 @@
 use super::{Ending, Outcome};
 use crate::cycle::{self, GRAVITY};
 use crate::diagnostics::notes;
-use crate::integrator::Pace;
-use crate::linear::Choice;
+use crate::integrator::StepControl;
+use crate::linear::SolverChoice;
 use crate::metrics::Power;
 use crate::model::Mechanics;
 use crate::report::{FluidError, Summary};
@@ -54,12 +54,12 @@ impl Summary {
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
             time_step_s: match stepper.pace() {
-                Pace::Fixed(step) => step,
-                Pace::Adaptive(_) => elapsed / metrics.totals.steps.max(1) as f64,
+                StepControl::Fixed(step) => step,
+                StepControl::Adaptive(_) => elapsed / metrics.totals.steps.max(1) as f64,
             },
             tolerance: match stepper.pace() {
-                Pace::Fixed(_) => None,
-                Pace::Adaptive(tolerance) => Some(tolerance),
+                StepControl::Fixed(_) => None,
+                StepControl::Adaptive(tolerance) => Some(tolerance),
             },
             steps: metrics.totals.steps,
             rejected_steps: metrics.totals.rejections,
@@ -69,8 +69,8 @@ impl Summary {
                 _ if stepper.view().dynamics.mechanics == Mechanics::Shape => "none",
                 (Form::Chain, _) => "riccati",
                 #[cfg(feature = "faer")]
-                (Form::Positions, Choice::FaerLu) => "faer-lu",
-                (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",
+                (Form::Positions, SolverChoice::FaerLu) => "faer-lu",
+                (Form::Positions, SolverChoice::Auto | SolverChoice::BlockBand) => "block-band",
             },
             linear_fallbacks: work.linear_fallbacks,
             step_halvings: metrics.totals.halvings,

@@ -14,14 +14,16 @@ use super::solver::FormKey;
 use super::value::{self, NotNegative, NumberOrProfile, Positive, SignalValue, VectorSignal};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes, Uncertainty};
-use crate::fluid::range::{self, Motion};
+use crate::fluid::laws::{
+    self, Dependence, DragLaw, ForcesByCause, LAWS, LawInputs, SLENDER, SectionInput, Uncertainty,
+};
+use crate::fluid::range::{self, FlowConditions};
 use crate::fluid::reactive::{self, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::reduced::fluid_estimates::{ShortRun, ShortRunResult, nodes, simulate};
 use crate::reduced::{FluidChoice, FluidEstimates, MotionAndPower};
-use crate::regime::{Across, Regime};
+use crate::regime::{Regime, TransverseMotion};
 use crate::rod::{Rod, Shape};
 use crate::spectrum::Spectrum;
 
@@ -250,8 +252,8 @@ impl DragTable {
         if scene.rod.shape() == Shape::Rectangle {
             let of_parts = if law.keys.contains(&"viscous") { Some(("viscous", viscous)) } else { None };
             for (key, law) in std::iter::once(("law", law)).chain(of_parts) {
-                if law.takes == Takes::Round {
-                    let others = LAWS.iter().filter(|law| law.takes != Takes::Round);
+                if law.takes == SectionInput::Round {
+                    let others = LAWS.iter().filter(|law| law.takes != SectionInput::Round);
                     let others = others.filter(|law| key == "law" || law.resistance.is_some()).map(|law| law.name);
                     let allowed = others.collect::<Vec<_>>().join(", ");
                     return fault(
@@ -282,8 +284,8 @@ impl DragTable {
             return fault("height_m", value::refused(format!("{:e} m", recipe.height), allowed));
         }
         match law.reach {
-            Reach::Edge => Ok(()),
-            Reach::Rod { least_spacing, most_nodes } => {
+            Dependence::Edge => Ok(()),
+            Dependence::Rod { least_spacing, most_nodes } => {
                 self.check_nonlocal(scene, law, least_spacing(&recipe), most_nodes)
             }
         }
@@ -323,11 +325,11 @@ impl DragTable {
         Ok(())
     }
 
-    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<Recipe<'a>, KeyError> {
+    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<LawInputs<'a>, KeyError> {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
         let profile =
             |along: &Option<NumberOrProfile<NotNegative>>| along.as_ref().map_or(0.0.into(), NumberOrProfile::profile);
-        Ok(Recipe {
+        Ok(LawInputs {
             taken: scene.fluid_choice.as_ref().and_then(|taken| taken.law),
             wavelength: scene.wavelength(),
             frequency: if self.law()? == &laws::weak_inertia::LAW { scene.spectrum().strongest() } else { None },
@@ -345,7 +347,7 @@ impl DragTable {
             thinning: get(self.thinning),
             skin_friction: get(self.skin_friction),
             turbulent_friction: get(self.turbulent_friction),
-            ..Recipe::plain(rod)
+            ..LawInputs::plain(rod)
         })
     }
 
@@ -453,9 +455,9 @@ impl Scene {
     ///
     /// # Errors
     /// Those of [`model`](Self::model).
-    pub fn parts_of_fluid(&self, rod: &Rod) -> Read<Causes> {
-        let parts = || -> Result<Causes, KeyError> {
-            let mut parts = Causes::new();
+    pub fn parts_of_fluid(&self, rod: &Rod) -> Read<ForcesByCause> {
+        let parts = || -> Result<ForcesByCause, KeyError> {
+            let mut parts = ForcesByCause::new();
             let mut others = self.forces(rod)?.0;
             if let Some(drag) = &self.drag {
                 parts = drag.law()?.parts(&drag.recipe(self, rod)?);
@@ -558,8 +560,8 @@ impl Scene {
     }
 
     /// The motion of `rod` with that cross-flow, which the validity of forces depends on.
-    pub fn motion<'a>(&self, rod: &'a Rod, across: Across) -> Motion<'a> {
-        Motion {
+    pub fn motion<'a>(&self, rod: &'a Rod, across: TransverseMotion) -> FlowConditions<'a> {
+        FlowConditions {
             rod,
             across,
             frequency: self.spectrum().strongest().filter(|frequency| *frequency > 0.0),
@@ -633,7 +635,7 @@ impl Scene {
     }
 
     /// Notes about those of `forces` on its `rod` that a motion takes out of their range of validity.
-    pub fn range_notes(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
+    pub fn range_notes(&self, forces: &Forces, rod: &Rod, across: TransverseMotion) -> Vec<String> {
         let mut left = range::left(forces, &self.motion(rod, across), |law| self.without(law));
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));

@@ -9,7 +9,7 @@ use super::key_error::{KeyError, unknown_key};
 use super::value::{self, Positive, Tolerance};
 use super::{HeadKind, Scene, StartKind};
 use crate::error::{Result, nearest};
-use crate::integrator::{Integrator, METHODS, Method, Pace};
+use crate::integrator::{Integrator, METHODS, Method, StepControl};
 use crate::linear;
 use crate::model::Model;
 use crate::model::chain;
@@ -44,7 +44,7 @@ pub struct SolverTable {
     pub newton_tolerance: Option<Tolerance>,
     /// The linear solver.
     #[serde(default)]
-    pub linear: linear::Choice,
+    pub linear: linear::SolverChoice,
     /// The unknowns of Newton's method. By default `auto`.
     #[serde(default)]
     pub form: FormKey,
@@ -324,9 +324,9 @@ impl Scene {
     }
 
     /// The step control of a reduced model that `auto` chooses: adaptive.
-    pub(super) fn reduced_model_pace(&self) -> Pace {
+    pub(super) fn reduced_model_pace(&self) -> StepControl {
         let most = TOLERANCE_PER_ACCURACY * self.solver.accuracy.get();
-        Pace::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
+        StepControl::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
     }
 
     /// The integrator and the values of its parameters.
@@ -378,10 +378,10 @@ impl Scene {
     }
 
     /// The control of its step size.
-    pub fn pace(&self) -> Pace {
+    pub fn pace(&self) -> StepControl {
         match (self.solver.time_step_s, self.solver.tolerance) {
-            (Some(step), _) => Pace::Fixed(step.get()),
-            (None, tolerance) => Pace::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
+            (Some(step), _) => StepControl::Fixed(step.get()),
+            (None, tolerance) => StepControl::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
         }
     }
 
@@ -389,8 +389,8 @@ impl Scene {
     pub fn newton_tolerance(&self) -> f64 {
         match (self.solver.newton_tolerance, self.pace()) {
             (Some(tolerance), _) => tolerance.get(),
-            (None, Pace::Fixed(_)) => NEWTON_TOLERANCE,
-            (None, Pace::Adaptive(tolerance)) => (NEWTON_TOLERANCE_RATIO * tolerance).min(MAX_NEWTON_TOLERANCE),
+            (None, StepControl::Fixed(_)) => NEWTON_TOLERANCE,
+            (None, StepControl::Adaptive(tolerance)) => (NEWTON_TOLERANCE_RATIO * tolerance).min(MAX_NEWTON_TOLERANCE),
         }
     }
 
@@ -403,8 +403,8 @@ impl Scene {
     /// Its step size, s, or a typical one if steps are adaptive: 1/50 of the shortest period of the drive, or of the run.
     pub fn typical_step(&self) -> f64 {
         match self.pace() {
-            Pace::Fixed(step) => step,
-            Pace::Adaptive(_) => {
+            StepControl::Fixed(step) => step,
+            StepControl::Adaptive(_) => {
                 let period = self.spectrum().fastest().map_or(f64::INFINITY, f64::recip);
                 period.min(self.solver.duration_s.get()) / 50.0
             }
@@ -434,7 +434,7 @@ impl Scene {
     /// step, if any. Adaptive steps need a single call.
     pub fn spans(&self) -> impl Iterator<Item = f64> {
         let duration = self.solver.duration_s.get();
-        let Pace::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
+        let StepControl::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
         let (whole, last) = whole_steps(duration, step);
         [(whole > 0).then_some(whole as f64 * step), last].into_iter().flatten()
     }
@@ -443,8 +443,8 @@ impl Scene {
     #[cfg(feature = "report")]
     pub(crate) fn single_steps(&self) -> impl Iterator<Item = f64> + use<> {
         let (step, steps) = match self.pace() {
-            Pace::Fixed(step) => (step, whole_steps(self.solver.duration_s.get(), step)),
-            Pace::Adaptive(_) => (0.0, (0, Some(self.solver.duration_s.get()))),
+            StepControl::Fixed(step) => (step, whole_steps(self.solver.duration_s.get(), step)),
+            StepControl::Adaptive(_) => (0.0, (0, Some(self.solver.duration_s.get()))),
         };
         let (whole, last) = steps;
         (0..whole).map(move |_| step).chain(last)
@@ -452,7 +452,7 @@ impl Scene {
 
     /// The number of its steps, or None if they are adaptive.
     pub fn steps(&self) -> Option<u64> {
-        let Pace::Fixed(step) = self.pace() else { return None };
+        let StepControl::Fixed(step) = self.pace() else { return None };
         let (whole, last) = whole_steps(self.solver.duration_s.get(), step);
         Some(whole + u64::from(last.is_some()))
     }

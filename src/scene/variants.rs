@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::solver::{DEFAULT_INTEGRATORS, full};
 use super::value::{BoundedInteger, Finite, Positive, Tolerance};
 use super::{Scene, SolverTable};
-use crate::integrator::{Method, Pace};
+use crate::integrator::{Method, StepControl};
 use crate::reduced::{ModelChoice, ModelKind};
 
 /// The tolerances of [`Scene::reference`] and of its Newton's method: forces of stiff rods are differences of tiny stretches.
@@ -50,12 +50,12 @@ impl Scene {
     }
 
     /// The scene with another step control. Only adaptive integrators accept a tolerance.
-    pub fn with_pace(&self, pace: Pace) -> Self {
+    pub fn with_pace(&self, pace: StepControl) -> Self {
         let mut scene = self.clone();
         scene.solver.integrator = Some(self.integrator_name().to_string());
         (scene.solver.time_step_s, scene.solver.tolerance) = match pace {
-            Pace::Fixed(step) => (Some(Positive::constant(step)), None),
-            Pace::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
+            StepControl::Fixed(step) => (Some(Positive::constant(step)), None),
+            StepControl::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
         };
         scene
     }
@@ -110,7 +110,9 @@ impl Scene {
             return self.with_model(choice.kind);
         }
         let pace = match (self.reduced_model_pace(), &choice.estimates) {
-            (Pace::Adaptive(tolerance), Some(estimates)) => Pace::Adaptive(tolerance.min(estimates.tolerance)),
+            (StepControl::Adaptive(tolerance), Some(estimates)) => {
+                StepControl::Adaptive(tolerance.min(estimates.tolerance))
+            }
             (pace, _) => pace,
         };
         self.with_pace(pace).with_model(choice.kind).with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE)

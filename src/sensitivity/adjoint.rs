@@ -9,8 +9,8 @@ use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
-use crate::integrator::{Integrator, Rule};
-use crate::model::Bent;
+use crate::integrator::{Integrator, StepWeights};
+use crate::model::DeformedRod;
 use crate::system::{Direction, State, System};
 
 impl Problem {
@@ -169,7 +169,7 @@ impl Problem {
                 initial_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref())?;
             } else {
                 let h = steps.length(n);
-                let Rule { q_old, v_old, q_new, v_new, memory } = rule;
+                let StepWeights { q_old, v_old, q_new, v_new, memory } = rule;
                 let (new, old, kept, q_w, v_w) =
                     memory.map_or((0.0, 0.0, 0.0, 0.0, 0.0), |m| (m.new, m.old, m.kept, m.q, m.v));
                 for (i, mu) in mu.iter_mut().enumerate() {
@@ -242,7 +242,7 @@ fn parameter_force_along(
     shape: &ActuationShape,
     force: &[f64],
 ) -> f64 {
-    let Bent { dynamics, .. } = at.bent;
+    let DeformedRod { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
     for k in effect.joints.clone() {

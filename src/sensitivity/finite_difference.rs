@@ -18,7 +18,7 @@ use super::time_grid::TimeGrid;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::fluid::force;
-use crate::model::{Bent, Dynamics, Inputs, Model};
+use crate::model::{DeformedRod, Dynamics, Inputs, Model};
 use crate::rod::{add, node};
 use crate::system::{State, System};
 
@@ -127,7 +127,7 @@ impl FiniteDifference {
     /// two entries per node.
     pub(super) fn move_to(
         &mut self,
-        bent: &Bent<'_>,
+        bent: &DeformedRod<'_>,
         (controls, steps, n): (&Controls, TimeGrid, usize),
         wanted: bool,
         force: &mut [f64],

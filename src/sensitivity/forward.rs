@@ -10,8 +10,8 @@ use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
-use crate::integrator::Rule;
-use crate::model::{Bent, Dynamics};
+use crate::integrator::StepWeights;
+use crate::model::{DeformedRod, Dynamics};
 use crate::system::{Direction, State, System};
 
 /// The values and derivatives that [`Problem::forward`] computes.
@@ -247,7 +247,7 @@ fn add_parameter_force(
     factor: f64,
     force: &mut [f64],
 ) {
-    let Bent { dynamics, .. } = at.bent;
+    let DeformedRod { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     if let Some(key) = effect.key {
         force.iter_mut().zip(at.point.by_key(key)).for_each(|(f, by)| *f += factor * by);
@@ -261,7 +261,7 @@ fn add_parameter_force(
 
 /// Writes Q* to `star` and V* to the velocities of the column, and updates its memory.
 #[inline]
-fn predict(rule: &Rule, h: f64, column: &mut TangentState, star: &mut [f64]) {
+fn predict(rule: &StepWeights, h: f64, column: &mut TangentState, star: &mut [f64]) {
     let TangentState { q, v, a, memory } = column;
     match rule.memory {
         None => {
@@ -302,7 +302,7 @@ fn subtract_damping_and_force(
 
 /// Computes the column at the new time from Q − Q*.
 #[inline]
-fn correct(rule: &Rule, column: &mut TangentState, star: &[f64], moved: &[f64]) {
+fn correct(rule: &StepWeights, column: &mut TangentState, star: &[f64], moved: &[f64]) {
     let TangentState { q, v, a, memory } = column;
     let per = 1.0 / rule.q_new;
     for ((((q, v), a), star), new) in q.iter_mut().zip(v).zip(&mut *a).zip(star).zip(moved) {

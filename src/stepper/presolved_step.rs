@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::Stepper;
 use crate::fluid::force::Powers;
 use crate::fluid::{Fluid, Force};
-use crate::integrator::{Pace, Rule};
+use crate::integrator::{StepControl, StepWeights};
 use crate::metrics::Measured;
 use crate::newton::Progress;
 use crate::system::{State, System};
@@ -15,7 +15,7 @@ use crate::system::{State, System};
 pub(crate) struct PresolvedStep {
     end: f64,
     h: f64,
-    rule: Rule,
+    rule: StepWeights,
     /// Its initial guess keeps the lengths of edges.
     keeps_lengths: bool,
     /// Newton iterations that solved it; 0 before.
@@ -28,7 +28,7 @@ pub(crate) struct PresolvedStep {
 
 impl PresolvedStep {
     /// Its size (s) and rule, and whether its initial guess keeps the lengths of edges.
-    pub fn kind(&self) -> (f64, Rule, bool) {
+    pub fn kind(&self) -> (f64, StepWeights, bool) {
         (self.h, self.rule, self.keeps_lengths)
     }
 }
@@ -46,7 +46,7 @@ impl Stepper {
     /// The properties that steppers must share to be solved in one batch, or `None` if this one cannot be batched.
     pub(crate) fn batch_key(&self) -> Option<BatchKey> {
         let (dynamics, model) = (&self.dynamics, self.model());
-        let Pace::Fixed(step) = self.pace else { return None };
+        let StepControl::Fixed(step) = self.pace else { return None };
         let same = self.model_stepper.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
@@ -63,7 +63,7 @@ impl Stepper {
     /// Prepares the next internal step, if nothing but the time has changed since the last one. Quantities that depend on time alone are
     /// evaluated at its end.
     pub(crate) fn presolve_next(&mut self) -> Option<PresolvedStep> {
-        let Pace::Fixed(h) = self.pace else { return None };
+        let StepControl::Fixed(h) = self.pace else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
         let told = self.now.needs_reinitialisation
             || self.now.inputs_changed

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Clock, Stepper};
 use crate::cycle::Cycles;
 use crate::metrics::RunMetrics;
-use crate::model::{Course, Dynamics, Inputs};
+use crate::model::{Dynamics, InputExtrapolation, Inputs};
 use crate::newton::Work;
 use crate::system::State;
 
@@ -57,7 +57,7 @@ impl RunState {
 pub(super) struct SavedRun {
     pub now: RunState,
     pub inputs: Inputs,
-    pub course: Option<Box<Course>>,
+    pub course: Option<Box<InputExtrapolation>>,
     work: Work,
 }
 

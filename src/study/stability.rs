@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::study_run::{Failure, RunOptions, SimulationMethod, StudyRun};
 use crate::error::{Error, Result};
-use crate::integrator::{Pace, stability_limit};
+use crate::integrator::{StepControl, stability_limit};
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Figure;
@@ -231,7 +231,7 @@ pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRu
         }
     }
     let run = |case: &MapRun| {
-        let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(Pace::Fixed(case.step));
+        let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(StepControl::Fixed(case.step));
         let options = RunOptions { samples: SAMPLES, push: None, halving: case.halving, timed: false };
         StudyRun::of(&scene, options, runner.interrupted)
     };

@@ -22,7 +22,7 @@ use self::reference::{RUN_OPTIONS, Reference};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::study_run::{RunOptions, SimulationMethod, StudyRun};
 use crate::error::Result;
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::jobs;
 use crate::report::Findings;
 use crate::scene::Scene;
@@ -83,7 +83,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
     let finest = REFERENCE_STEP * steps.iter().copied().fold(f64::INFINITY, f64::min);
     let reference = |nodes: u64, recipe: &SimulationMethod, step: f64| PlannedRun {
         recipe: recipe.clone(),
-        pace: Pace::Fixed(step),
+        pace: StepControl::Fixed(step),
         nodes,
         part: 1.0,
         push: None,
@@ -97,7 +97,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
     let run = |case: &PlannedRun| {
         let duration = case.part * scene.solver.duration_s.get();
         let mut scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
-        if let Pace::Fixed(_) = case.pace {
+        if let StepControl::Fixed(_) = case.pace {
             scene = scene.with_newton_tolerance(NEWTON_TOLERANCE);
         }
         StudyRun::of(&scene, RunOptions { push: case.push, ..RUN_OPTIONS }, runner.interrupted)

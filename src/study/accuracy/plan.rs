@@ -1,7 +1,7 @@
 //! The runs of the study: which methods, models, steps and tolerances on which meshes.
 
 use crate::error::Result;
-use crate::integrator::{METHODS, Pace};
+use crate::integrator::{METHODS, StepControl};
 use crate::modes::Modes;
 use crate::scene::Scene;
 use crate::study::study_run::SimulationMethod;
@@ -20,7 +20,7 @@ const MAX_RELATIVE_COST: f64 = 3.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedRun {
     pub recipe: SimulationMethod,
-    pub pace: Pace,
+    pub pace: StepControl,
     pub nodes: u64,
     /// Fraction of the scene's duration.
     pub part: f64,
@@ -48,7 +48,7 @@ pub fn plan(
 ) -> Result<(Vec<PlannedRun>, Vec<String>)> {
     let mut left_out = Vec::new();
     let asked = |recipe: &SimulationMethod| !without.iter().any(|name| recipe.is(name));
-    let case = |recipe: &SimulationMethod, pace: Pace, nodes: u64| PlannedRun {
+    let case = |recipe: &SimulationMethod, pace: StepControl, nodes: u64| PlannedRun {
         recipe: recipe.clone(),
         pace,
         nodes,
@@ -58,9 +58,9 @@ pub fn plan(
     let mut cases = Vec::new();
     for nodes in meshes {
         for recipe in SimulationMethod::all(scene).into_iter().filter(asked) {
-            let case = |pace: Pace| case(&recipe, pace, *nodes);
+            let case = |pace: StepControl| case(&recipe, pace, *nodes);
             if recipe.method.implicit {
-                cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
+                cases.extend(steps.iter().map(|step| case(StepControl::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
                 let dear = relative_cost(steps, limit);
                 if dear > MAX_RELATIVE_COST {
@@ -70,14 +70,14 @@ pub fn plan(
                     ));
                     continue;
                 }
-                cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(Pace::Fixed(part * limit))));
+                cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(StepControl::Fixed(part * limit))));
             }
             if recipe.method.adaptive {
-                cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
+                cases.extend(tolerances.iter().map(|tolerance| case(StepControl::Adaptive(*tolerance))));
             }
         }
         for recipe in SimulationMethod::cheaper(scene).into_iter().filter(asked) {
-            let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
+            let case = |tolerance: &f64| case(&recipe, StepControl::Adaptive(*tolerance), *nodes);
             cases.extend(tolerances.iter().map(case));
         }
     }

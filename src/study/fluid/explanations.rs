@@ -4,12 +4,12 @@ use serde_json::{Value, json};
 
 use super::fluid_models::{FluidModel, FluidModels};
 use super::model_run::FluidModelRun;
-use crate::fluid::laws::Reach;
+use crate::fluid::laws::Dependence;
+use crate::number_format::{percent, two_digits};
 use crate::reduced::MotionAndPower;
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
-use crate::words::{percent, two_digits};
 
 /// The results of all runs.
 pub struct FluidReport<'a> {
@@ -134,7 +134,7 @@ impl<'a> FluidReport<'a> {
         // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
         // others the simplest: one whose drag is linear in the velocity, then that of the narrowest range, then the surest.
         let order = |a: &&FluidModelRow<'_>, b: &&FluidModelRow<'_>| {
-            let dense = |row: &FluidModelRow<'_>| matches!(row.model.law.reach, Reach::Rod { .. });
+            let dense = |row: &FluidModelRow<'_>| matches!(row.model.law.reach, Dependence::Rod { .. });
             let curved = |row: &FluidModelRow<'_>| row.model.law.resistance.is_none();
             (dense(a), a.model.reactive, curved(a))
                 .cmp(&(dense(b), b.model.reactive, curved(b)))

@@ -2,9 +2,9 @@
 
 use super::explanations::{FluidModelRow, FluidReport};
 use super::model_run::{ForceBreakdown, PHASES};
+use crate::number_format::percent;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Animation, Findings, Frame};
-use crate::words::percent;
 
 /// Width of a lane of the animation over the widest motion, and its least width over the length.
 const LANE_WIDTH: f64 = 1.15;
