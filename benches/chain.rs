@@ -5,11 +5,11 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{ChainMatrix, Choice, Riccati};
+use caudal::linear::{ChainMatrix, Choice, Direction, Riccati};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::Document;
-use caudal::system::{Direction, Form, System};
+use caudal::system::{Form, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 /// The direction of implicit Euler.

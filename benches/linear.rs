@@ -10,10 +10,10 @@ use std::ffi::{c_char, c_int};
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, FaerLu, LinearSolver};
+use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, Direction, FaerLu, LinearSolver};
 use caudal::model::Dynamics;
 use caudal::scene::Document;
-use caudal::system::{Direction, Linearisation, System};
+use caudal::system::{Linearisation, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use libloading::Library;
 

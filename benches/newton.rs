@@ -5,12 +5,12 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, Choice, Chosen};
+use caudal::linear::{BandMatrix, Choice, Chosen, Direction};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Linearisation, System};
+use caudal::system::{Linearisation, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 /// Step size, s.

@@ -11,10 +11,10 @@ use crate::error::{Error, Result};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
+use crate::fluid::validity::Across;
 use crate::fluid::{Fluid, Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
-use crate::regime;
 use crate::rod::sums::{Moving, Sums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -725,12 +725,12 @@ impl Meter {
     }
 
     /// How fast the rod moved across itself through the fluid since the start; none before the first step.
-    pub fn across(&self) -> Option<regime::Across> {
+    pub fn across(&self) -> Option<Across> {
         let Across { speed, per_depth, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
         let root = |sum: f64| (sum / elapsed).sqrt();
         let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };
-        Some(regime::Across { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
+        Some(Across { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
     }
 
     /// Δx of the centre of mass since the start, m.

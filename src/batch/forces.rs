@@ -17,11 +17,10 @@ use crate::fluid::laws::weak_inertia::WeakInertia;
 use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::reactive::{Accelerating, Reactive, Stored, Wake};
 use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
-use crate::linear::{Number, Pair};
+use crate::linear::{Direction, Number, Pair};
 use crate::model::Model;
 use crate::rod::Edge;
 use crate::rod::around::OnEdge;
-use crate::system::Direction;
 
 /// What acts on the rods beside a drag in proportion to the velocity.
 #[derive(Debug)]

@@ -14,7 +14,7 @@ use crate::fluid::force::{OnTip, Powers};
 use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{Rule, changes};
-use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
+use crate::linear::{Block, BlockBand, BlockRow, Direction, Number, Pair, Real, Sizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
 use crate::rod::around::OnEdge;
@@ -24,7 +24,7 @@ use crate::rod::sums::{Moving, Sums};
 use crate::rod::{Alike, Cell, Edge, lengths};
 use crate::stepper::Stepper;
 use crate::stepper::ahead::Ahead;
-use crate::system::{Direction, State};
+use crate::system::State;
 
 /// Vectors of each case, one a node.
 type Nodes = Vec<[Lanes; 2]>;

@@ -17,9 +17,10 @@ use super::refit::Refit;
 use super::table::{Basis, Table};
 use crate::error::{Error, Result};
 use crate::fluid::force::{OnEdge, OnTip};
+use crate::linear::Direction;
 use crate::model::Dynamics;
 use crate::rod::{add, bend, node};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// A standard deviation above this part of the stiffness identifies nothing.
 const IDENTIFIED: f64 = 0.1;

@@ -6,11 +6,11 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally, Validity};
+use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally};
 use super::medium::{DENSITY, Here, Key, Property};
-use crate::linear::{Block, pair};
+use super::validity::Validity;
+use crate::linear::{Block, Direction, pair};
 use crate::rod::{Alike, Rod, add, node};
-use crate::system::Direction;
 
 /// Buoyancy of a rod in layers.
 #[derive(Debug)]

@@ -13,13 +13,12 @@ use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
-use super::range::Bound;
 use super::runs::{Around, Runs};
-use crate::linear::{BlockRow, Coupling, Pair, Real, pair};
+use super::validity::Validity;
+use crate::linear::{BlockRow, Coupling, Direction, Pair, Real, pair};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
-use crate::system::Direction;
 
 /// How the rod lies and moves, and in which fluid.
 #[derive(Debug, Clone, Copy)]
@@ -222,17 +221,6 @@ pub struct Slopes<'a> {
     pub v: &'a mut [f64],
     /// By accelerations.
     pub a: &'a mut [f64],
-}
-
-/// What is known of how far a force may be believed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Validity {
-    /// Where it holds, so far as no number says it.
-    pub range: &'static str,
-    /// The numbers of the motion between which it holds.
-    pub bounds: &'static [Bound],
-    /// Who says so.
-    pub source: &'static str,
 }
 
 /// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled

@@ -8,11 +8,11 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
+use super::force::{Force, Kinematics, OnEdge, Sink, Tally};
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, pair};
+use super::validity::Validity;
+use crate::linear::{Block, Direction, pair};
 use crate::rod::{Alike, Rod, add};
-use crate::system::Direction;
 
 /// The pressure of the flow around the rod.
 #[derive(Debug)]

@@ -10,10 +10,12 @@ pub mod local;
 pub mod medium;
 #[cfg(feature = "faer")]
 pub mod nonlocal;
-pub mod range;
 pub mod reactive;
 pub mod runs;
 pub mod spray;
+pub mod uncertainty;
+pub mod validity;
+pub mod warnings;
 
 pub use buoyancy::Buoyancy;
 pub use force::{Force, Forces, Kinematics, Sink, Whole};

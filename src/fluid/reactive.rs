@@ -14,14 +14,14 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validity};
-use super::laws::{Published, Uncertainty};
+use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally};
 use super::local::both;
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
-use super::range::{Bound, Scale};
-use crate::linear::{Block, Number, Pair, Real, pair};
+use super::uncertainty::{Published, Uncertainty};
+use super::validity::Validity;
+use super::validity::{Bound, Scale};
+use crate::linear::{Block, Direction, Number, Pair, Real, pair};
 use crate::rod::{Alike, Edge, Rod, add, node};
-use crate::system::Direction;
 
 /// The inertia of the water around the rod.
 #[derive(Debug)]

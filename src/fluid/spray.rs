@@ -12,12 +12,12 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
+use super::force::{Force, Kinematics, OnEdge, Sink, Tally};
 use super::local::both;
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, pair};
+use super::validity::Validity;
+use crate::linear::{Block, Direction, pair};
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
-use crate::system::Direction;
 
 /// The spray around the rod.
 #[derive(Debug)]

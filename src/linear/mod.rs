@@ -6,6 +6,7 @@ mod chain;
 mod choice;
 #[cfg(feature = "faer")]
 mod dense_lu;
+mod direction;
 #[cfg(feature = "faer")]
 mod faer_lu;
 mod pivoted_band;
@@ -15,13 +16,13 @@ use nalgebra::Matrix2;
 use wide::f64x2;
 
 use crate::error::Result;
-use crate::system::Direction;
 pub use block::{Block, pair};
 pub use block_band::BlockBand;
 pub use chain::{ChainMatrix, ChainRow, ChainTerms, Riccati};
 pub use choice::{Choice, Chosen, Solution};
 #[cfg(feature = "faer")]
 pub use dense_lu::DenseLu;
+pub use direction::Direction;
 #[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
 pub use pivoted_band::{PivotedBand, PivotedLu};

@@ -3,9 +3,10 @@
 use super::{Mover, Rung};
 use crate::error::Result;
 use crate::integrator::{Integrator, Rule, StepError};
+use crate::linear::Direction;
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
-use crate::system::{Direction, State};
+use crate::system::State;
 
 /// What is known of it.
 pub static RUNG: Rung = Rung {

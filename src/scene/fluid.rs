@@ -15,14 +15,16 @@ use super::value::{self, Along, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes, Uncertainty};
-use crate::fluid::range::{self, Motion};
+use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes};
 use crate::fluid::reactive::{self, Wake};
+use crate::fluid::uncertainty::Uncertainty;
+use crate::fluid::validity::{Across, Motion};
+use crate::fluid::warnings;
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::reduced::fluids::{Followed, Span, follow, nodes};
 use crate::reduced::{FluidChoice, FluidEstimates};
-use crate::regime::{Across, Regime};
+use crate::regime::Regime;
 use crate::rod::{Rod, Shape};
 use crate::spectrum::Spectrum;
 
@@ -635,7 +637,7 @@ impl Scene {
 
     /// What to say of those of `forces` on `rod`, its own, that a motion takes out of their range.
     pub fn left_ranges(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
-        let mut left = range::left(forces, &self.motion(rod, across), |law| self.without(law));
+        let mut left = warnings::out_of_range(forces, &self.motion(rod, across), |law| self.without(law));
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));
             of_water.for_each(|note| {

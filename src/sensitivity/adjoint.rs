@@ -10,8 +10,9 @@ use super::trajectory::Trajectory;
 use super::{Column, dot, start};
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Rule};
+use crate::linear::Direction;
 use crate::model::Bent;
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 impl Problem {
     /// The derivatives by all `parameters` of Σ w y over all times and outputs y of the stored simulation `trajectory`

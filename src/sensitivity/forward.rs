@@ -10,8 +10,9 @@ use super::problem::{First, Problem};
 use super::{Column, dot, start};
 use crate::error::{Error, Result};
 use crate::integrator::Rule;
+use crate::linear::Direction;
 use crate::model::{Bent, Dynamics};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// What [`Problem::forward`] finds.
 #[derive(Debug, Clone, Default)]

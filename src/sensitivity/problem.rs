@@ -12,11 +12,11 @@ use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Pace, Rule};
-use crate::linear::Choice;
+use crate::linear::{Choice, Direction};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
-use crate::system::{Direction, Form, State, System};
+use crate::system::{Form, State, System};
 
 /// A scene whose simulation can be differentiated, with the parameters as they are now.
 #[derive(Debug)]

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 
 use caudal::check::Assessment;
 use caudal::cycle::Means;
-use caudal::fluid::range::oscillating;
+use caudal::fluid::validity::oscillating;
 use caudal::head::Signal;
 use caudal::run::{Summary, Verification};
 use caudal::scene::Scene;

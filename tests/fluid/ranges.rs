@@ -6,8 +6,7 @@ use crate::common;
 
 use caudal::check::Assessment;
 use caudal::fluid::laws::LAWS;
-use caudal::fluid::range::Scale;
-use caudal::regime::Across;
+use caudal::fluid::validity::{Across, Scale};
 use caudal::run::{Ending, Summary, run as run_scene};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;

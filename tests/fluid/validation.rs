@@ -6,12 +6,12 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, LN_2, PI, TAU};
 use std::sync::Arc;
 
 use caudal::fluid::{Fluid, Forces, Kinematics};
-use caudal::linear::BandMatrix;
+use caudal::linear::{BandMatrix, Direction};
 use caudal::model::{Dynamics, Model};
 use caudal::modes::Matrices;
 use caudal::rod::{Edge, node};
 use caudal::scene::Scene;
-use caudal::system::{Direction, Linearisation};
+use caudal::system::Linearisation;
 use common::{order, run, run_with, scene_of};
 use nalgebra::{Complex, DMatrix, Matrix3, Matrix4, Rotation2, Vector2, Vector3, Vector4};
 

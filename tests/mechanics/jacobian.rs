@@ -3,14 +3,14 @@
 use crate::common;
 use std::sync::Arc;
 
-use caudal::linear::BandMatrix;
+use caudal::linear::{BandMatrix, Direction};
 use caudal::metrics::Reading;
 use caudal::model::{Dynamics, Model};
 use caudal::rod::bend::{self, Joint};
 use caudal::rod::elastic;
 use caudal::rod::{Cell, Edge, node};
 use caudal::scene::Scene;
-use caudal::system::{Direction, Linearisation, State, System};
+use caudal::system::{Linearisation, State, System};
 use common::{Dice, SOFT, largest, scene_of};
 use nalgebra::{DMatrix, DVector, Vector2};
 

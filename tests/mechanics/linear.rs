@@ -3,9 +3,9 @@
 use crate::common;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, FaerLu, LinearSolver, PivotedLu};
+use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, Direction, FaerLu, LinearSolver, PivotedLu};
 use caudal::model::Dynamics;
-use caudal::system::{Direction, Linearisation, System};
+use caudal::system::{Linearisation, System};
 use common::{Dice, GLYCEROL, SILICONE, SOFT, STUDY, largest, scene_of};
 use nalgebra::{DMatrix, DVector, Matrix2};
 

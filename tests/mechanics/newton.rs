@@ -8,12 +8,13 @@ use std::sync::Arc;
 
 use caudal::error::{Error, Result};
 use caudal::integrator::Pace;
+use caudal::linear::Direction;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::rod::node;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Linearisation, State, System};
+use caudal::system::{Linearisation, State, System};
 use common::{SOFT, STUDY, scene_of, stepper_of};
 use nalgebra::Vector2;
 

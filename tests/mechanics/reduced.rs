@@ -9,16 +9,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use caudal::actuation::{Actuation, Recipe, TravellingWave, Wave};
-use caudal::fluid::force::{Force, OnTip, Tally, Validity};
+use caudal::fluid::force::{Force, OnTip, Tally};
+use caudal::fluid::validity::Validity;
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
+use caudal::linear::Direction;
 use caudal::newton::Newton;
 use caudal::reduced::measure::{Course, Point};
 use caudal::reduced::{Measure, RUNGS};
 use caudal::run::Verification;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
-use caudal::system::Direction;
 use common::{Dice, SOFT, STUDY, distance, largest, order, scene_of};
 
 const SMOOTH: &str = include_str!("../../models/baseline-smooth.toml");

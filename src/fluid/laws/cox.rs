@@ -4,9 +4,9 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
-use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, STEADY, Scale};
+use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
 use crate::rod::Half;
 
 /// What is known of it.

@@ -11,11 +11,12 @@ use std::f64::consts::PI;
 
 use wide::f64x2;
 
-use super::{Causes, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
-use crate::fluid::force::{Force, Validity};
+use super::{Causes, DragLaw, Reach, Recipe, Takes};
+use crate::fluid::force::Force;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
-use crate::fluid::range::{Bound, STEADY, Scale};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
 use crate::linear::{Number, Pair, Real};
 use crate::rod::{Half, Section};
 

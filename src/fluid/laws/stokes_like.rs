@@ -6,10 +6,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::{RATIO, Resistance};
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes};
-use crate::fluid::force::Validity;
+use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
 use crate::fluid::medium::VISCOSITY;
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::uncertainty::Published;
+use crate::fluid::validity::{Bound, Scale, Validity};
 use crate::rod::Half;
 
 /// What is known of it.

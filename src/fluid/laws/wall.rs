@@ -3,9 +3,9 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty, cox};
-use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, Scale};
+use super::{CREEPING, DragLaw, Reach, Recipe, Takes, cox};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, Scale, Validity};
 use crate::rod::Half;
 
 /// What is known of it.

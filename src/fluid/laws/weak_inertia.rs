@@ -15,11 +15,11 @@ use std::f64::consts::{FRAC_PI_4, LN_2, PI, TAU};
 
 use wide::f64x2;
 
-use super::{DragLaw, Published, Reach, SLENDER, Takes, Uncertainty};
-use crate::fluid::force::Validity;
+use super::{DragLaw, Reach, SLENDER, Takes};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, Scale, Validity};
 use crate::linear::{Number, Real};
 
 /// What is known of it.

@@ -16,9 +16,10 @@ use self::swim::Swim;
 use self::words::Report;
 use super::{Desk, Studied};
 use crate::error::Result;
-use crate::fluid::force::Validity;
-use crate::fluid::laws::{DragLaw, LAWS, Uncertainty, auto};
+use crate::fluid::laws::{DragLaw, LAWS, auto};
 use crate::fluid::reactive::COUNTS;
+use crate::fluid::uncertainty::Uncertainty;
+use crate::fluid::validity::Validity;
 use crate::jobs;
 use crate::scene::{HeadKind, Scene};
 
