@@ -5,7 +5,7 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{ChainMatrix, Choice, Direction, Riccati};
+use caudal::linear::{ChainMatrix, Direction, Riccati, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::Document;
@@ -26,7 +26,7 @@ fn chain(criterion: &mut Criterion) {
         let mut dynamics = Dynamics::new(Arc::new(document.scene().unwrap().model().unwrap()));
         let mut state = dynamics.first_state_in(Form::Chain);
         dynamics.move_to(1e-3, &mut state);
-        let mut newton = Newton::with(Form::Chain, Choice::default(), nodes, 1e-12).unwrap();
+        let mut newton = Newton::with(Form::Chain, SolverChoice::default(), nodes, 1e-12).unwrap();
         newton.solve(&mut dynamics, &mut state, DIRECTION).unwrap();
 
         let mut matrix = ChainMatrix::new(nodes);

@@ -10,7 +10,7 @@ use std::ffi::{c_char, c_int};
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, Direction, FaerLu, LinearSolver};
+use caudal::linear::{BandMatrix, BlockBand, Direction, FaerLu, FallbackSolver, LinearSolver, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::scene::Document;
 use caudal::system::{Linearisation, System};
@@ -132,7 +132,7 @@ fn linear(criterion: &mut Criterion) {
                 });
             });
         }
-        let mut chosen = Chosen::new(Choice::Auto, &matrix).unwrap();
+        let mut chosen = FallbackSolver::new(SolverChoice::Auto, &matrix).unwrap();
         group.bench_function(id("auto"), |b| {
             b.iter(|| {
                 x.copy_from_slice(black_box(&residual));

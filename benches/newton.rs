@@ -5,7 +5,7 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, Choice, Chosen, Direction};
+use caudal::linear::{BandMatrix, Direction, FallbackSolver, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
@@ -54,7 +54,7 @@ fn newton(criterion: &mut Criterion) {
                 dynamics.assemble(black_box(&state), &mut residual, Some(jacobian)).unwrap();
             });
         });
-        let mut solver = Chosen::new(Choice::default(), &matrix).unwrap();
+        let mut solver = FallbackSolver::new(SolverChoice::default(), &matrix).unwrap();
         let mut solution = residual.clone();
         group.bench_function(id("solve"), |b| {
             b.iter(|| {

@@ -7,13 +7,14 @@ use nalgebra::Vector2;
 use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
 use crate::fluid::body;
-use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
+use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, SLENDER};
 use crate::fluid::{Fluid, Force, Forces};
 use crate::head::pose;
-use crate::integrator::{Integrator, Pace, stability_limit};
+use crate::integrator::{Integrator, StepControl, stability_limit};
 use crate::metrics::Energy;
 use crate::model::{Mechanics, Model, chain};
 use crate::modes::{Matrices, Modes};
+use crate::number_format::{signed, significant, two_digits};
 use crate::reduced::RUNGS;
 use crate::reduced::fluids::MARGIN;
 use crate::regime::{self, Regime};
@@ -23,7 +24,6 @@ use crate::scene::{Document, Fault, HeadKind, NodesTable, Scene, StartKind};
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
-use crate::words::{signed, significant, two_digits};
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
 const MODES_UP_TO: u64 = 201;
@@ -291,12 +291,12 @@ impl Assessment {
             fact("mass over displaced mass", about_weight(rod, density, scene.head.kind));
         }
         let steps = match stepper.pace() {
-            Pace::Fixed(step) => {
+            StepControl::Fixed(step) => {
                 let last = scene.spans().last().filter(|last| *last < step);
                 let shorter = last.map_or(String::new(), |last| format!(", the last one of {last:e} s"));
                 format!("{} steps of {step:e} s{shorter}", scene.steps().unwrap_or_default())
             }
-            Pace::Adaptive(tolerance) => format!("steps as a tolerance of {tolerance:e} asks"),
+            StepControl::Adaptive(tolerance) => format!("steps as a tolerance of {tolerance:e} asks"),
         };
         fact("solver", format!("{}, {steps}, t = 0 … {duration} s", stepper.method(scene)));
         let rounding = chain::rounding(rod, step);
@@ -404,11 +404,11 @@ impl Assessment {
         );
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
         let wave = scene.wavelength();
-        let recipe = Recipe {
+        let recipe = LawInputs {
             wavelength: wave,
             frequency: Spectrum::of_model(model).strongest(),
             height: motion.height.unwrap_or(f64::INFINITY),
-            ..Recipe::plain(rod)
+            ..LawInputs::plain(rod)
         };
         let radius = rod.sections.largest_radius();
         let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);
@@ -560,7 +560,7 @@ impl Assessment {
     /// Warns of steps that `method` amplifies at the rod's highest natural frequency (rad/s).
     fn warn_of_limit(&mut self, method: &dyn Integrator, stepper: &Stepper, highest: f64) {
         if stepper.view().dynamics.mechanics == Mechanics::Full
-            && let Pace::Fixed(step) = stepper.pace()
+            && let StepControl::Fixed(step) = stepper.pace()
             && let Some(limit) = stability_limit(method)
             && step * highest > limit
         {
@@ -593,8 +593,8 @@ impl Assessment {
         }
         // Steps that a tolerance chooses are judged by it.
         let fixed = match stepper.pace() {
-            Pace::Fixed(step) => Some(step),
-            Pace::Adaptive(_) => None,
+            StepControl::Fixed(step) => Some(step),
+            StepControl::Adaptive(_) => None,
         };
         let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), TAU / omega));
         // Rounding is no reason to warn.
@@ -728,7 +728,7 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     let Model { rod, forces, .. } = model;
     let own = || forces.resistance(rod, fluid);
     let local = || {
-        let recipe = Recipe { wavelength: scene.wavelength(), ..Recipe::plain(rod) };
+        let recipe = LawInputs { wavelength: scene.wavelength(), ..LawInputs::plain(rod) };
         Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, fluid)
     };
     let [_, across] = if scene.has_whole_drag() { local() } else { own() }?;

@@ -281,14 +281,14 @@ pub fn hermite(from: &Row, to: &Row, t: f64) -> Sample {
 pub type Pose = [Sample; 3];
 
 /// The motion of a held head: x (m), y (m) and angle (rad).
-pub type Motion = [Signal; 3];
+pub type HeadMotion = [Signal; 3];
 
 /// The pose of `motion` at time `t` (s).
-pub fn pose(motion: &Motion, t: f64) -> Pose {
+pub fn pose(motion: &HeadMotion, t: f64) -> Pose {
     motion.each_ref().map(|signal| signal.at(t))
 }
 
 /// The same as it comes there, see [`Signal::before`].
-pub fn pose_before(motion: &Motion, t: f64) -> Pose {
+pub fn pose_before(motion: &HeadMotion, t: f64) -> Pose {
     motion.each_ref().map(|signal| signal.before(t))
 }

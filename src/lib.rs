@@ -75,8 +75,8 @@ pub use nalgebra;
 // From the ground up: each module imports only what stands above it.
 pub mod error;
 pub mod linear;
+pub mod number_format;
 pub mod system;
-pub mod words;
 
 pub mod newton;
 

@@ -28,13 +28,13 @@ use crate::system::{Linearisation, State, System};
 const LEAST_PART: f64 = 1.0 / 4096.0;
 
 /// Convergence of the rest, relative to the length.
-pub(crate) const RESTED: f64 = 1e-11;
+pub(crate) const REST_TOLERANCE: f64 = 1e-11;
 
 /// Products below this part of the sum of the moduli of their terms are zero.
-const VANISHES: f64 = 1e-12;
+const ZERO_TOLERANCE: f64 = 1e-12;
 
 /// Eigenvalues above this part of the largest are found well enough beside it.
-const WIDE: f64 = 1e-6;
+const LEAST_RESOLVED_RATIO: f64 = 1e-6;
 
 /// Rounding in eigenvalues, over the size of the matrix and its number of unknowns.
 const ROUNDING: f64 = 1e-15;
@@ -44,7 +44,7 @@ const DECOUPLED: f64 = 1e-14;
 
 /// Why a model has no steady state.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unsteady {
+pub struct NoSteadyState {
     /// The key of the scene that is to blame.
     pub key: &'static str,
     /// What is wrong, and what can be done.
@@ -90,7 +90,7 @@ impl Eigenmode {
 }
 
 /// M, C and K over the free unknowns of one group.
-struct Group {
+struct DecoupledGroup {
     unknowns: Vec<usize>,
     matrices: [Mat<f64>; 3],
     /// The rigid motions of a free rod that move them: along x, along y, and turning.
@@ -136,7 +136,7 @@ impl SteadyState {
     ///
     /// # Errors
     /// [`Unsteady`] where there is no rest, or none is found.
-    pub fn of(model: Model) -> std::result::Result<Self, Unsteady> {
+    pub fn of(model: Model) -> std::result::Result<Self, NoSteadyState> {
         Self::found(model, None)
     }
 
@@ -144,12 +144,12 @@ impl SteadyState {
     ///
     /// # Errors
     /// [`Unsteady`] where there is no rest, or none is found.
-    pub fn near(model: Model, positions: &[f64]) -> std::result::Result<Self, Unsteady> {
+    pub fn near(model: Model, positions: &[f64]) -> std::result::Result<Self, NoSteadyState> {
         Self::found(model, Some(positions))
     }
 
-    fn found(mut model: Model, near: Option<&[f64]>) -> std::result::Result<Self, Unsteady> {
-        let unsteady = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
+    fn found(mut model: Model, near: Option<&[f64]>) -> std::result::Result<Self, NoSteadyState> {
+        let unsteady = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
         if let Some(law) = model.forces.whole() {
             let found = law.name();
             let problem = format!(
@@ -185,7 +185,7 @@ impl SteadyState {
         let failed = |error: Error| {
             unsteady("medium.flow_m_s", &format!("no rest is found in this flow and under these loads: {error}"))
         };
-        let mut newton = Newton::new(nodes, RESTED).map_err(failed)?;
+        let mut newton = Newton::new(nodes, REST_TOLERANCE).map_err(failed)?;
         let mut state = dynamics.first_state();
         if let Some(near) = near {
             state.q.copy_from_slice(near);
@@ -195,7 +195,7 @@ impl SteadyState {
         if let (Some(layers), false) = (&dynamics.inputs.layers, held || dynamics.model.forces.is_empty()) {
             let flow = |k: usize| layers.at(dynamics.inputs.fluid, layers.height(node(&state.q, k))).fluid.flow.norm();
             let size = dynamics.inputs.fluid.flow.norm() + layers.shear.abs() * dynamics.model.rod.length;
-            if (0..nodes).any(|k| flow(k) > VANISHES * size) {
+            if (0..nodes).any(|k| flow(k) > ZERO_TOLERANCE * size) {
                 let problem = "a free rod does not rest in a flow that differs along it; hold its head (kind = \"clamped\"), or lay it along the flow";
                 return Err(unsteady("medium", problem));
             }
@@ -259,7 +259,7 @@ impl SteadyState {
     }
 
     /// The free unknowns in groups that do not touch each other: x and y of a straight rod along an axis, else one.
-    fn groups(&mut self) -> Result<Vec<Group>> {
+    fn groups(&mut self) -> Result<Vec<DecoupledGroup>> {
         let nodes = self.dynamics.nodes();
         let first = usize::from(self.dynamics.model.head.is_some());
         let bands = self.matrices()?;
@@ -296,7 +296,7 @@ impl SteadyState {
             let turning = motion(&|i| if i % 2 == 0 { -q[i + 1] } else { q[i - 1] });
             let mut rigid = if first == 0 { vec![along(0), along(1), turning] } else { Vec::new() };
             rigid.retain(|motion| motion.iter().any(|x| *x != 0.0));
-            Group { matrices: bands.each_ref().map(dense), unknowns, rigid }
+            DecoupledGroup { matrices: bands.each_ref().map(dense), unknowns, rigid }
         };
         Ok(groups.into_iter().map(group).collect())
     }
@@ -393,8 +393,8 @@ struct Pencil {
 }
 
 impl Pencil {
-    fn of(group: &Group) -> Self {
-        let Group { matrices: [mass, damping, stiffness], rigid, .. } = group;
+    fn of(group: &DecoupledGroup) -> Self {
+        let DecoupledGroup { matrices: [mass, damping, stiffness], rigid, .. } = group;
         let n = mass.nrows();
         let free: Vec<&Vec<f64>> = rigid.iter().filter(|motion| vanishes(stiffness, motion)).collect();
         let undamped: Vec<&Vec<f64>> = free.iter().copied().filter(|motion| vanishes(damping, motion)).collect();
@@ -451,7 +451,7 @@ impl Pencil {
     /// The matrix of the slow motions, where some of the eigenvalues of A/Ω are so small that rounding may show.
     fn inverse_beside(&self, fast: &[c64]) -> Option<&Mat<f64>> {
         let sizes = || fast.iter().map(|value| value.norm());
-        let wide = sizes().fold(f64::INFINITY, f64::min) < WIDE * sizes().fold(0.0, f64::max);
+        let wide = sizes().fold(f64::INFINITY, f64::min) < LEAST_RESOLVED_RATIO * sizes().fold(0.0, f64::max);
         self.inverse.as_ref().filter(|_| wide)
     }
 
@@ -510,7 +510,7 @@ impl Pencil {
 fn vanishes(matrix: &Mat<f64>, motion: &[f64]) -> bool {
     (0..matrix.nrows()).all(|i| {
         let terms = || (0..matrix.ncols()).map(|j| matrix[(i, j)] * motion[j]);
-        terms().sum::<f64>().abs() <= VANISHES * terms().map(f64::abs).sum::<f64>()
+        terms().sum::<f64>().abs() <= ZERO_TOLERANCE * terms().map(f64::abs).sum::<f64>()
     })
 }
 

@@ -11,11 +11,11 @@ use crate::error::{Error, Result};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
-use crate::fluid::validity::Across;
-use crate::fluid::{Fluid, Forces, Kinematics, Sink};
+use crate::fluid::validity::TransverseMotion;
+use crate::fluid::{Fluid, Forces, Kinematics, PowerKind};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
-use crate::rod::sums::{Moving, Sums};
+use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
 
@@ -102,17 +102,17 @@ impl Power {
 
     /// The powers of a force with that sink, and what it does, added to `self` and `push`.
     #[inline(always)]
-    fn add_powers(&mut self, sink: Option<Sink>, powers: Powers, push: &mut Push) {
+    fn add_powers(&mut self, sink: Option<PowerKind>, powers: Powers, push: &mut Push) {
         let Powers { opposing, against_fluid, of_flow } = powers;
         self.flow += of_flow;
         *push.from(sink) -= opposing;
         match sink {
-            Some(Sink::Drag) => self.viscous += against_fluid,
-            Some(Sink::Wake) => self.wake += against_fluid,
-            Some(Sink::Flow) => self.flow -= against_fluid,
-            Some(Sink::Spray) => self.spray += against_fluid,
-            Some(Sink::Load) => self.load -= against_fluid,
-            Some(Sink::Other) => self.other -= against_fluid,
+            Some(PowerKind::Drag) => self.viscous += against_fluid,
+            Some(PowerKind::Wake) => self.wake += against_fluid,
+            Some(PowerKind::Flow) => self.flow -= against_fluid,
+            Some(PowerKind::Spray) => self.spray += against_fluid,
+            Some(PowerKind::Load) => self.load -= against_fluid,
+            Some(PowerKind::Other) => self.other -= against_fluid,
             None => (),
         }
     }
@@ -147,14 +147,14 @@ impl Push {
     }
 
     /// What the force with that sink gives.
-    pub(crate) fn from(&mut self, sink: Option<Sink>) -> &mut Vector2<f64> {
+    pub(crate) fn from(&mut self, sink: Option<PowerKind>) -> &mut Vector2<f64> {
         match sink {
-            Some(Sink::Drag) => &mut self.drag,
-            Some(Sink::Wake) => &mut self.wake,
-            Some(Sink::Spray) => &mut self.spray,
-            Some(Sink::Load) => &mut self.load,
-            Some(Sink::Flow) => &mut self.flow,
-            Some(Sink::Other) => &mut self.other,
+            Some(PowerKind::Drag) => &mut self.drag,
+            Some(PowerKind::Wake) => &mut self.wake,
+            Some(PowerKind::Spray) => &mut self.spray,
+            Some(PowerKind::Load) => &mut self.load,
+            Some(PowerKind::Flow) => &mut self.flow,
+            Some(PowerKind::Other) => &mut self.other,
             None => &mut self.inertia,
         }
     }
@@ -223,12 +223,12 @@ pub struct Reading {
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
     /// How fast it moves across itself.
-    across: Across,
+    across: TransverseMeanSquares,
 }
 
 /// How fast a rod moves across itself through the fluid, as mean squares over its length; integrated over time in [`Totals`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Across {
+pub struct TransverseMeanSquares {
     /// Of the velocity w, m²/s².
     pub speed: f64,
     /// Of w/ν by the fluid there, 1/m².
@@ -241,7 +241,7 @@ pub struct Across {
     pub viscosity: f64,
 }
 
-impl Across {
+impl TransverseMeanSquares {
     /// Of a rod in `dynamics` at `state`, its edges along `tangent`; nothing where no fluid acts on it.
     fn of(dynamics: &Dynamics, state: &State, tangent: &[Vector2<f64>]) -> Self {
         let (forces, inputs) = (&dynamics.model.forces, &dynamics.inputs);
@@ -325,7 +325,7 @@ impl Reading {
             bend::moments(&rod.joint, &self.kappa, &self.natural, &mut self.moment);
         }
         self.tangent.iter_mut().zip(edges).for_each(|(tangent, edge)| *tangent = edge.t);
-        let moving = Moving {
+        let moving = MovingRod {
             cells: &rod.cells,
             edges,
             mass: &rod.mass,
@@ -336,7 +336,7 @@ impl Reading {
             natural_rate: &dynamics.natural_rate,
             moment: &self.moment,
         };
-        let mut sums = Sums::of(&moving, 0.0);
+        let mut sums = RodSums::of(&moving, 0.0);
         if !state.links.is_empty() {
             let stored = |((edge, link), cell): ((&Edge, &Link), &Cell)| {
                 let tension = edge.t.dot(&Vector2::from(link.force));
@@ -397,15 +397,15 @@ impl Reading {
         &mut self,
         dynamics: &Dynamics,
         state: &State,
-        sums: &Sums,
+        sums: &RodSums,
         forces: impl FnOnce(&mut Power, &mut Push) -> (f64, Vector2<f64>),
         held: impl FnOnce() -> Vector2<f64>,
     ) -> Result<()> {
-        let Sums { bending, stretching, kinetic, actuation, moment_of_mass, momentum, strain } = *sums;
+        let RodSums { bending, stretching, kinetic, actuation, moment_of_mass, momentum, strain } = *sums;
         self.time = state.t;
         self.com = Vector2::from(moment_of_mass.to_array()) / dynamics.model.rod.total_mass();
         self.strain = strain;
-        self.across = Across::of(dynamics, state, &self.tangent);
+        self.across = TransverseMeanSquares::of(dynamics, state, &self.tangent);
         let mut energy = Energy { bending, stretching, kinetic, fluid: 0.0 };
         let mut momentum = Momentum { rod: momentum.to_array().into(), fluid: Vector2::zeros() };
         if dynamics.mechanics == Mechanics::Overdamped {
@@ -526,7 +526,7 @@ pub struct Totals {
     /// Energies integrated over time since the start, J s.
     pub energy_time: Energy,
     /// How fast the rod moved across itself, integrated over time since the start.
-    pub across_time: Across,
+    pub across_time: TransverseMeanSquares,
     /// Largest |y_COM|, m.
     pub max_lateral: f64,
     /// Length of the path of the centre of mass, m.
@@ -725,12 +725,12 @@ impl Meter {
     }
 
     /// How fast the rod moved across itself through the fluid since the start; none before the first step.
-    pub fn across(&self) -> Option<Across> {
-        let Across { speed, per_depth, body, density, viscosity } = self.totals.across_time;
+    pub fn across(&self) -> Option<TransverseMotion> {
+        let TransverseMeanSquares { speed, per_depth, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
         let root = |sum: f64| (sum / elapsed).sqrt();
         let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };
-        Some(Across { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
+        Some(TransverseMotion { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
     }
 
     /// Δx of the centre of mass since the start, m.

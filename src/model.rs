@@ -2,9 +2,9 @@
 //!
 //! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
 
-pub mod bent;
 pub mod chain;
-pub mod course;
+pub mod deformed_rod;
+pub mod input_extrapolation;
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -13,19 +13,19 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
-pub use bent::Bent;
-pub use course::Course;
-use course::HIGHEST_ORDER;
+pub use deformed_rod::DeformedRod;
+use input_extrapolation::HIGHEST_ORDER;
+pub use input_extrapolation::InputExtrapolation;
 
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
-use crate::fluid::{Around, Fluid, Force, Forces, Kinematics, Layers, Runs, Sink};
-use crate::head::{HeadInput, HostHead, Motion, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
+use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
+use crate::head::{HeadInput, HeadMotion, HostHead, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
 use crate::linear::{ChainMatrix, Coupling, Direction};
-use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
+use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
@@ -86,7 +86,7 @@ pub struct Model {
     /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` where the scene has none.
     pub buoyancy: Option<Vec<f64>>,
     /// Motion of a held head; `None` is a free head.
-    pub head: Option<Motion>,
+    pub head: Option<HeadMotion>,
     /// What a host's pose of that head is the pose of.
     pub head_input: HeadInput,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
@@ -186,7 +186,7 @@ impl Inputs {
     }
 
     /// The drive at time `t` (s), where the inputs go on by `course`.
-    pub(crate) fn swing(&self, start: &Start, t: f64, course: Option<&Course>) -> Swing {
+    pub(crate) fn swing(&self, start: &Start, t: f64, course: Option<&InputExtrapolation>) -> Swing {
         let [gain, gain_rate] = start.gain(t);
         let (amplitude, gain_acceleration) = (self.drive.amplitude, start.gain_acceleration(t));
         let mut swing = Swing {
@@ -208,7 +208,7 @@ impl Inputs {
     }
 
     /// The wave of the drive at time `t` (s), where the inputs go on by `course`.
-    pub(crate) fn wave(&self, start: &Start, t: f64, course: Option<&Course>) -> Wave {
+    pub(crate) fn wave(&self, start: &Start, t: f64, course: Option<&InputExtrapolation>) -> Wave {
         let Swing { size: [size, size_rate, _], phase: [phase, phase_rate, _] } = self.swing(start, t, course);
         let ([gain, gain_rate], amplitude) = match course {
             None => (start.gain(t), self.drive.amplitude),
@@ -245,7 +245,7 @@ pub struct Dynamics {
     /// The host's inputs at the time last moved to.
     pub inputs: Inputs,
     /// How they go on by themselves, where the host has said so.
-    pub course: Option<Box<Course>>,
+    pub course: Option<Box<InputExtrapolation>>,
     /// Natural curvature κ̄_k at the time last moved to, one entry per node; zero where there is no joint.
     pub natural: Vec<f64>,
     /// dκ̄_k/dt, 1/s.
@@ -258,13 +258,13 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
-    /// The fluid along the rod as it was last bent; nothing in a uniform medium.
-    runs: Runs,
+    /// The fluid along the rod as it was last deformed; nothing in a uniform medium.
+    runs: FluidRuns,
     /// Room for forces and loads.
     applied: Vec<f64>,
     /// Room for derivatives of forces that nobody asks for.
     pub(crate) unused: Vec<f64>,
-    room: Vec<OnEdge>,
+    room: Vec<EdgeForce>,
 }
 
 impl Dynamics {
@@ -282,10 +282,10 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
-            runs: Runs::with_room(if model.layers.is_some() { nodes } else { 0 }),
+            runs: FluidRuns::with_room(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
             unused: Vec::new(),
-            room: vec![OnEdge::ZERO; TOGETHER],
+            room: vec![EdgeForce::ZERO; EDGES_PER_BLOCK],
             model,
         };
         dynamics.evaluate(0.0);
@@ -450,7 +450,7 @@ impl Dynamics {
     }
 
     /// Where a held head is at time `t` (s), by what `own` says of the scene's own motion of it.
-    fn pose(&self, t: f64, own: fn(&Motion, f64) -> Pose) -> Option<Pose> {
+    fn pose(&self, t: f64, own: fn(&HeadMotion, f64) -> Pose) -> Option<Pose> {
         let mut pose = own(self.model.head.as_ref()?, t);
         if let Some(host) = &self.inputs.head {
             for (sample, axis) in pose.iter_mut().zip(&host.axes) {
@@ -460,13 +460,13 @@ impl Dynamics {
         Some(pose)
     }
 
-    /// The rod bent as `state` says, whose time this was last moved to: by its links where it has any, else by its positions.
+    /// The rod deformed as `state` says, whose time this was last moved to: by its links where it has any, else by its positions.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::EdgeCollapse`], [`Error::FoldOver`].
-    pub fn shape<'a>(&'a mut self, state: &'a State) -> Result<Bent<'a>> {
+    pub fn shape<'a>(&'a mut self, state: &'a State) -> Result<DeformedRod<'a>> {
         self.bend(state)?;
-        Ok(Bent { dynamics: self, state })
+        Ok(DeformedRod { dynamics: self, state })
     }
 
     fn bend(&mut self, state: &State) -> Result<()> {
@@ -675,7 +675,7 @@ impl Dynamics {
 
     /// The energy (J) of the loads that depend on the place `q`.
     fn placed(&self, q: &[f64]) -> f64 {
-        let loads = self.model.forces.iter().filter(|force| force.sink() == Some(Sink::Load));
+        let loads = self.model.forces.iter().filter(|force| force.sink() == Some(PowerKind::Load));
         loads.map(|load| load.energy(&self.kinematics_of(0.0, &self.edges, [q; 3]), 0.0, None)).sum()
     }
 
@@ -706,11 +706,11 @@ impl Dynamics {
             a,
             fluid: self.inputs.fluid,
             layers: self.inputs.layers.as_ref(),
-            around: Around::default(),
+            around: FluidAlong::default(),
         }
     }
 
-    /// How the rod moves in `state`, as which it was bent last.
+    /// How the rod moves in `state`, as which it was deformed last.
     fn moving<'a>(&'a self, State { t, q, v, a, .. }: &'a State) -> Kinematics<'a> {
         Kinematics { around: (&self.runs).into(), ..self.kinematics_of(*t, &self.edges, [q, v, a]) }
     }
@@ -779,9 +779,9 @@ impl Dynamics {
     pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Result<Vector2<f64>> {
         let mut applied = std::mem::take(&mut self.applied);
         applied.resize(state.q.len(), 0.0);
-        let bent = self.shape(state)?;
-        bent.dynamics.write_applied(&bent.kinematics(), &mut applied);
-        let (rod, kappa) = (&bent.dynamics.model.rod, bent.kappa());
+        let deformed = self.shape(state)?;
+        deformed.dynamics.write_applied(&deformed.kinematics(), &mut applied);
+        let (rod, kappa) = (&deformed.dynamics.model.rod, deformed.kappa());
         let (mut force, mut turning) = (Vector2::zeros(), 0.0);
         for k in (0..rod.nodes).rev() {
             if k + 1 < rod.nodes {
@@ -896,7 +896,7 @@ impl System for Dynamics {
     }
 
     fn coupling(&self) -> Option<&dyn Coupling> {
-        self.model.forces.whole().and_then(Force::whole).map(|whole| whole as &dyn Coupling)
+        self.model.forces.whole().and_then(Force::global).map(|whole| whole as &dyn Coupling)
     }
 
     fn assemble_chain(

@@ -35,18 +35,18 @@ const DENSE: usize = 65;
 const TOLERANCE: f64 = 1e-12;
 
 /// What acts on a rod from outside, and the fluid it is in.
-pub type Outside = (Forces, Fluid, Option<Layers>);
+pub type Surroundings = (Forces, Fluid, Option<Layers>);
 
 /// Which way a mode moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Axis {
+pub enum ModeKind {
     /// Across it.
     Bending,
     /// Along it.
     Stretching,
 }
 
-impl Axis {
+impl ModeKind {
     const BOTH: [Self; 2] = [Self::Bending, Self::Stretching];
 
     /// Its name.
@@ -78,7 +78,7 @@ impl Axis {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
     /// Which way it moves the rod.
-    pub axis: Axis,
+    pub axis: ModeKind,
     /// Angular frequency ω, rad/s.
     pub frequency: f64,
     /// Displacement of every node along the axis; the largest is 1.
@@ -117,7 +117,7 @@ impl Modes {
     /// # Errors
     /// Those of [`of`](Self::of).
     pub fn of_matrices(matrices: &Matrices) -> Result<Self> {
-        let [bending, stretching] = Axis::BOTH.map(|axis| {
+        let [bending, stretching] = ModeKind::BOTH.map(|axis| {
             let (scaled, _) = matrices.scaled(axis)?;
             let squares = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
             Ok(squares.into_iter().skip(matrices.rigid(axis)).map(|square| square.max(0.0).sqrt()).collect())
@@ -157,7 +157,7 @@ impl Matrices {
     ///
     /// # Errors
     /// Those of [`System::assemble`].
-    pub fn of(rod: &Rod, outside: Option<Outside>) -> Result<Self> {
+    pub fn of(rod: &Rod, outside: Option<Surroundings>) -> Result<Self> {
         let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.whole().is_none());
         let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
@@ -186,7 +186,7 @@ impl Matrices {
     }
 
     /// Inertia of node `k` along `axis`, kg.
-    fn inertia(&self, axis: Axis, k: usize) -> f64 {
+    fn inertia(&self, axis: ModeKind, k: usize) -> f64 {
         self.mass[2 * k + axis.entry()]
     }
 
@@ -223,7 +223,7 @@ impl Matrices {
         Some(lost / (2.0 * mode.frequency * moved))
     }
 
-    fn rigid(&self, axis: Axis) -> usize {
+    fn rigid(&self, axis: ModeKind) -> usize {
         if self.first == 0 { axis.rigid() } else { 0 }
     }
 
@@ -232,7 +232,7 @@ impl Matrices {
     }
 
     /// The symmetric L⁻¹ K L⁻ᵀ along `axis`, and L of M = L Lᵀ, where it is not the root of a diagonal.
-    fn scaled(&self, axis: Axis) -> Result<(Mat<f64>, Option<Mat<f64>>)> {
+    fn scaled(&self, axis: ModeKind) -> Result<(Mat<f64>, Option<Mat<f64>>)> {
         let free = self.nodes() - self.first;
         let of = |matrix: &BandMatrix, i: usize, j: usize| {
             let (i, j) = (i + self.first, j + self.first);
@@ -255,7 +255,7 @@ impl Matrices {
     }
 
     /// All modes along `axis`, rising.
-    fn modes(&self, axis: Axis) -> Result<Vec<Mode>> {
+    fn modes(&self, axis: ModeKind) -> Result<Vec<Mode>> {
         let (scaled, root) = self.scaled(axis)?;
         let found = scaled.self_adjoint_eigen(Side::Lower).map_err(|e| self.failed(&e))?;
         let squares = found.S().column_vector();
@@ -310,14 +310,14 @@ impl Matrices {
 }
 
 /// Nodes to either side that one is coupled with, in M and so in its root L.
-const NEAR: usize = 2;
+const BAND_HALF_WIDTH: usize = 2;
 
 /// L⁻¹ B.
 fn forward(root: &Mat<f64>, right: &Mat<f64>) -> Mat<f64> {
     let mut out = right.clone();
     for j in 0..out.ncols() {
         for i in 0..out.nrows() {
-            let known: f64 = (i.saturating_sub(NEAR)..i).map(|k| root[(i, k)] * out[(k, j)]).sum();
+            let known: f64 = (i.saturating_sub(BAND_HALF_WIDTH)..i).map(|k| root[(i, k)] * out[(k, j)]).sum();
             out[(i, j)] = (out[(i, j)] - known) / root[(i, i)];
         }
     }
@@ -327,7 +327,7 @@ fn forward(root: &Mat<f64>, right: &Mat<f64>) -> Mat<f64> {
 /// Replaces `x` by L⁻ᵀ x.
 fn backward(root: &Mat<f64>, x: &mut [f64]) {
     for i in (0..x.len()).rev() {
-        let known: f64 = (i + 1..x.len().min(i + NEAR + 1)).map(|k| root[(k, i)] * x[k]).sum();
+        let known: f64 = (i + 1..x.len().min(i + BAND_HALF_WIDTH + 1)).map(|k| root[(k, i)] * x[k]).sum();
         x[i] = (x[i] - known) / root[(i, i)];
     }
 }
@@ -344,11 +344,11 @@ pub fn lowest(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
 ///
 /// # Errors
 /// Those of [`lowest`].
-pub fn lowest_within(rod: &Rod, outside: Option<Outside>, count: usize) -> Result<Vec<Mode>> {
+pub fn lowest_within(rod: &Rod, outside: Option<Surroundings>, count: usize) -> Result<Vec<Mode>> {
     let count = count.clamp(1, rod.nodes / 2);
     let mut modes = if rod.nodes <= DENSE {
         let matrices = Matrices::of(rod, outside)?.undamped(rod)?;
-        [matrices.modes(Axis::Bending)?, matrices.modes(Axis::Stretching)?].concat()
+        [matrices.modes(ModeKind::Bending)?, matrices.modes(ModeKind::Stretching)?].concat()
     } else {
         iterated(rod, outside, count)?
     };
@@ -362,7 +362,7 @@ fn is_held(rod: &Rod) -> bool {
 }
 
 /// The rod and the forces on it alone, straight, in a fluid at rest.
-fn at_rest(rod: &Rod, outside: Option<Outside>) -> Dynamics {
+fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
     let (forces, fluid, layers) = outside.unwrap_or((Forces::default(), Fluid::NONE, None));
     Dynamics::new(Arc::new(Model {
         rod: rod.clone(),
@@ -514,7 +514,7 @@ impl LinOp<f64> for Inverse {
     }
 }
 
-fn iterated(rod: &Rod, outside: Option<Outside>, count: usize) -> Result<Vec<Mode>> {
+fn iterated(rod: &Rod, outside: Option<Surroundings>, count: usize) -> Result<Vec<Mode>> {
     let failed = |reason: String| Error::Linear { unknowns: 2 * rod.nodes, reason };
     let mut dynamics = at_rest(rod, outside);
     let mut inertia = BandMatrix::new(rod.nodes);
@@ -574,8 +574,12 @@ fn iterated(rod: &Rod, outside: Option<Outside>, count: usize) -> Result<Vec<Mod
     }
     let mode = |j: usize| {
         let mut entries: Vec<f64> = (0..unknowns).map(|i| vectors[(i, j)]).collect();
-        let share = |axis: Axis| (0..rod.nodes).map(|k| entries[2 * k + axis.entry()].powi(2)).sum::<f64>();
-        let axis = if share(Axis::Bending) >= share(Axis::Stretching) { Axis::Bending } else { Axis::Stretching };
+        let share = |axis: ModeKind| (0..rod.nodes).map(|k| entries[2 * k + axis.entry()].powi(2)).sum::<f64>();
+        let axis = if share(ModeKind::Bending) >= share(ModeKind::Stretching) {
+            ModeKind::Bending
+        } else {
+            ModeKind::Stretching
+        };
         operator.root.unscale(&mut entries);
         let shape = (0..rod.nodes).map(|k| entries[2 * k + axis.entry()]).collect();
         Mode { axis, frequency: (1.0 / values[j] - sigma).max(0.0).sqrt(), shape: normed(shape) }

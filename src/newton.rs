@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, ChainMatrix, Choice, Chosen, Direction, Riccati, Solution};
+use crate::linear::{BandMatrix, ChainMatrix, Direction, FallbackSolver, Riccati, Solution, SolverChoice};
 use crate::system::{Form, Linearisation, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
@@ -15,7 +15,7 @@ pub(crate) const MAX_ITERATIONS: u32 = 30;
 /// transverse error leaves a stretch that is EA/EI times as stiff. Measured on the scenes of `models/` and
 /// `tests/reference`, 9–1001 nodes, steps of 1e-5 … 2e-2 s, tolerances of 1e-7 … 1e-12: the next increment is at most 0.43
 /// of the tolerance; with 1e-3 it is up to twice the tolerance, with the rate itself instead of its root 73 times.
-const FAST: f64 = 3e-4;
+const FAST_CONVERGENCE_RATE: f64 = 3e-4;
 
 /// An iteration that has stalled at the residual's rounding floor is accepted if its increment, over the length, is
 /// not above this; beyond it the answer itself would be noise.
@@ -27,26 +27,26 @@ const CHAIN_FLOOR: f64 = 64.0 * f64::EPSILON;
 /// C L in e₂ = C e₁², for the first two increments of a solve, L the length, is at most this times (N λ)², N the number of nodes and λ the
 /// [slenderness](crate::rod::Rod::slenderness_squared): a change δ across an edge leaves a stretch (δ/ℓ)²/2, which takes EA ℓ²/EI times
 /// the force that bends the rod.
-const CURVED: f64 = 0.1;
+const LARGEST_QUADRATIC_CONSTANT: f64 = 0.1;
 
 /// A foreseen increment counts as this many times as large.
-const CAUTION: f64 = 4.0;
+const SAFETY_FACTOR: f64 = 4.0;
 
 /// How the solves of one step converge: e₂ = C e₁² for the first two increments of each. Once it is measured, the second increment of the
 /// next solve is foreseen from its first.
 #[derive(Debug, Clone, Copy)]
-pub struct Convergence {
+pub struct ConvergenceRate {
     /// The largest C so far, 1/m; infinite before there is one.
     constant: f64,
 }
 
-impl Default for Convergence {
+impl Default for ConvergenceRate {
     fn default() -> Self {
         Self { constant: f64::INFINITY }
     }
 }
 
-impl Convergence {
+impl ConvergenceRate {
     /// Takes in the `increments` of a solve.
     fn learn(&mut self, increments: &Increments) {
         if let [first, second, ..] = *increments.as_slice() {
@@ -57,7 +57,7 @@ impl Convergence {
 
     /// The second increment (m) of a solve whose first is `first`; infinite where none was measured.
     fn foreseen(self, first: f64) -> f64 {
-        CAUTION * self.constant * first * first
+        SAFETY_FACTOR * self.constant * first * first
     }
 }
 
@@ -79,9 +79,9 @@ pub struct Work {
 pub struct Newton {
     tolerance: f64,
     /// The largest first increment, over the length, that needs no second one; zero where none is spared.
-    enough: f64,
+    sufficient_first_increment: f64,
     nodes: usize,
-    equations: Equations,
+    equations: EquationSolver,
     increment: Vec<f64>,
     /// Work done since the start.
     pub work: Work,
@@ -89,10 +89,10 @@ pub struct Newton {
 
 /// The matrix and its solver.
 #[derive(Debug)]
-enum Equations {
+enum EquationSolver {
     Positions {
         jacobian: BandMatrix,
-        solver: Box<Chosen>,
+        solver: Box<FallbackSolver>,
     },
     /// With the residual and the node where it is largest.
     Chain {
@@ -110,7 +110,7 @@ impl Newton {
     /// # Errors
     /// Those of [`Chosen::new`].
     pub fn new(nodes: usize, tolerance: f64) -> Result<Self> {
-        Self::with(Form::Positions, Choice::default(), nodes, tolerance)
+        Self::with(Form::Positions, SolverChoice::default(), nodes, tolerance)
     }
 
     /// Prepares as [`new`](Self::new) does, for systems in `form`; their states must be in the same form. `linear` chooses
@@ -119,35 +119,42 @@ impl Newton {
     ///
     /// # Errors
     /// Those of [`Chosen::new`].
-    pub fn with(form: Form, linear: Choice, nodes: usize, tolerance: f64) -> Result<Self> {
+    pub fn with(form: Form, linear: SolverChoice, nodes: usize, tolerance: f64) -> Result<Self> {
         let (equations, unknowns) = match form {
             Form::Positions => {
                 let jacobian = BandMatrix::new(nodes);
-                let solver = Box::new(Chosen::new(linear, &jacobian)?);
-                (Equations::Positions { jacobian, solver }, 2 * nodes)
+                let solver = Box::new(FallbackSolver::new(linear, &jacobian)?);
+                (EquationSolver::Positions { jacobian, solver }, 2 * nodes)
             }
             Form::Chain => {
                 let matrix = ChainMatrix::new(nodes);
                 let unknowns = matrix.unknowns();
                 let (solver, residual) = (Riccati::new(nodes), vec![0.0; unknowns]);
-                (Equations::Chain { matrix, solver, residual, worst: 0 }, unknowns)
+                (EquationSolver::Chain { matrix, solver, residual, worst: 0 }, unknowns)
             }
         };
-        Ok(Self { tolerance, enough: 0.0, nodes, equations, increment: vec![0.0; unknowns], work: Work::default() })
+        Ok(Self {
+            tolerance,
+            sufficient_first_increment: 0.0,
+            nodes,
+            equations,
+            increment: vec![0.0; unknowns],
+            work: Work::default(),
+        })
     }
 
     /// The same, which spares the second iteration of a solve where its increment would be within the tolerance, as the first is so small
     /// for a rod whose squared slenderness is `slenderness`, or as solves before it in the same step say.
     pub fn foreseeing(self, slenderness: f64) -> Self {
-        let enough = (self.tolerance / (CURVED * slenderness)).sqrt() / self.nodes as f64;
-        Self { enough, ..self }
+        let enough = (self.tolerance / (LARGEST_QUADRATIC_CONSTANT * slenderness)).sqrt() / self.nodes as f64;
+        Self { sufficient_first_increment: enough, ..self }
     }
 
     /// The form that it solves.
     pub fn form(&self) -> Form {
         match self.equations {
-            Equations::Positions { .. } => Form::Positions,
-            Equations::Chain { .. } => Form::Chain,
+            EquationSolver::Positions { .. } => Form::Positions,
+            EquationSolver::Chain { .. } => Form::Chain,
         }
     }
 
@@ -156,7 +163,7 @@ impl Newton {
     /// # Errors
     /// [`Error::NotConverged`], or whatever the system finds wrong with an iterate.
     pub fn solve(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
-        self.solve_with(Patience::Whole, &mut Convergence::default(), system, state, direction)
+        self.solve_with(ConvergencePolicy::AllIterations, &mut ConvergenceRate::default(), system, state, direction)
     }
 
     /// Solves as [`solve`](Self::solve) does, with `patience`, and with what is `known` from the solves before in the same step.
@@ -165,8 +172,8 @@ impl Newton {
     /// Those of [`solve`](Self::solve).
     pub fn solve_with(
         &mut self,
-        patience: Patience,
-        known: &mut Convergence,
+        patience: ConvergencePolicy,
+        known: &mut ConvergenceRate,
         system: &mut dyn System,
         state: &mut State,
         direction: Direction,
@@ -177,24 +184,27 @@ impl Newton {
         for _ in 0..MAX_ITERATIONS {
             let step = self.iterate(system, state, direction)?;
             increments.push(step.increment);
-            if self.enough > 0.0 && increments.count == 1 && known.foreseen(step.increment) <= progress.tolerance {
+            if self.sufficient_first_increment > 0.0
+                && increments.count == 1
+                && known.foreseen(step.increment) <= progress.tolerance
+            {
                 return Ok(increments);
             }
             residual = step.residual;
             let at_floor = || match self.equations {
-                Equations::Positions { .. } => residual <= system.residual_floor(state),
-                Equations::Chain { .. } => step.increment <= CHAIN_FLOOR * reach(state, length),
+                EquationSolver::Positions { .. } => residual <= system.residual_floor(state),
+                EquationSolver::Chain { .. } => step.increment <= CHAIN_FLOOR * reach(state, length),
             };
             match progress.judge(step) {
-                Verdict::Converged => {
+                Convergence::Converged => {
                     known.learn(&increments);
                     return Ok(increments);
                 }
-                Verdict::Stalled if at_floor() => {
+                Convergence::Stalled if at_floor() => {
                     self.work.floor_stops += 1;
                     return Ok(increments);
                 }
-                Verdict::Astray if patience == Patience::WhileShrinking => break,
+                Convergence::Diverges if patience == ConvergencePolicy::WhileShrinking => break,
                 _ => {}
             }
         }
@@ -211,22 +221,22 @@ impl Newton {
     /// A solve of `system` before its first iteration.
     pub(crate) fn progress(&self, system: &dyn System) -> Progress {
         let length = system.length();
-        let (tolerance, enough) = (self.tolerance * length, self.enough * length);
+        let (tolerance, enough) = (self.tolerance * length, self.sufficient_first_increment * length);
         Progress { length, tolerance, enough, last: [f64::INFINITY; 2] }
     }
 
     /// True where it solves for positions, by [`BlockBand`](crate::linear::BlockBand) first.
     pub fn is_by_blocks(&self) -> bool {
-        matches!(&self.equations, Equations::Positions { solver, .. } if solver.is_by_blocks())
+        matches!(&self.equations, EquationSolver::Positions { solver, .. } if solver.is_by_blocks())
     }
 
     /// The node of the `residual` (N) that was the largest one of the last iteration.
     fn worst(&self, residual: f64) -> usize {
         match &self.equations {
-            Equations::Positions { solver, .. } => {
+            EquationSolver::Positions { solver, .. } => {
                 solver.rhs().iter().position(|force| force.abs() == residual).unwrap_or(0) / 2
             }
-            Equations::Chain { worst, .. } => *worst,
+            EquationSolver::Chain { worst, .. } => *worst,
         }
     }
 
@@ -239,7 +249,7 @@ impl Newton {
         let length = system.length();
         let (increment, t) = (&mut self.increment, state.t);
         match &mut self.equations {
-            Equations::Positions { jacobian, solver } => {
+            EquationSolver::Positions { jacobian, solver } => {
                 let linearisation = Linearisation { matrix: &mut *jacobian, direction };
                 system.assemble(state, increment, Some(linearisation))?;
                 let Solution { fallback, sizes } = match system.coupling().filter(|_| direction.v != 0.0) {
@@ -258,7 +268,7 @@ impl Newton {
                 state.move_all_back(direction, increment);
                 Ok(Iteration { increment: direction.q * size, residual })
             }
-            Equations::Chain { matrix, solver, residual, worst } => {
+            EquationSolver::Chain { matrix, solver, residual, worst } => {
                 system.assemble_chain(state, direction, residual, matrix)?;
                 let force;
                 (*worst, force) = largest(residual, 6, t, "force")?;
@@ -297,44 +307,44 @@ pub(crate) struct Progress {
 
 /// What an iteration says of a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub(crate) enum Convergence {
     /// It goes on.
-    GoOn,
+    Continue,
     /// It is at an end.
     Converged,
     /// Increments no longer shrink, and are small enough for rounding to be why.
     Stalled,
     /// The increment has grown twice in a row.
-    Astray,
+    Diverges,
 }
 
 impl Progress {
     /// Takes in an iteration.
-    pub(crate) fn judge(&mut self, step: Iteration) -> Verdict {
+    pub(crate) fn judge(&mut self, step: Iteration) -> Convergence {
         let [before, previous] = self.last;
         self.last = [previous, step.increment];
         let rate = step.increment / previous; // 0 in the first iteration
         if rate == 0.0 && step.increment <= self.enough {
-            return Verdict::Converged;
+            return Convergence::Converged;
         }
-        let gain = if rate > 0.0 && rate <= FAST { rate.sqrt() } else { 1.0 };
+        let gain = if rate > 0.0 && rate <= FAST_CONVERGENCE_RATE { rate.sqrt() } else { 1.0 };
         if gain * step.increment <= self.tolerance {
-            return Verdict::Converged;
+            return Convergence::Converged;
         }
         if step.increment >= 0.5 * previous && step.increment <= FLOOR_INCREMENT * self.length {
-            return Verdict::Stalled;
+            return Convergence::Stalled;
         }
         let grew_twice = before < previous && previous < step.increment;
         let astray = step.increment > FLOOR_INCREMENT * self.length && grew_twice;
-        if astray { Verdict::Astray } else { Verdict::GoOn }
+        if astray { Convergence::Diverges } else { Convergence::Continue }
     }
 }
 
 /// How long a solve that does not converge goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Patience {
+pub enum ConvergencePolicy {
     /// For as many iterations as there may be: an iterate that goes astray usually tells what is wrong.
-    Whole,
+    AllIterations,
     /// Until the increment has grown twice in a row: for a guess beside which there is another.
     WhileShrinking,
 }

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_4, PI, SQRT_2, TAU};
 use nalgebra::Vector2;
 
 use crate::actuation::{Actuation, Wave};
-use crate::fluid::validity::Across;
+use crate::fluid::validity::TransverseMotion;
 use crate::head::Pose;
 use crate::model::Drive;
 use crate::rod::Rod;
@@ -30,11 +30,11 @@ pub const BECK: f64 = 20.05;
 
 /// How a rod moves against the fluid: root mean squares over its nodes and over time, the same in every frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
+pub struct MeanMotion {
     /// Velocity along the rod, m/s.
     pub along: f64,
     /// Across the rod, with [`MISALIGNED`] of the velocity along it.
-    pub across: Across,
+    pub across: TransverseMotion,
     /// Half the largest distance between two places of the tip, seen from the centre of mass of a free rod or from where a held head has
     /// gone on the average, m.
     pub tip: f64,
@@ -44,7 +44,7 @@ pub struct Motion {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regime {
     /// The motion across the rod, of velocity w.
-    pub across: Across,
+    pub across: TransverseMotion,
     /// Frequency f, Hz; none where nothing moves periodically.
     pub frequency: Option<f64>,
     /// Depth of the rod across the plane of motion, mean over the length, D, m.
@@ -68,8 +68,8 @@ pub struct Regime {
 
 impl Regime {
     /// The regime of `rod` that `motion` comes to, at this `frequency` (Hz).
-    pub fn of(rod: &Rod, frequency: Option<f64>, motion: &Motion) -> Self {
-        let Across { speed, per_depth, fluid, .. } = motion.across;
+    pub fn of(rod: &Rod, frequency: Option<f64>, motion: &MeanMotion) -> Self {
+        let TransverseMotion { speed, per_depth, fluid, .. } = motion.across;
         let depth = rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let added = FRAC_PI_4 * fluid.density * rod.sections.mean(0.0, 1.0, |xi| rod.sections.at(xi).added());
         let weakest = rod.joints().map(|k| rod.joint[k]).fold(f64::INFINITY, f64::min) * rod.spacing;

@@ -10,8 +10,8 @@ use serde::Serialize;
 use crate::batch::{Batch, WIDTH};
 use crate::cycle::{self, Averages, GRAVITY};
 use crate::error::{Error, Result};
-use crate::integrator::Pace;
-use crate::linear::Choice;
+use crate::integrator::StepControl;
+use crate::linear::SolverChoice;
 use crate::metrics::{Meter, Power};
 use crate::model::{Mechanics, Model};
 use crate::reduced::measure::{Course, Point};
@@ -181,8 +181,8 @@ impl Verification {
         let mut courses = [&whole, &again].map(|run| Course::of(run.model()));
         let end = stepper.time();
         let part = match stepper.pace() {
-            Pace::Fixed(step) => step * (end / (step * COMPARED)).ceil(),
-            Pace::Adaptive(_) => end / COMPARED,
+            StepControl::Fixed(step) => step * (end / (step * COMPARED)).ceil(),
+            StepControl::Adaptive(_) => end / COMPARED,
         };
         loop {
             for (run, course) in [&whole, &again].into_iter().zip(&mut courses) {
@@ -307,10 +307,10 @@ pub struct Summary {
 }
 
 /// What makes the steps of a run finer where it is smaller.
-fn finer(pace: Pace) -> &'static str {
+fn finer(pace: StepControl) -> &'static str {
     match pace {
-        Pace::Fixed(_) => "step",
-        Pace::Adaptive(_) => "tolerance",
+        StepControl::Fixed(_) => "step",
+        StepControl::Adaptive(_) => "tolerance",
     }
 }
 
@@ -322,7 +322,7 @@ pub(crate) fn rounding(rod: &Rod, positions: &[f64]) -> f64 {
 
 /// What to say of an energy balance that does not close, beyond `rounding` (J): the mark of steps that are too coarse, or of
 /// a wrong root.
-fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
+fn balance_note(meter: &Meter, rounding: f64, pace: StepControl) -> Option<String> {
     let Power { actuation, viscous, wake, spray, load, head, flow, other } = meter.totals.work;
     let scale =
         [meter.first_energy, meter.now.energy.total(), actuation, viscous, wake, spray, load, head, flow, other]
@@ -341,7 +341,7 @@ fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
 }
 
 /// What to say of edges that stretch or turn further than the model or the step can follow.
-fn motion_notes(meter: &Meter, pace: Pace) -> impl Iterator<Item = String> {
+fn motion_notes(meter: &Meter, pace: StepControl) -> impl Iterator<Item = String> {
     let strained = (meter.totals.max_strain > STRAINED).then(|| {
         format!(
             "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
@@ -367,7 +367,7 @@ pub(crate) fn notes(
     model: &Model,
     meter: &Meter,
     positions: &[f64],
-    pace: Pace,
+    pace: StepControl,
     warnings: &[String],
 ) -> Vec<String> {
     let left = meter.across().map(|across| scene.left_ranges(&model.forces, &model.rod, across));
@@ -417,12 +417,12 @@ impl Summary {
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
             time_step_s: match stepper.pace() {
-                Pace::Fixed(step) => step,
-                Pace::Adaptive(_) => elapsed / meter.totals.steps.max(1) as f64,
+                StepControl::Fixed(step) => step,
+                StepControl::Adaptive(_) => elapsed / meter.totals.steps.max(1) as f64,
             },
             tolerance: match stepper.pace() {
-                Pace::Fixed(_) => None,
-                Pace::Adaptive(tolerance) => Some(tolerance),
+                StepControl::Fixed(_) => None,
+                StepControl::Adaptive(tolerance) => Some(tolerance),
             },
             steps: meter.totals.steps,
             rejected_steps: meter.totals.rejections,
@@ -432,8 +432,8 @@ impl Summary {
                 _ if stepper.view().dynamics.mechanics == Mechanics::Shape => "none",
                 (Form::Chain, _) => "riccati",
                 #[cfg(feature = "faer")]
-                (Form::Positions, Choice::FaerLu) => "faer-lu",
-                (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",
+                (Form::Positions, SolverChoice::FaerLu) => "faer-lu",
+                (Form::Positions, SolverChoice::Auto | SolverChoice::BlockBand) => "block-band",
             },
             linear_fallbacks: work.linear_fallbacks,
             step_halvings: meter.totals.halvings,

@@ -12,7 +12,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 use nalgebra::Complex;
 
 use crate::actuation::{Actuation, Wave};
-use crate::head::{Motion, Row, Signal, hermite};
+use crate::head::{HeadMotion, Row, Signal, hermite};
 use crate::model::{Drive, Model};
 use crate::rod::{Rod, node};
 use crate::start::Start;
@@ -22,10 +22,10 @@ use crate::system::State;
 const PHASES: u32 = 48;
 
 /// A table repeats itself, for what counts here, if its rate has the same size in each quarter of it to this part.
-const STATIONARY: f64 = 0.2;
+const STATIONARY_TOLERANCE: f64 = 0.2;
 
 /// A line counts among the slowest if its amplitude, speed over frequency, is this part of the largest.
-const FAINT: f64 = 1e-3;
+const LEAST_AMPLITUDE_RATIO: f64 = 1e-3;
 
 /// A table's velocity changes if it does so by this part of its size: what is less is rounding of its rows.
 const STEADY: f64 = 1e-6;
@@ -38,7 +38,7 @@ const TIMES: usize = 1 << 14;
 
 /// A frequency at which something moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Line {
+pub struct SpectralLine {
     /// Its frequency f, Hz.
     pub frequency: f64,
     /// Root mean square of the velocity that it gives the rod against the fluid, m/s.
@@ -48,7 +48,7 @@ pub struct Line {
 /// All that drives a rod.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Spectrum {
-    lines: Vec<Line>,
+    lines: Vec<SpectralLine>,
     /// True if a table drives the rod that goes on otherwise than it began.
     pub is_transient: bool,
 }
@@ -58,7 +58,7 @@ impl Spectrum {
     pub fn of(
         rod: &Rod,
         actuation: Option<&(Box<dyn Actuation>, Drive)>,
-        head: Option<&Motion>,
+        head: Option<&HeadMotion>,
         flow: Option<&[Signal; 2]>,
     ) -> Self {
         let mut spectrum = Self::default();
@@ -82,36 +82,36 @@ impl Spectrum {
     }
 
     /// The frequencies, each with its speed.
-    pub fn lines(&self) -> &[Line] {
+    pub fn lines(&self) -> &[SpectralLine] {
         &self.lines
     }
 
     /// The lowest frequency of what moves the rod more than faintly, Hz; none where nothing moves periodically.
     pub fn slowest(&self) -> Option<f64> {
-        let amplitude = |line: &Line| line.speed / line.frequency;
+        let amplitude = |line: &SpectralLine| line.speed / line.frequency;
         let most = self.lines.iter().map(amplitude).fold(0.0, f64::max);
-        let counts = |line: &&Line| amplitude(line) >= FAINT * most;
+        let counts = |line: &&SpectralLine| amplitude(line) >= LEAST_AMPLITUDE_RATIO * most;
         self.lines.iter().filter(counts).map(|line| line.frequency).reduce(f64::min)
     }
 
     /// The frequency (Hz) that steps must follow: the largest f (v/v_max)^⅓.
     pub fn fastest(&self) -> Option<f64> {
         let most = self.lines.iter().map(|line| line.speed).fold(0.0, f64::max);
-        let counts = |line: &Line| line.frequency * if most > 0.0 { (line.speed / most).cbrt() } else { 1.0 };
+        let counts = |line: &SpectralLine| line.frequency * if most > 0.0 { (line.speed / most).cbrt() } else { 1.0 };
         // At least that of the line that moves the rod most.
         self.lines.iter().map(counts).chain(self.strongest()).reduce(f64::max)
     }
 
     /// The frequency (Hz) of the line that moves the rod fastest; of several, the first.
     pub fn strongest(&self) -> Option<f64> {
-        let stronger = |a: Line, b: Line| if b.speed > a.speed { b } else { a };
+        let stronger = |a: SpectralLine, b: SpectralLine| if b.speed > a.speed { b } else { a };
         self.lines.iter().copied().reduce(stronger).map(|line| line.frequency)
     }
 
     fn add(&mut self, frequency: f64, speed: f64) {
         let frequency = frequency.abs();
         if frequency > 0.0 && frequency.is_finite() {
-            self.lines.push(Line { frequency, speed });
+            self.lines.push(SpectralLine { frequency, speed });
         }
     }
 
@@ -153,7 +153,7 @@ impl Spectrum {
                 }
                 let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
                 let quarters = (0..4).map(|k| Moments::of(rows, quarter(k), velocity).map_or(0.0, |m| m.size()));
-                let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY * moments.size();
+                let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY_TOLERANCE * moments.size();
                 self.is_transient |= !quarters.into_iter().all(alike);
             }
         }
@@ -209,7 +209,7 @@ impl Moments {
 
 /// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform; their speeds are right in
 /// proportion.
-fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Vec<Line> {
+fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Vec<SpectralLine> {
     let count = (2 * rows.len()).next_power_of_two().clamp(64, TIMES);
     let mut row = 0;
     let sample = |i: usize| {
@@ -243,10 +243,10 @@ fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) ->
             .fold([0.0; 2], |[size, moment], k| [size + squares[k], moment + squares[k] * (k as f64).powi(2)]);
         start = end;
         if size > 0.0 {
-            lines.push(Line { frequency: (moment / size).sqrt() / (to - from), speed: size.sqrt() });
+            lines.push(SpectralLine { frequency: (moment / size).sqrt() / (to - from), speed: size.sqrt() });
         }
     }
-    let most = lines.iter().map(|line: &Line| line.speed).fold(0.0, f64::max);
+    let most = lines.iter().map(|line: &SpectralLine| line.speed).fold(0.0, f64::max);
     // Faster than every other row are the bends between them alone.
     let fastest = 0.5 * (rows.len() - 1) as f64 / (to - from);
     lines.retain(|line| line.speed >= RESOLVED * most && line.frequency <= fastest);

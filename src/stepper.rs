@@ -24,10 +24,10 @@ pub use snapshot::Snapshot;
 
 use crate::cycle::Cycles;
 use crate::error::{Error, Result};
-use crate::integrator::{Pace, StepError};
+use crate::integrator::{StepControl, StepError};
 use crate::metrics::{Giver, Meter, Reading, Totals};
-use crate::model::course::HIGHEST_ORDER;
-use crate::model::{Course, Dynamics, Inputs, Mechanics, Model};
+use crate::model::input_extrapolation::HIGHEST_ORDER;
+use crate::model::{Dynamics, InputExtrapolation, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
 use crate::reduced::{Choice, Mover};
 use crate::scene::Scene;
@@ -64,7 +64,7 @@ pub struct Stepper {
     mover: Box<dyn Mover>,
     choice: Option<Choice>,
     newton: Newton,
-    pace: Pace,
+    pace: StepControl,
     /// All that changes beside the inputs.
     now: Now,
     /// How often a failing step is halved.
@@ -93,7 +93,7 @@ pub struct Stepper {
     /// The largest jump of a head since it was last asked for.
     head_jump: Option<HeadJump>,
     // Room to work in.
-    inputs: (Inputs, Option<Box<Course>>),
+    inputs: (Inputs, Option<Box<InputExtrapolation>>),
     next: State,
     reading: Reading,
     read_at_once: Reading,
@@ -125,22 +125,22 @@ impl Stepper {
         model: impl Into<Arc<Model>>,
         mover: impl Into<Box<dyn Mover>>,
         newton: Newton,
-        pace: impl Into<Pace>,
+        pace: impl Into<StepControl>,
     ) -> Result<Self> {
         let (model, mover, pace) = (model.into(), mover.into(), pace.into());
         let scene = model.fingerprint(&(&mover, newton.form()));
         Ok(Self { scene, ..Self::begin(model, mover, newton, pace)? })
     }
 
-    fn begin(model: Arc<Model>, mut mover: Box<dyn Mover>, mut newton: Newton, pace: Pace) -> Result<Self> {
+    fn begin(model: Arc<Model>, mut mover: Box<dyn Mover>, mut newton: Newton, pace: StepControl) -> Result<Self> {
         let mut dynamics = Dynamics::new(model);
         dynamics.mechanics = mover.mechanics();
         let mut state = dynamics.first_state_in(newton.form());
         mover.begin(&mut dynamics, &mut newton, &mut state)?;
         newton.work = Work::default();
         let time_step = match pace {
-            Pace::Fixed(time_step) => time_step,
-            Pace::Adaptive(tolerance) => {
+            StepControl::Fixed(time_step) => time_step,
+            StepControl::Adaptive(tolerance) => {
                 let acceleration = largest(&state.a);
                 let lightest = dynamics.model.rod.mass.iter().copied().fold(f64::INFINITY, f64::min);
                 let rounding = dynamics.residual_floor(&state) / lightest;
@@ -153,8 +153,8 @@ impl Stepper {
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         let dense = mover.knows_between().then(|| Dense::new(&state, &meter));
         let shortest = match pace {
-            Pace::Fixed(time_step) => STEP_ROUNDING * time_step,
-            Pace::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
+            StepControl::Fixed(time_step) => STEP_ROUNDING * time_step,
+            StepControl::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
         };
         let now = Now {
             clock: Clock { origin: state.t, count: 0 },
@@ -235,7 +235,7 @@ impl Stepper {
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
         let mut start = Self::begin(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
-        if matches!(start.pace, Pace::Adaptive(_)) {
+        if matches!(start.pace, StepControl::Adaptive(_)) {
             start.now.time_step = start.now.time_step.min(solver.duration_s.get());
         }
         Ok(Self { scene: scene.fingerprint(), made_from: Some(Arc::new(scene.clone())), choice: Some(choice), ..start })
@@ -287,7 +287,7 @@ impl Stepper {
     }
 
     /// How its internal steps are chosen.
-    pub fn pace(&self) -> Pace {
+    pub fn pace(&self) -> StepControl {
         self.pace
     }
 
@@ -371,8 +371,8 @@ impl Stepper {
         }
         self.now.waiting = None;
         match self.pace {
-            Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
-            Pace::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
+            StepControl::Fixed(time_step) => self.equal_steps(h, time_step, look),
+            StepControl::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
         }
     }
 
@@ -581,7 +581,7 @@ impl Stepper {
             Mechanics::Overdamped => tolerance * dynamics.length() / apart(&next.v, &state.v),
             Mechanics::Shape => f64::INFINITY,
         };
-        if let Pace::Adaptive(tolerance) = self.pace {
+        if let StepControl::Adaptive(tolerance) = self.pace {
             // A longer step would see where the rod comes to rest, not how.
             self.now.time_step = self.now.time_step.min(reach(tolerance));
         }
@@ -863,7 +863,7 @@ impl Change<'_> {
         } else {
             let mut course = match dynamics.course.take() {
                 Some(course) => course,
-                None => Box::new(Course::resting(&dynamics.model, &dynamics.inputs, t)),
+                None => Box::new(InputExtrapolation::resting(&dynamics.model, &dynamics.inputs, t)),
             };
             course.change(dynamics, order, |rates| variable.write(rates, t, first, values));
             dynamics.inputs.flow_taken |= course.takes_flow();

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 use crate::cycle::{self, Cycles, Measure};
 use crate::error::{Error, nearest};
-use crate::fluid::{DENSITY, Force, Layer, Layers, Sink};
+use crate::fluid::{DENSITY, Force, Layer, Layers, PowerKind};
 use crate::metrics::Meter;
 use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::Work;
@@ -134,7 +134,7 @@ impl Only {
             Self::WithBuoyancy => {
                 let model = &dynamics.model;
                 let in_layers =
-                    |force: &dyn Force| force.sink() == Some(Sink::Load) && force.parameters().contains(&DENSITY);
+                    |force: &dyn Force| force.sink() == Some(PowerKind::Load) && force.parameters().contains(&DENSITY);
                 model.buoyancy.is_some() || model.forces.iter().any(in_layers)
             }
             Self::OfShape => shape,
@@ -621,11 +621,11 @@ fn has_inertial_fluid(model: &Model) -> bool {
 }
 
 fn has_spray(model: &Model) -> bool {
-    model.forces.iter().any(|force| force.sink() == Some(Sink::Spray))
+    model.forces.iter().any(|force| force.sink() == Some(PowerKind::Spray))
 }
 
 fn has_other_forces(model: &Model) -> bool {
-    model.forces.iter().any(|force| !force.is_of_fluid() && force.sink() != Some(Sink::Load))
+    model.forces.iter().any(|force| !force.is_of_fluid() && force.sink() != Some(PowerKind::Load))
 }
 
 fn has_body(model: &Model) -> bool {

@@ -7,10 +7,10 @@ pub mod travelling_wave;
 pub use travelling_wave::TravellingWave;
 
 /// All kinds; adding one is its file and its line here.
-pub static KINDS: &[&Kind] = &[&travelling_wave::KIND, &standing_wave::KIND, &sine_wave::KIND];
+pub static KINDS: &[&ActuationKind] = &[&travelling_wave::KIND, &standing_wave::KIND, &sine_wave::KIND];
 
 /// What is known of a kind, and how to make it.
-pub struct Kind {
+pub struct ActuationKind {
     /// Name in a scene.
     pub name: &'static str,
     /// The keys of `[actuation]` that it takes beside those of every kind.
@@ -18,23 +18,23 @@ pub struct Kind {
     /// Those of them that it cannot do without.
     pub needs: &'static [&'static str],
     /// The actuation.
-    pub build: fn(&Recipe<'_>) -> Box<dyn Actuation>,
+    pub build: fn(&ActuationInputs<'_>) -> Box<dyn Actuation>,
 }
 
-impl std::fmt::Debug for Kind {
+impl std::fmt::Debug for ActuationKind {
     /// Its name alone, which is the same in every run of the program.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
 }
 
-impl PartialEq for Kind {
+impl PartialEq for ActuationKind {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name
     }
 }
 
-impl Kind {
+impl ActuationKind {
     /// The kind of this name.
     pub fn named(name: &str) -> Option<&'static Self> {
         KINDS.iter().copied().find(|kind| kind.name == name)
@@ -43,7 +43,7 @@ impl Kind {
 
 /// What kinds are made from. What a kind needs is there, by its [`Kind::needs`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recipe<'a> {
+pub struct ActuationInputs<'a> {
     /// Number of nodes.
     pub nodes: usize,
     /// Node at which the rod begins: 1 behind a body, see [`Rod::front`](crate::rod::Rod::front).
@@ -62,7 +62,7 @@ pub struct Recipe<'a> {
     pub slope: f64,
 }
 
-impl Recipe<'_> {
+impl ActuationInputs<'_> {
     /// Arc length of node `k` in spacings.
     pub fn place(&self, k: usize) -> f64 {
         k.saturating_sub(self.front) as f64

@@ -8,10 +8,10 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::{Kind, TravellingWave};
+use super::{ActuationKind, TravellingWave};
 
 /// This kind.
-pub static KIND: Kind = Kind {
+pub static KIND: ActuationKind = ActuationKind {
     name: "sine-wave",
     keys: &["wavelength_m", "slope"],
     needs: &["wavelength_m", "slope"],

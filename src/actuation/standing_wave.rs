@@ -1,13 +1,13 @@
 //! Standing wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) Σ_n h_n sin n(2πft − φ₀). The whole rod bends at once, as one pair of muscles
 //! or one piezoelectric strip bends it.
 
-use super::{Kind, Recipe, TravellingWave};
+use super::{ActuationInputs, ActuationKind, TravellingWave};
 
 /// This kind.
-pub static KIND: Kind = Kind {
+pub static KIND: ActuationKind = ActuationKind {
     name: "standing-wave",
     keys: &["kappa_amp", "kappa_reference_length_m", "harmonics"],
     needs: &["kappa_amp"],
     // A wave that is infinitely long.
-    build: |recipe| Box::new(TravellingWave::new(&Recipe { wavelength: f64::INFINITY, ..*recipe })),
+    build: |recipe| Box::new(TravellingWave::new(&ActuationInputs { wavelength: f64::INFINITY, ..*recipe })),
 };

@@ -3,10 +3,10 @@
 
 use std::f64::consts::TAU;
 
-use super::{Actuation, Kind, Recipe, Wave, fastest};
+use super::{Actuation, ActuationInputs, ActuationKind, Wave, fastest};
 
 /// This kind.
-pub static KIND: Kind = Kind {
+pub static KIND: ActuationKind = ActuationKind {
     name: "travelling-wave",
     keys: &["kappa_amp", "kappa_reference_length_m", "wavelength_m", "harmonics"],
     needs: &["kappa_amp", "wavelength_m"],
@@ -38,15 +38,15 @@ struct Harmonic {
 
 impl TravellingWave {
     /// The wave that `recipe` describes.
-    pub fn new(recipe: &Recipe<'_>) -> Self {
+    pub fn new(recipe: &ActuationInputs<'_>) -> Self {
         let orders = std::iter::once(&1.0).chain(recipe.harmonics).zip(1..);
         let orders = orders.filter(|(size, _)| **size != 0.0).map(|(size, order)| (f64::from(order), *size));
         Self::of(recipe, recipe.reference_length, orders)
     }
 
     /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n) with envelope and wavelength of `recipe`.
-    pub fn of(recipe: &Recipe<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
-        let Recipe { nodes, spacing, envelope, wavelength, .. } = *recipe;
+    pub fn of(recipe: &ActuationInputs<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
+        let ActuationInputs { nodes, spacing, envelope, wavelength, .. } = *recipe;
         let harmonic = |(order, part): (f64, f64)| {
             let at = |k: usize| {
                 let size = spacing / length * (envelope[0] + envelope[1] * recipe.xi(k)) * part;

@@ -11,7 +11,7 @@ use wide::f64x2;
 use super::WIDTH;
 use super::kernel::{against, two};
 use super::lanes::{Lanes, Two};
-use crate::fluid::force::{self, OnTip, PowerSums, Powers};
+use crate::fluid::force::{self, PowerSums, Powers, TipForce};
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
 use crate::fluid::laws::weak_inertia::WeakInertia;
 use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
@@ -20,7 +20,7 @@ use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
 use crate::linear::{Direction, Number, Pair};
 use crate::model::Model;
 use crate::rod::Edge;
-use crate::rod::around::OnEdge;
+use crate::rod::edge_force::EdgeForce;
 
 /// What acts on the rods beside a drag in proportion to the velocity.
 #[derive(Debug)]
@@ -47,7 +47,7 @@ pub struct Motions<'a> {
 /// A force in lanes.
 trait InLanes: Debug + Send {
     /// Adds what opposes the edges to `sums`, where it is not the `first` that does.
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
+    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]);
 
     /// What it comes to on the whole rods.
     fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole;
@@ -119,7 +119,7 @@ impl Others {
     }
 
     /// Writes what opposes the edges to `sums`.
-    pub fn on_edges(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
+    pub fn on_edges(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, sums: &mut [EdgeForce<Lanes>]) {
         for (i, (_, force)) in self.forces.iter().enumerate() {
             force.add(simd, rods, direction, i == 0, sums);
         }
@@ -133,7 +133,7 @@ impl Others {
         rods: &Motions<'_>,
         fluid: Fluid,
         direction: Direction,
-        visit: impl FnMut(OnTip),
+        visit: impl FnMut(TipForce),
     ) {
         if !self.tips.is_empty() {
             rods.at_end(lane, fluid, |end| {
@@ -279,7 +279,7 @@ fn drag<L: LawInLanes>(
 }
 
 impl<L: LawInLanes> InLanes for Drag<L> {
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]) {
         let Motions { edges, v, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
@@ -346,7 +346,7 @@ fn water(simd: Avx2, cases: [&dyn Force; WIDTH], fluids: [Fluid; WIDTH], edges: 
 }
 
 impl InLanes for Water {
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]) {
         let Motions { edges, v, a, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
@@ -400,6 +400,6 @@ fn accelerating(edge: &Edge<Lanes>, c: Two, (v, a): (&[[Lanes; 2]], &[[Lanes; 2]
 
 /// Makes `sum` what acts `first`, or adds to it.
 #[inline(always)]
-fn put(sum: &mut OnEdge<Lanes>, first: bool, on: OnEdge<Lanes>) {
+fn put(sum: &mut EdgeForce<Lanes>, first: bool, on: EdgeForce<Lanes>) {
     if first { *sum = on } else { sum.add(&on) }
 }

@@ -10,18 +10,18 @@ use wide::f64x2;
 use super::WIDTH;
 use super::forces::{Motions, Others, Whole, measure_drag};
 use super::lanes::{Lanes, Two};
-use crate::fluid::force::{OnTip, Powers};
+use crate::fluid::force::{Powers, TipForce};
 use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
-use crate::integrator::{Rule, changes};
-use crate::linear::{Block, BlockBand, BlockRow, Direction, Number, Pair, Real, Sizes, prescribe};
+use crate::integrator::{StepWeights, changes};
+use crate::linear::{Block, BlockBand, BlockRow, Direction, Number, Pair, Real, ResidualSizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};
-use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
-use crate::rod::around::OnEdge;
+use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, Progress};
 use crate::rod::bend::{self, Joint};
+use crate::rod::edge_force::EdgeForce;
 use crate::rod::elastic::{self, Deformed};
-use crate::rod::sums::{Moving, Sums};
-use crate::rod::{Alike, Cell, Edge, lengths};
+use crate::rod::energies::{MovingRod, RodSums};
+use crate::rod::{Cell, Edge, EdgeValues, lengths};
 use crate::stepper::Stepper;
 use crate::stepper::ahead::Ahead;
 use crate::system::State;
@@ -47,7 +47,7 @@ pub struct Kernel {
 struct Rods {
     /// True where the heads are held.
     held: bool,
-    cells: Alike<Cell<Lanes>>,
+    cells: EdgeValues<Cell<Lanes>>,
     mass: Vec<Lanes>,
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
@@ -95,7 +95,7 @@ struct Before {
 struct Room {
     edges: Vec<Edge<Lanes>>,
     /// What the other forces do on every edge; empty where there are none.
-    around: Vec<OnEdge<Lanes>>,
+    around: Vec<EdgeForce<Lanes>>,
     /// What each force comes to, at its place.
     wholes: Vec<Whole>,
     tips: Vec<Tip>,
@@ -118,7 +118,7 @@ struct Tip {
 
 impl Tip {
     /// Takes over that of one case.
-    fn set(&mut self, lane: usize, tip: &OnTip) {
+    fn set(&mut self, lane: usize, tip: &TipForce) {
         for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
             to.set(lane, *from);
         }
@@ -168,14 +168,14 @@ impl Kernel {
         let (dragged, around) =
             [in_pass.is_some(), others.are_on_edges()].map(|any| if any { nodes - 1 } else { 0 }).into();
         let none = Block::diagonal(zero);
-        let nothing = OnEdge { force: [Two::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
+        let nothing = EdgeForce { force: [Two::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
         let tip = Tip { force: [zero; 2], blocks: [[zero; 4]; 3] };
         Some(Self {
             simd,
             models: std::array::from_fn(|lane| dynamics(steppers.get(lane).unwrap_or(first)).model.clone()),
             rods: Rods {
                 held: first.model().head.is_some(),
-                cells: Alike::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
+                cells: EdgeValues::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
                 mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
                 stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
                 drag: (0..dragged).map(of_drag).collect(),
@@ -245,12 +245,12 @@ impl Kernel {
             let made = self.iterate(direction, going);
             for lane in 0..WIDTH {
                 let verdict = progress[lane].as_mut().zip(made[lane]).map(|(own, step)| own.judge(step));
-                if verdict == Some(Verdict::GoOn) {
+                if verdict == Some(Convergence::Continue) {
                     continue;
                 }
                 progress[lane] = None;
                 // Who does not converge at once, or only to the floor of rounding, goes on alone.
-                if verdict == Some(Verdict::Converged) {
+                if verdict == Some(Convergence::Converged) {
                     solved[lane] = iterations;
                 }
             }
@@ -274,7 +274,7 @@ impl Kernel {
     }
 
     /// Makes the guess of steps of this [kind](Ahead::kind).
-    fn guess(&mut self, kind: (f64, Rule, bool)) {
+    fn guess(&mut self, kind: (f64, StepWeights, bool)) {
         let Self { simd, rods, at, before, motion, .. } = self;
         simd.vectorize(
             #[inline(always)]
@@ -434,7 +434,7 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured<T: Real = f64> {
     /// Sums over the rod.
-    pub sums: Sums<T>,
+    pub sums: RodSums<T>,
     /// The force that a held head must exert, N; none of a free one.
     pub held: Vector2<T>,
 }
@@ -461,7 +461,7 @@ impl Measured<Lanes> {
         let two = |pair: Two| f64x2::new(pair.to_array().map(one));
         let Self { sums, held } = self;
         Measured {
-            sums: Sums {
+            sums: RodSums {
                 bending: one(sums.bending),
                 stretching: one(sums.stretching),
                 kinetic: one(sums.kinetic),
@@ -512,13 +512,13 @@ fn guess(
     at: &Moment,
     Before { motion: before, memory }: &Before,
     Motion { q, v, a }: &mut Motion,
-    (h, rule, keeps_lengths): (f64, Rule, bool),
+    (h, rule, keeps_lengths): (f64, StepWeights, bool),
 ) {
     let (zero, direction) = (at.flow.x.like(0.0), rule.direction());
     let [change, most] = changes(h, &before.v, &before.a, zero);
     for (k, ((q, v), a)) in q.iter_mut().zip(&mut *v).zip(&mut *a).enumerate() {
         for i in 0..2 {
-            let foot = rule.stand(h, before.v[k][i], before.a[k][i], Some(memory[k][i]));
+            let foot = rule.explicit_part(h, before.v[k][i], before.a[k][i], Some(memory[k][i]));
             let u = Lanes::where_at_most(change, most, foot.guess, foot.staying(direction));
             [q[i], v[i], a[i]] = foot.with(direction, before.q[k][i], u);
         }
@@ -540,11 +540,11 @@ fn motions<'a>(Motion { q, v, a }: &'a Motion, edges: &'a [Edge<Lanes>], at: &Mo
 
 /// Measures bent rods, and what drag comes to on them.
 #[inline(always)]
-fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<Lanes> {
+fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> RodSums<Lanes> {
     let (Room { edges, kappa, moment, wholes, .. }, Motion { q, v, .. }) = (room, motion);
     let zero = at.flow.x.like(0.0);
     bend::moments(&rods.stiffness, kappa, &at.natural, moment);
-    let moving = Moving {
+    let moving = MovingRod {
         cells: &rods.cells,
         edges,
         mass: &rods.mass,
@@ -567,7 +567,7 @@ fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<L
             |coefficients, u, w| Traction::linear(coefficients, u, w).0,
         );
     }
-    Sums::of(&moving, zero)
+    RodSums::of(&moving, zero)
 }
 
 /// M a − F of node 0 of measured rods, where it is held.
@@ -597,7 +597,7 @@ fn solve(
     Room { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Room,
     direction: Direction,
     going: mask64x4<Avx2>,
-) -> Sizes<Two> {
+) -> ResidualSizes<Two> {
     let zero = at.flow.x.like(0.0);
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
     let flow = Two::new(at.flow.into());
@@ -636,7 +636,7 @@ fn solve(
     }
     solution.copy_from_slice(residual);
     band.eliminate(rows, solution);
-    let sizes = Sizes::of(rows, solution, residual);
+    let sizes = ResidualSizes::of(rows, solution, residual);
     for (((q, v), a), d) in q.iter_mut().zip(v).zip(a).zip(&*solution) {
         for i in 0..2 {
             let d = d[i].of(going);

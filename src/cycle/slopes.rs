@@ -7,8 +7,8 @@ use super::{
     Cycle, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, KEPT, LONGER, MEASURES, Measure, PERIOD,
     REACTIVE_THRUST, STROUHAL, Source, WHOLE, between, ends_in, place, put, vector,
 };
-use crate::fluid::force::{self, Slopes};
-use crate::fluid::{Key, Sink};
+use crate::fluid::force::{self, StateDerivatives};
+use crate::fluid::{Key, PowerKind};
 use crate::model::Dynamics;
 
 /// The ends of cycles are moved by this part of their time.
@@ -264,7 +264,7 @@ fn slopes(measure: &Measure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Inte
 fn towing(dynamics: &Dynamics, speed: f64) -> (f64, f64, Vec<(Key, f64)>) {
     let model = &dynamics.model;
     force::straight(&model.rod, dynamics.inputs.fluid, [-speed, 0.0], |towed| {
-        let drags = || model.forces.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid());
+        let drags = || model.forces.iter().filter(|force| force.sink() == Some(PowerKind::Drag) && force.is_of_fluid());
         let along = |values: &[f64]| values.iter().step_by(2).sum::<f64>();
         let entries = towed.v.len();
         let [mut q, mut v, mut a] = [0, 1, 2].map(|_| vec![0.0; entries]);
@@ -272,7 +272,7 @@ fn towing(dynamics: &Dynamics, speed: f64) -> (f64, f64, Vec<(Key, f64)>) {
         let mut keys: Vec<(Key, f64)> = Vec::new();
         for own in drags() {
             drag -= force::resultant(own, towed).x;
-            let mut by = Slopes { q: &mut q, v: &mut v, a: &mut a };
+            let mut by = StateDerivatives { q: &mut q, v: &mut v, a: &mut a };
             force::add_slopes(own, towed, 0..towed.edges.len(), |_| Vector2::x(), &mut by);
             for key in own.parameters() {
                 let mut opposing = vec![0.0; entries];

@@ -16,7 +16,7 @@ use super::qp::{Constraint, Quadratic};
 use super::refit::Refit;
 use super::table::{Basis, Table};
 use crate::error::{Error, Result};
-use crate::fluid::force::{OnEdge, OnTip};
+use crate::fluid::force::{EdgeForce, TipForce};
 use crate::linear::Direction;
 use crate::model::Dynamics;
 use crate::rod::{add, bend, node};
@@ -224,9 +224,9 @@ pub(super) fn series(
         let edges = 0..moving.edges.len();
         // What acts on the edges and on the tip, with its derivatives by positions, velocities and accelerations.
         let along = DIRECTIONS.map(|direction| {
-            let mut on = vec![OnEdge::ZERO; moving.edges.len()];
+            let mut on = vec![EdgeForce::ZERO; moving.edges.len()];
             dynamics.model.forces.on_edges(&moving, Some(direction), edges.clone(), |e, acting| on[e] = *acting);
-            let tips: Vec<OnTip> = dynamics.model.forces.on_tip(&moving, Some(direction)).collect();
+            let tips: Vec<TipForce> = dynamics.model.forces.on_tip(&moving, Some(direction)).collect();
             (on, tips)
         });
         for (e, on) in along[0].0.iter().enumerate() {

@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
+use crate::number_format::number;
 use crate::rod::Rod;
-use crate::words::number;
 
 /// Fewest samples that a motion can be made of.
 pub const LEAST: usize = 2 * DEGREE + 1;

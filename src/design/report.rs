@@ -24,8 +24,8 @@ use super::trust::{LOOSE, Tolerance, Trust};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
-use crate::integrator::Pace;
-use crate::linear_stability::{RESTED, SteadyState, come_to_rest, grows};
+use crate::integrator::StepControl;
+use crate::linear_stability::{REST_TOLERANCE, SteadyState, come_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::report::{Claim, Folder, Kept, Owner};
@@ -806,13 +806,13 @@ fn say_refit(refit: &Refit) -> Option<String> {
 /// What gives a scene fixed steps of a method of one stage, where it has none.
 fn fixed_steps(scene: &Scene) -> Vec<String> {
     let one_stage = |step: f64| scene.integrator().is_ok_and(|integrator| integrator.rule(step).is_some());
-    if let Pace::Fixed(step) = scene.pace()
+    if let StepControl::Fixed(step) = scene.pace()
         && one_stage(step)
     {
         return Vec::new();
     }
     let step = match (scene.pace(), scene.spectrum().fastest()) {
-        (Pace::Fixed(step), _) => step,
+        (StepControl::Fixed(step), _) => step,
         (_, Some(frequency)) => 1.0 / frequency / STEPS[0],
         (_, None) => scene.solver.duration_s.get() / STEPS[1],
     };
@@ -878,7 +878,7 @@ fn rest_of(document: &Document, profile: &Profile, positions: &[f64], found: &Re
 fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<f64> {
     let scene = changed(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
-    let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;
+    let mut newton = Newton::new(dynamics.nodes(), REST_TOLERANCE).ok()?;
     let mut state = dynamics.first_state();
     state.q.copy_from_slice(positions);
     come_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;

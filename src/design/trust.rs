@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::report::Check;
-use crate::fluid::laws::{CREEPING, DragLaw, LAWS, Reach, cross_flow};
+use crate::fluid::laws::{CREEPING, Dependence, DragLaw, LAWS, cross_flow};
 use crate::scene::Scene;
 
 /// The loss of the objective that a tolerance allows.
@@ -129,8 +129,10 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
         return Vec::new();
     }
     let cheap = |law: &&DragLaw| match law.reach {
-        Reach::Rod { most_nodes, .. } => regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes,
-        Reach::Edge => false,
+        Dependence::Rod { most_nodes, .. } => {
+            regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes
+        }
+        Dependence::Edge => false,
     };
     let whole = LAWS
         .iter()

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::force::{Force, Kinematics, Sink, Slopes, add_change, powers, visit_alone};
+use super::force::{Force, Kinematics, PowerKind, StateDerivatives, add_change, powers, visit_alone};
 use super::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::rod::{Edge, Rod, node};
 
@@ -37,7 +37,7 @@ impl std::fmt::Display for Contradiction {
 pub fn audit(force: &dyn Force, rod: &Rod, fluid: Fluid) -> Vec<Contradiction> {
     let mut found = Found::default();
     for seed in 0..MOTIONS {
-        let motion = Motion::random(rod, fluid, &mut Dice(1 + seed as u64));
+        let motion = TrialMotion::random(rod, fluid, &mut Dice(1 + seed as u64));
         motion.slopes(force, seed, &mut found);
         motion.frames(force, &mut found);
         motion.energy(force, seed, &mut found);
@@ -67,7 +67,7 @@ pub fn audit_parameter<F: Force>(
         found.add(&format!("parameters() without {key}"), 1.0);
     }
     for seed in 0..MOTIONS {
-        let motion = Motion::random(rod, fluid, &mut Dice(1 + seed as u64));
+        let motion = TrialMotion::random(rod, fluid, &mut Dice(1 + seed as u64));
         let at = |by: f64| {
             let other = build(value + by);
             (motion.force(&other), motion.stored(&other))
@@ -113,7 +113,7 @@ impl Dice {
 
 /// A rod that moves.
 #[derive(Clone)]
-struct Motion {
+struct TrialMotion {
     t: f64,
     /// Positions, velocities, accelerations.
     parts: [Vec<f64>; 3],
@@ -122,7 +122,7 @@ struct Motion {
     sizes: [f64; 3],
 }
 
-impl Motion {
+impl TrialMotion {
     fn random(rod: &Rod, fluid: Fluid, dice: &mut Dice) -> Self {
         let (count, length) = (2 * rod.nodes, rod.arc_length(rod.nodes - 1));
         let spacing = length / (rod.nodes - 1) as f64;
@@ -222,13 +222,13 @@ impl Motion {
         let (mut dice, count) = (Dice(2001 + seed as u64), self.parts[0].len());
         let mut by = [(); 3].map(|()| vec![0.0; count]);
         let [q, v, a] = &mut by;
-        let stored = self.with(|rod| force.energy(rod, 1.0, Some(Slopes { q, v, a })));
+        let stored = self.with(|rod| force.energy(rod, 1.0, Some(StateDerivatives { q, v, a })));
         let change = self.sizes.map(|size| dice.many(count, size));
         let [dq, dv, da] = &change;
         let at = |h: f64| vec![self.moved([dq, dv, da], Vector2::zeros(), h).stored(force)];
         let exact: f64 = by.iter().zip(&change).map(|(by, d)| dot(by, d)).sum();
         found.add("energy(): its slopes", apart(&[exact], &difference(at), stored.abs()));
-        if !matches!(force.sink(), None | Some(Sink::Load)) {
+        if !matches!(force.sink(), None | Some(PowerKind::Load)) {
             return;
         }
         let (power, given) = self.with(|rod| (powers(force, rod).against_fluid, force.energy_by_time(rod, 0.0, None)));

@@ -17,11 +17,11 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives};
 use super::laws::CREEPING;
 use super::medium::{DENSITY, Key, VISCOSITY};
 use super::validity::Validity;
-use super::validity::{Bound, Scale};
+use super::validity::{Bound, DimensionlessNumber};
 use crate::linear::{Block, Direction};
 use crate::rod::{Spheroid, add, node};
 
@@ -150,7 +150,7 @@ pub struct BodyInertia {
 }
 
 /// How the body moves: axes, components of velocity along and across it, and its spin φ̇.
-struct Motion {
+struct BodyMotion {
     t: Vector2<f64>,
     n: Vector2<f64>,
     u: f64,
@@ -159,7 +159,7 @@ struct Motion {
     per_length: f64,
 }
 
-impl Motion {
+impl BodyMotion {
     fn of(rod: &Kinematics<'_>) -> Self {
         let edge = &rod.edges[0];
         let (t, n) = (edge.t, edge.n());
@@ -188,26 +188,26 @@ struct Slope {
 }
 
 /// What acts on the neck.
-fn on_neck(motion: &Motion, f: Vector2<f64>, couple: f64, slope: Option<(Slope, f64)>) -> OnEdge {
+fn on_neck(motion: &BodyMotion, f: Vector2<f64>, couple: f64, slope: Option<(Slope, f64)>) -> EdgeForce {
     let ends = motion.ends(f, couple);
     let Some((Slope { force: [f_own, f_edge], couple: [c_own, c_edge] }, q)) = slope else {
-        return OnEdge::new(ends, [Block::ZERO; 2], [Block::ZERO; 2]);
+        return EdgeForce::new(ends, [Block::ZERO; 2], [Block::ZERO; 2]);
     };
     // The pair (C/ℓ) n: n turns by −t (n·δe)/ℓ, and 1/ℓ falls by (t·δe)/ℓ².
-    let Motion { t, n, per_length, .. } = *motion;
+    let BodyMotion { t, n, per_length, .. } = *motion;
     let size = couple * per_length * per_length * q;
     let pair_own = outer(n, c_own) * per_length;
     let pair_edge = outer(n, c_edge) * per_length - (outer(t, n) + outer(n, t)) * size;
     // Where node 1 stays, the centre moves with −δe.
     let own = [f_own - pair_own, pair_own];
     let edge = [f_edge - pair_edge, pair_edge - pair_own];
-    OnEdge::new(ends, own.map(Block::from), edge.map(Block::from))
+    EdgeForce::new(ends, own.map(Block::from), edge.map(Block::from))
 }
 
 impl BodyDrag {
     /// Force along and across the body over the velocities there (N s/m), their derivatives by those times the velocities,
     /// and the couple over the spin (N m s).
-    fn coefficients(&self, rod: &Kinematics<'_>, motion: &Motion) -> ([f64; 2], [f64; 2], f64) {
+    fn coefficients(&self, rod: &Kinematics<'_>, motion: &BodyMotion) -> ([f64; 2], [f64; 2], f64) {
         let (viscosity, density) = (rod.fluid.viscosity, rod.fluid.density);
         let form = |i: usize, speed: f64| density * self.half_area[i] * self.form[i] * speed.abs();
         let form = [form(0, motion.u), form(1, motion.w)];
@@ -222,8 +222,10 @@ impl Force for BodyDrag {
     }
 
     fn validity(&self) -> Validity {
-        const CREEPS: &[Bound] =
-            &[Bound::at_most(Scale::BodyReynolds, CREEPING), Bound::at_least(Scale::BodyHeight, 1.0)];
+        const CREEPS: &[Bound] = &[
+            Bound::at_most(DimensionlessNumber::BodyReynolds, CREEPING),
+            Bound::at_least(DimensionlessNumber::BodyHeight, 1.0),
+        ];
         Validity {
             range: "a spheroid; beside a wall it moves parallel to that; form drag is that of its coefficients",
             bounds: if self.form.iter().all(|form| *form >= LEAST_FORM) { &CREEPS[1..] } else { CREEPS },
@@ -243,12 +245,18 @@ impl Force for BodyDrag {
         self.form == [0.0; 2]
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         if edges.start > 0 {
             return;
         }
-        let motion = Motion::of(rod);
-        let Motion { t, n, u, w, spin, per_length } = motion;
+        let motion = BodyMotion::of(rod);
+        let BodyMotion { t, n, u, w, spin, per_length } = motion;
         let ([h, k], [dh, dk], turning) = self.coefficients(rod, &motion);
         let slope = along.map(|Direction { q, v, .. }| {
             let own = (outer(t, t) * dh + outer(n, n) * dk) * v;
@@ -271,8 +279,8 @@ impl Force for BodyDrag {
     }
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
-        let motion = Motion::of(rod);
-        let Motion { t, n, u, w, spin, .. } = motion;
+        let motion = BodyMotion::of(rod);
+        let BodyMotion { t, n, u, w, spin, .. } = motion;
         let form = |i: usize, speed: f64| self.half_area[i] * speed.abs() * speed;
         let density = rod.fluid.density;
         let (f, couple) = match key {
@@ -305,7 +313,7 @@ impl Force for BodyInertia {
     fn validity(&self) -> Validity {
         Validity {
             range: "a spheroid in potential flow; no lift, no separation",
-            bounds: const { &[Bound::at_least(Scale::BodyStokes, 100.0)] },
+            bounds: const { &[Bound::at_least(DimensionlessNumber::BodyStokes, 100.0)] },
             source: "H. Lamb, Hydrodynamics (1932), articles 114, 115, 121 and 124",
         }
     }
@@ -322,16 +330,22 @@ impl Force for BodyInertia {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
+    fn sink(&self) -> Option<PowerKind> {
         None
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         if edges.start > 0 {
             return;
         }
-        let motion = Motion::of(rod);
-        let Motion { t, n, u, w, spin, per_length } = motion;
+        let motion = BodyMotion::of(rod);
+        let BodyMotion { t, n, u, w, spin, per_length } = motion;
         let [m, k, j] = self.masses(rod.fluid.density);
         let more = m - k;
         let a = rod.accelerating_against_fluid(0);
@@ -365,10 +379,10 @@ impl Force for BodyInertia {
         sums.one(0, &on_neck(&motion, f, couple, slope));
     }
 
-    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
-        let Motion { t, n, u, w, spin, per_length } = Motion::of(rod);
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
+        let BodyMotion { t, n, u, w, spin, per_length } = BodyMotion::of(rod);
         let [m, k, j] = self.masses(rod.fluid.density);
-        if let Some(Slopes { q, v, .. }) = by {
+        if let Some(StateDerivatives { q, v, .. }) = by {
             let stretching = (node(rod.v, 1) - node(rod.v, 0)).dot(&t) * per_length;
             let momentum = t * (m * u) + n * (k * w);
             let by_edge =
@@ -382,11 +396,11 @@ impl Force for BodyInertia {
         0.5 * (m * u * u + k * w * w + j * spin * spin)
     }
 
-    fn momentum(&self, rod: &Kinematics<'_>, axis: Vector2<f64>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
-        let Motion { t, n, u, w, per_length, .. } = Motion::of(rod);
+    fn momentum(&self, rod: &Kinematics<'_>, axis: Vector2<f64>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
+        let BodyMotion { t, n, u, w, per_length, .. } = BodyMotion::of(rod);
         let [m, k, _] = self.masses(rod.fluid.density);
         let (along, across) = (t.dot(&axis), n.dot(&axis));
-        if let Some(Slopes { q, v, .. }) = by {
+        if let Some(StateDerivatives { q, v, .. }) = by {
             let by_edge = n * ((m - k) * (w * along + u * across) * per_length);
             add(q, 0, by_edge * -factor);
             add(q, 1, by_edge * factor);

@@ -6,18 +6,18 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally};
-use super::medium::{DENSITY, Here, Key, Property};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives};
+use super::medium::{DENSITY, Key, LocalFluid, Property};
 use super::validity::Validity;
 use crate::linear::{Block, Direction, pair};
-use crate::rod::{Alike, Rod, add, node};
+use crate::rod::{EdgeValues, Rod, add, node};
 
 /// Buoyancy of a rod in layers.
 #[derive(Debug)]
 pub struct Buoyancy {
     gravity: Vector2<f64>,
     /// Volume of both halves of every edge, m³.
-    halves: Alike<[f64; 2]>,
+    halves: EdgeValues<[f64; 2]>,
 }
 
 impl Buoyancy {
@@ -51,15 +51,21 @@ impl Force for Buoyancy {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
-        Some(Sink::Load)
+    fn sink(&self) -> Option<PowerKind> {
+        Some(PowerKind::Load)
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         let (normal, by_place) = (pair(rod.normal()), along.map_or(0.0, |direction| direction.q));
-        let on_edge = |k: usize, ends: [&Here; 2]| {
+        let on_edge = |k: usize, ends: [&LocalFluid; 2]| {
             let volumes = &self.halves[k];
-            OnEdge::new(
+            EdgeForce::new(
                 [0, 1].map(|i| self.gravity * (volumes[i] * ends[i].fluid.density)),
                 [0, 1].map(|i| Block::outer(self.gravity * (volumes[i] * ends[i].slope.density * by_place), normal)),
                 [Block::ZERO; 2],
@@ -77,7 +83,7 @@ impl Force for Buoyancy {
         }
     }
 
-    fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<StateDerivatives<'_>>) -> f64 {
         let mut energy = 0.0;
         for (e, volumes) in self.halves.iter().enumerate() {
             for (k, volume) in [e, e + 1].into_iter().zip(volumes) {
@@ -87,7 +93,7 @@ impl Force for Buoyancy {
                         Some(layers) => self.gravity.dot(&layers.normal) * layers.column(rod.fluid, layers.height(x)),
                         None => rod.fluid.density * self.gravity.dot(&x),
                     };
-                if let Some(Slopes { q, .. }) = &mut by {
+                if let Some(StateDerivatives { q, .. }) = &mut by {
                     add(q, k, self.gravity * (volume * rod.here(k).fluid.density * factor));
                 }
             }

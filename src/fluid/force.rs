@@ -12,11 +12,11 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
-use super::runs::{Around, Runs};
+use super::fluid_along::{FluidAlong, FluidRuns};
+use super::medium::{DENSITY, Fluid, Key, Layers, LocalFluid, Property};
 use super::validity::Validity;
 use crate::linear::{BlockRow, Coupling, Direction, Pair, Real, pair};
-pub use crate::rod::around::{OnEdge, TOGETHER};
+pub use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
 
@@ -38,18 +38,18 @@ pub struct Kinematics<'a> {
     /// What lies beyond it; `None` where the medium is uniform.
     pub layers: Option<&'a Layers>,
     /// The fluid found along it; nothing where nobody has looked yet.
-    pub around: Around<'a>,
+    pub around: FluidAlong<'a>,
 }
 
 impl<'a> Kinematics<'a> {
     /// The motion `q`, `v`, `a` of a rod of `edges` in one and the same fluid, at time 0.
     pub fn within(fluid: Fluid, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Self {
-        Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: Around::default() }
+        Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: FluidAlong::default() }
     }
 
     /// The fluid at node `k`, and how it changes from there.
     #[inline(always)]
-    pub fn here(&self, k: usize) -> Here {
+    pub fn here(&self, k: usize) -> LocalFluid {
         match (self.layers, self.around.at(k)) {
             (None, _) => self.fluid.into(),
             (_, Some(here)) => *here,
@@ -98,7 +98,7 @@ impl<'a> Kinematics<'a> {
     }
 
     /// The same with the fluid along it found, in `runs` where nobody has looked yet.
-    pub fn found<'b>(&self, runs: &'b mut Runs) -> Kinematics<'b>
+    pub fn found<'b>(&self, runs: &'b mut FluidRuns) -> Kinematics<'b>
     where
         'a: 'b,
     {
@@ -110,7 +110,7 @@ impl<'a> Kinematics<'a> {
     }
 
     /// The change of the fluid at node `k`, and of its slope, with a property of the medium.
-    pub fn by_property(&self, property: Property, k: usize) -> Here {
+    pub fn by_property(&self, property: Property, k: usize) -> LocalFluid {
         match (self.layers, property) {
             (Some(layers), _) => layers.by_property(self.fluid, property, layers.height(node(self.q, k))),
             (None, Property::Viscosity(0)) => Fluid { viscosity: 1.0, ..Fluid::NONE }.into(),
@@ -134,7 +134,7 @@ impl<'a> Kinematics<'a> {
 
 /// What a force opposes the last node with beyond its last edge: it may know the last two edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OnTip {
+pub struct TipForce {
     /// The force, N.
     pub force: Vector2<f64>,
     /// Its change where the whole tip moves, along the direction.
@@ -143,7 +143,7 @@ pub struct OnTip {
     pub edges: [Matrix2<f64>; 2],
 }
 
-impl OnTip {
+impl TipForce {
     /// What it adds to the first three blocks of the last row of a matrix.
     pub(crate) fn blocks(&self) -> [Matrix2<f64>; 3] {
         let [before, last] = self.edges;
@@ -153,19 +153,19 @@ impl OnTip {
 
 /// Where forces on some edges are summed.
 #[derive(Debug)]
-pub struct Tally<'a> {
-    sums: &'a mut [OnEdge],
+pub struct ForceAccumulator<'a> {
+    sums: &'a mut [EdgeForce],
     /// Nothing has been summed yet.
     fresh: bool,
     /// Derivatives are wanted too; else they are not touched.
     slopes: bool,
 }
 
-impl Tally<'_> {
+impl ForceAccumulator<'_> {
     /// Adds what `on` says of each of `items`, one for every edge that the force was asked for: the edges' numbers, or
     /// whatever is known of them.
     #[inline(always)]
-    pub fn each<T>(&mut self, items: impl IntoIterator<Item = T>, mut on: impl FnMut(T) -> OnEdge) {
+    pub fn each<T>(&mut self, items: impl IntoIterator<Item = T>, mut on: impl FnMut(T) -> EdgeForce) {
         for (sum, item) in self.sums.iter_mut().zip(items) {
             let on = on(item);
             match (self.fresh, self.slopes) {
@@ -179,25 +179,25 @@ impl Tally<'_> {
     }
 }
 
-impl Tally<'_> {
+impl ForceAccumulator<'_> {
     /// Adds what `on` says of the `i`-th edge that the force was asked for, and nothing of the others. Where there is no such edge
     /// nothing can be known: the sums are NaN then, which ends the step with [`Error::NotFinite`](crate::Error::NotFinite).
-    pub fn one(&mut self, i: usize, on: &OnEdge) {
+    pub fn one(&mut self, i: usize, on: &EdgeForce) {
         if self.fresh {
-            self.sums.fill(OnEdge::ZERO);
+            self.sums.fill(EdgeForce::ZERO);
             self.fresh = false;
         }
         match self.sums.get_mut(i) {
             Some(sum) if self.slopes => sum.add(on),
             Some(sum) => sum.add_force(on),
-            None => self.sums.fill(OnEdge::UNKNOWN),
+            None => self.sums.fill(EdgeForce::UNKNOWN),
         }
     }
 }
 
 /// Where the power that a force takes goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sink {
+pub enum PowerKind {
     /// Into the fluid's friction and eddies: drag.
     Drag,
     /// Into the wake that leaves the tail.
@@ -214,7 +214,7 @@ pub enum Sink {
 
 /// The derivatives of a number by the state.
 #[derive(Debug)]
-pub struct Slopes<'a> {
+pub struct StateDerivatives<'a> {
     /// By positions, two entries per node.
     pub q: &'a mut [f64],
     /// By velocities.
@@ -225,14 +225,14 @@ pub struct Slopes<'a> {
 
 /// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled
 /// for it.
-pub trait InPass {
+pub trait FusedForce {
     /// Assembles `rod`, which moves through `fluid`, the same along all of it, with this force and with what `others` say, see
     /// [`Deformed::assemble`].
     fn assemble(
         &self,
         rod: Deformed<'_>,
         fluid: Fluid,
-        others: ActingOn<'_>,
+        others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],
         jacobian: Option<(&mut [BlockRow], Direction)>,
     );
@@ -249,7 +249,7 @@ pub trait InPass {
 
 /// A force on each node that depends on the motion of all of them. As [`Coupling`] it is what it adds to Newton's matrix beside
 /// the derivatives that [`evaluate`](Force::evaluate) gives, at the motion last evaluated.
-pub trait Whole: Coupling {
+pub trait GlobalForce: Coupling {
     /// Adds to `out` how much more it opposes every node with where positions and velocities change by `change`, the flow by
     /// `flow` (m/s).
     fn add_change(&self, rod: &Kinematics<'_>, change: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]);
@@ -273,10 +273,16 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
 
     /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one. The fluid
     /// is known: the same [`everywhere`](Kinematics::everywhere), or what was found [`along`](Around::along) `edges`.
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>);
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    );
 
     /// The same compiled into the pass over the rod, of a force that most scenes have.
-    fn in_pass(&self) -> Option<&dyn InPass> {
+    fn fused(&self) -> Option<&dyn FusedForce> {
         None
     }
 
@@ -286,7 +292,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// What opposes the last node beyond that.
-    fn tip(&self, _rod: &Kinematics<'_>, _along: Option<Direction>) -> Option<OnTip> {
+    fn tip(&self, _rod: &Kinematics<'_>, _along: Option<Direction>) -> Option<TipForce> {
         None
     }
 
@@ -297,7 +303,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
 
     /// What is known of a force on each node that depends on the motion of them all; [`evaluate`](Self::evaluate) gives only those
     /// of its derivatives that are an edge's own.
-    fn whole(&self) -> Option<&dyn Whole> {
+    fn global(&self) -> Option<&dyn GlobalForce> {
         None
     }
 
@@ -307,13 +313,19 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// Energy (J) that it stores; adds `factor` times its derivatives to `by`.
-    fn energy(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
+    fn energy(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<StateDerivatives<'_>>) -> f64 {
         0.0
     }
 
     /// Momentum (N s) along the unit vector `axis` that it stores: what it opposes the whole rod with is the rate of that; adds
     /// `factor` times its derivatives to `by`.
-    fn momentum(&self, _rod: &Kinematics<'_>, _axis: Vector2<f64>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
+    fn momentum(
+        &self,
+        _rod: &Kinematics<'_>,
+        _axis: Vector2<f64>,
+        _factor: f64,
+        _by: Option<StateDerivatives<'_>>,
+    ) -> f64 {
         0.0
     }
 
@@ -335,7 +347,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
             return 0.0;
         }
         self.momentum(
-            &Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, around: Around::default(), ..*rod },
+            &Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, around: FluidAlong::default(), ..*rod },
             axis,
             0.0,
             None,
@@ -343,13 +355,13 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.
-    fn energy_by_time(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
+    fn energy_by_time(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<StateDerivatives<'_>>) -> f64 {
         0.0
     }
 
     /// Where what it takes for good goes: all of its power where it stores no energy. `None`: it takes nothing.
-    fn sink(&self) -> Option<Sink> {
-        Some(Sink::Drag)
+    fn sink(&self) -> Option<PowerKind> {
+        Some(PowerKind::Drag)
     }
 
     /// The parameters that it depends on, by their keys in a scene.
@@ -424,11 +436,11 @@ impl Forces {
     }
 
     /// The one that is compiled into the pass over a rod in one fluid, and its place.
-    pub fn in_pass(&self) -> Option<(usize, &dyn InPass)> {
+    pub fn in_pass(&self) -> Option<(usize, &dyn FusedForce)> {
         // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
         // short: such a law takes its turn among the others.
         let mut linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
-        linear.find_map(|(i, force)| Some((i, force.in_pass()?)))
+        linear.find_map(|(i, force)| Some((i, force.fused()?)))
     }
 
     /// True where one of them adds to the inertia.
@@ -438,7 +450,7 @@ impl Forces {
 
     /// The one that depends on the motion of all nodes at once, see [`Force::whole`].
     pub fn whole(&self) -> Option<&dyn Force> {
-        self.iter().find(|force| force.whole().is_some())
+        self.iter().find(|force| force.global().is_some())
     }
 
     /// Visits what acts on each of `edges`.
@@ -447,7 +459,7 @@ impl Forces {
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         edges: Range<usize>,
-        visit: impl FnMut(usize, &OnEdge),
+        visit: impl FnMut(usize, &EdgeForce),
     ) {
         if !self.0.is_empty() {
             on_edges(self.iter(), rod, along, edges, visit);
@@ -455,7 +467,7 @@ impl Forces {
     }
 
     /// What acts on the tip beyond its last edge.
-    pub fn on_tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> impl Iterator<Item = OnTip> {
+    pub fn on_tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> impl Iterator<Item = TipForce> {
         self.0.iter().filter_map(move |force| force.tip(rod, along))
     }
 
@@ -465,7 +477,7 @@ impl Forces {
         &self,
         rod: Deformed<'_>,
         moving: Kinematics<'_>,
-        room: &mut [OnEdge],
+        room: &mut [EdgeForce],
         residual: &mut [[f64; 2]],
         mut jacobian: Option<(&mut [BlockRow], Direction)>,
     ) {
@@ -476,7 +488,7 @@ impl Forces {
         let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
         let in_pass = moving.everywhere().and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, ..)| [&self.0[..i], &self.0[i + 1..]]);
-        let mut others = ActingOn { forces, rod: moving, along, room };
+        let mut others = ExternalForces { forces, rod: moving, along, room };
         match in_pass {
             Some((_, force, fluid)) => force.assemble(rod, fluid, others, residual, part),
             None => rod.assemble((0..moving.edges.len()).map(|e| Some(others.on(e))), residual, part),
@@ -545,13 +557,13 @@ impl Forces {
 
     /// Those of a fluid that drag takes power by.
     fn drags(&self) -> impl Iterator<Item = &dyn Force> + Clone {
-        self.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid())
+        self.iter().filter(|force| force.sink() == Some(PowerKind::Drag) && force.is_of_fluid())
     }
 }
 
 /// Forces that act around a rod; their sum is in `room`, which has room for [`TOGETHER`] edges.
 #[derive(Debug)]
-pub struct ActingOn<'a> {
+pub struct ExternalForces<'a> {
     /// The forces: those before one that is compiled into the pass, and those after it.
     pub forces: [&'a [Box<dyn Force>]; 2],
     /// How the rod moves.
@@ -559,10 +571,10 @@ pub struct ActingOn<'a> {
     /// The direction of the derivatives, if any are wanted.
     pub along: Option<Direction>,
     /// Where sums are.
-    pub room: &'a mut [OnEdge],
+    pub room: &'a mut [EdgeForce],
 }
 
-impl ActingOn<'_> {
+impl ExternalForces<'_> {
     /// True where there are none.
     pub fn are_none(&self) -> bool {
         self.forces[0].is_empty() && self.forces[1].is_empty()
@@ -570,8 +582,8 @@ impl ActingOn<'_> {
 
     /// What they do on edge `e`; edges are asked for in their order.
     #[inline(always)]
-    pub fn on(&mut self, e: usize) -> OnEdge {
-        let place = e % TOGETHER;
+    pub fn on(&mut self, e: usize) -> EdgeForce {
+        let place = e % EDGES_PER_BLOCK;
         if place == 0 {
             self.look_ahead(e);
         }
@@ -582,9 +594,9 @@ impl ActingOn<'_> {
     #[inline(never)] // where edges are assembled there are no registers to spare
     fn look_ahead(&mut self, e: usize) {
         let forces = self.forces[0].iter().chain(self.forces[1]).map(|force| &**force);
-        let edges = e..self.rod.edges.len().min(e + TOGETHER);
+        let edges = e..self.rod.edges.len().min(e + EDGES_PER_BLOCK);
         if !sum(forces, &self.rod, self.along, edges, self.room) {
-            self.room.fill(OnEdge::ZERO);
+            self.room.fill(EdgeForce::ZERO);
         }
     }
 }
@@ -605,10 +617,10 @@ fn sum<'a>(
     rod: &Kinematics<'_>,
     along: Option<Direction>,
     edges: Range<usize>,
-    room: &mut [OnEdge],
+    room: &mut [EdgeForce],
 ) -> bool {
-    let on_run = |rod: &Kinematics<'_>, run: Range<usize>, sums: &mut [OnEdge]| {
-        let mut tally = Tally { sums, fresh: true, slopes: along.is_some() };
+    let on_run = |rod: &Kinematics<'_>, run: Range<usize>, sums: &mut [EdgeForce]| {
+        let mut tally = ForceAccumulator { sums, fresh: true, slopes: along.is_some() };
         for force in forces.clone() {
             force.evaluate(rod, along, run.clone(), &mut tally);
         }
@@ -618,14 +630,14 @@ fn sum<'a>(
     if rod.is_one_run() {
         return on_run(rod, edges.clone(), &mut room[..edges.len()]);
     }
-    let (mut any, mut runs) = (false, Runs::default());
+    let (mut any, mut runs) = (false, FluidRuns::default());
     for (run, rod) in rod.found(&mut runs).runs(edges.clone()) {
         let place = run.start - edges.start..run.end - edges.start;
         let sums = &mut room[place];
         if on_run(&rod, run, sums) {
             any = true;
         } else {
-            sums.fill(OnEdge::ZERO);
+            sums.fill(EdgeForce::ZERO);
         }
     }
     any
@@ -637,9 +649,9 @@ fn on_edges<'a>(
     rod: &Kinematics<'_>,
     along: Option<Direction>,
     edges: Range<usize>,
-    mut visit: impl FnMut(usize, &OnEdge),
+    mut visit: impl FnMut(usize, &EdgeForce),
 ) {
-    let mut room = [OnEdge::ZERO; 8];
+    let mut room = [EdgeForce::ZERO; 8];
     let mut first = edges.start;
     while first < edges.end {
         let some = first..edges.end.min(first + room.len());
@@ -665,7 +677,7 @@ fn visit_run(
 ) {
     let last = edges.end == rod.edges.len();
     if force.is_on_edges(rod) {
-        let on_edge = |e: usize, on: &OnEdge| (0..2).for_each(|i| visit(e + i, on.force(i)));
+        let on_edge = |e: usize, on: &EdgeForce| (0..2).for_each(|i| visit(e + i, on.force(i)));
         on_edges(std::iter::once(force), rod, None, edges, on_edge);
     }
     if last && let Some(tip) = force.tip(rod, None) {
@@ -699,7 +711,7 @@ pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
 
 /// The same of what acts on `edges`, and with the last of them on the tip.
 fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Powers {
-    if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
+    if let (Some(force), Some(fluid)) = (force.fused(), rod.everywhere()) {
         return force.powers(rod, fluid, edges);
     }
     let one = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
@@ -737,7 +749,7 @@ fn directions(force: &dyn Force) -> &'static [Direction] {
     if force.is_inertial() { &ALL } else { &ALL[..2] }
 }
 
-fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl FnMut(&OnTip, [usize; 3])) {
+fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl FnMut(&TipForce, [usize; 3])) {
     if let Some(tip) = directions(force).get(i).and_then(|along| force.tip(rod, Some(*along))) {
         let last = rod.edges.len();
         visit(&tip, [last - 2, last - 1, last]);
@@ -747,13 +759,13 @@ fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl 
 /// Adds to `out` (two entries per node) how much more `force` opposes every node with where positions, velocities and
 /// accelerations change by `change`, the flow by `flow` (m/s).
 pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], flow: Vector2<f64>, out: &mut [f64]) {
-    if let Some(whole) = force.whole() {
+    if let Some(whole) = force.global() {
         return whole.add_change(rod, [change[0], change[1]], flow, out);
     }
     for (i, along) in directions(force).iter().enumerate() {
         let against = if i == 1 && force.is_of_fluid() { flow } else { Vector2::zeros() };
         let d = |k: usize| node(change[i], k) - against;
-        let on_edge = |e: usize, on: &OnEdge| {
+        let on_edge = |e: usize, on: &EdgeForce| {
             for end in 0..2 {
                 add(out, e + end, on.change(end, [d(e), d(e + 1)]));
             }
@@ -774,12 +786,12 @@ pub fn add_slopes(
     rod: &Kinematics<'_>,
     edges: Range<usize>,
     cotangent: impl Fn(usize) -> Vector2<f64>,
-    by: &mut Slopes<'_>,
+    by: &mut StateDerivatives<'_>,
 ) {
     for (i, along) in directions(force).iter().enumerate() {
-        let Slopes { q, v, a } = by;
+        let StateDerivatives { q, v, a } = by;
         let to: &mut [f64] = [&mut **q, v, a][i];
-        let on_edge = |e: usize, on: &OnEdge| {
+        let on_edge = |e: usize, on: &EdgeForce| {
             for end in 0..2 {
                 let [first, second] = on.change_transposed(end, cotangent(e + end));
                 add(to, e, first);
@@ -799,9 +811,9 @@ pub fn add_slopes(
     }
 }
 
-impl Slopes<'_> {
+impl StateDerivatives<'_> {
     /// The same for a while.
-    pub fn reborrow(&mut self) -> Slopes<'_> {
-        Slopes { q: self.q, v: self.v, a: self.a }
+    pub fn reborrow(&mut self) -> StateDerivatives<'_> {
+        StateDerivatives { q: self.q, v: self.v, a: self.a }
     }
 }

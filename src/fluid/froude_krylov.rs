@@ -8,23 +8,23 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Tally};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind};
 use super::medium::{DENSITY, Key, Property};
 use super::validity::Validity;
 use crate::linear::{Block, Direction, pair};
-use crate::rod::{Alike, Rod, add};
+use crate::rod::{EdgeValues, Rod, add};
 
 /// The pressure of the flow around the rod.
 #[derive(Debug)]
 pub struct FroudeKrylov {
     /// Volume of both halves of every edge, m³.
-    halves: Alike<[f64; 2]>,
+    halves: EdgeValues<[f64; 2]>,
 }
 
 impl FroudeKrylov {
     /// On the volume of `rod`, and of the body whose centre is node 0.
     pub fn new(rod: &Rod) -> Self {
-        let volume = |half: &crate::rod::Half| half.displaced * half.length;
+        let volume = |half: &crate::rod::HalfEdge| half.displaced * half.length;
         let mut halves: Vec<_> = rod.halves().map(|halves| halves.map(|h| volume(&h))).collect();
         if let (Some([centre, _]), Some(body)) = (halves.first_mut(), rod.body) {
             *centre += body.volume();
@@ -54,7 +54,13 @@ impl Force for FroudeKrylov {
         true
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         if !self.is_on_edges(rod) {
             return;
         }
@@ -66,7 +72,7 @@ impl Force for FroudeKrylov {
                 let by_place = pair(rod.normal() * (here.slope.density * along));
                 (opposing * here.fluid.density, Block::outer(opposing, by_place))
             });
-            OnEdge::new(ends.map(|(force, _)| force), ends.map(|(_, own)| own), [Block::ZERO; 2])
+            EdgeForce::new(ends.map(|(force, _)| force), ends.map(|(_, own)| own), [Block::ZERO; 2])
         });
     }
 
@@ -78,8 +84,8 @@ impl Force for FroudeKrylov {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
-        Some(Sink::Flow)
+    fn sink(&self) -> Option<PowerKind> {
+        Some(PowerKind::Flow)
     }
 
     fn parameters(&self) -> &[Key] {

@@ -8,12 +8,12 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, PowerSums, Powers, Tally};
+use super::force::{EdgeForce, ExternalForces, Force, ForceAccumulator, FusedForce, Kinematics, PowerSums, Powers};
 use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
 use super::validity::Validity;
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
 use crate::rod::elastic::Deformed;
-use crate::rod::{Alike, Edge, Half, Rod, add, node};
+use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
 
 /// Force per unit length (N/m) that opposes velocities with the components `along` and `across` the rod, on both halves of an
 /// edge.
@@ -128,14 +128,14 @@ pub struct LocalDrag<L: Law> {
     /// Whether the law depends on viscosity and density.
     depends: [bool; 2],
     /// For both halves of every edge: their weighted lengths, m, and what the law knows of them.
-    halves: Alike<(f64x2, L::Halves)>,
+    halves: EdgeValues<(f64x2, L::Halves)>,
 }
 
 impl<L: Law> LocalDrag<L> {
     /// Spreads `law` over `rod`; `of` tells the law of both halves of an edge. Each half takes the exact mean of the weight
     /// over itself.
-    pub fn new(law: L, rod: &Rod, head: HeadWeight, of: impl Fn(&[Half; 2]) -> L::Halves) -> Self {
-        let weighted = |h: &Half| {
+    pub fn new(law: L, rod: &Rod, head: HeadWeight, of: impl Fn(&[HalfEdge; 2]) -> L::Halves) -> Self {
+        let weighted = |h: &HalfEdge| {
             let inside = (head.length - (h.middle - 0.5 * h.length)).clamp(0.0, h.length);
             h.length + (head.weight - 1.0) * inside
         };
@@ -194,7 +194,7 @@ impl<L: Law> LocalDrag<L> {
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         edges: Range<usize>,
-        sums: &mut Tally<'_>,
+        sums: &mut ForceAccumulator<'_>,
     ) {
         let (flow, fluids) = (pair(fluid.flow), self.law.in_fluids([&fluid; 2]));
         let v = rod.v.as_chunks::<2>().0;
@@ -207,9 +207,9 @@ impl<L: Law> LocalDrag<L> {
             Some(direction) => {
                 sums.each(here, |((halves, edge), v)| on_edge(&self.law, halves, fluids, edge, against(v), direction))
             }
-            None => sums.each(here, |((halves, edge), v)| OnEdge {
+            None => sums.each(here, |((halves, edge), v)| EdgeForce {
                 force: push(&self.law, halves, fluids, edge, against(v)),
-                ..OnEdge::ZERO
+                ..EdgeForce::ZERO
             }),
         }
     }
@@ -220,7 +220,7 @@ impl<L: Law> LocalDrag<L> {
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         edges: Range<usize>,
-        sums: &mut Tally<'_>,
+        sums: &mut ForceAccumulator<'_>,
     ) {
         let normal = pair(rod.normal());
         let ends = rod.around.along(edges.clone()).windows(2);
@@ -231,7 +231,7 @@ impl<L: Law> LocalDrag<L> {
             let against = [pair(node(rod.v, e) - fluids[0].flow), pair(node(rod.v, e + 1) - fluids[1].flow)];
             let Some(direction) = along else {
                 let force = push(&self.law, halves, self.law.in_fluids(fluids), edge, against);
-                return OnEdge { force, ..OnEdge::ZERO };
+                return EdgeForce { force, ..EdgeForce::ZERO };
             };
             let mut on = on_edge(&self.law, halves, self.law.in_fluids(fluids), edge, against, direction);
             if direction.q != 0.0 {
@@ -269,7 +269,7 @@ fn on_edge<L: Law>(
     edge: &Edge,
     w: [f64x2; 2],
     direction: Direction,
-) -> OnEdge {
+) -> EdgeForce {
     let [u, v] = edge.components(w);
     around(edge, *lengths, [u, v], law.with_slopes(halves, fluids, u, v), direction)
 }
@@ -282,7 +282,7 @@ pub(crate) fn around<T: Real>(
     [u, v]: [T::Pair; 2],
     (Traction { along, across }, by): (Traction<T>, TractionSlopes<T>),
     direction: Direction,
-) -> OnEdge<T> {
+) -> EdgeForce<T> {
     let (t, n) = (pair(edge.t), pair(edge.n()));
     let (tt, tn, nn) = (Block::outer(edge.t, t), Block::outer(edge.t, n), Block::outer(edge.n(), n));
     let force = edge.vectors(along * lengths, across * lengths);
@@ -307,7 +307,7 @@ pub(crate) fn around<T: Real>(
         }
     };
     let (a, b) = ((turned[0] * turn).to_array(), (turned[1] * turn).to_array());
-    OnEdge { force, own, edge: [tn * a[0] + nn * b[0], tn * a[1] + nn * b[1]] }
+    EdgeForce { force, own, edge: [tn * a[0] + nn * b[0], tn * a[1] + nn * b[1]] }
 }
 
 /// Adds to `sums` what a `traction` does on both halves of `edge`, of `lengths` (m), which move at `u` along and `w` across it (m/s).
@@ -324,12 +324,12 @@ pub(crate) fn add_powers<T: Real>(
     sums.opposing += pair(edge.t) * along.sum() + pair(edge.n()) * across.sum();
 }
 
-impl<L: Law> InPass for LocalDrag<L> {
+impl<L: Law> FusedForce for LocalDrag<L> {
     fn assemble(
         &self,
         rod: Deformed<'_>,
         fluid: Fluid,
-        mut others: ActingOn<'_>,
+        mut others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],
         jacobian: Option<(&mut [BlockRow], Direction)>,
     ) {
@@ -389,14 +389,20 @@ impl<L: Law> Force for LocalDrag<L> {
         self.law.is_linear()
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         match rod.everywhere() {
             Some(fluid) => self.evaluate_in(fluid, rod, along, edges, sums),
             None => self.evaluate_across(rod, along, edges, sums),
         }
     }
 
-    fn in_pass(&self) -> Option<&dyn InPass> {
+    fn fused(&self) -> Option<&dyn FusedForce> {
         Some(self)
     }
 

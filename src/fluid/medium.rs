@@ -127,7 +127,7 @@ pub struct Layers {
 
 /// The fluid at a place, and how it changes from there along the normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Here {
+pub struct LocalFluid {
     /// The fluid.
     pub fluid: Fluid,
     /// Its first derivative by the height, per metre.
@@ -145,7 +145,7 @@ pub struct Span {
     pub changes: bool,
 }
 
-impl From<Fluid> for Here {
+impl From<Fluid> for LocalFluid {
     /// The same everywhere.
     #[inline(always)]
     fn from(fluid: Fluid) -> Self {
@@ -239,8 +239,8 @@ impl Layers {
 
     /// The fluid at height `h` (m), where it is `first` before the first interface.
     #[inline(always)]
-    pub fn at(&self, first: Fluid, h: f64) -> Here {
-        let mut here = Here::from(first);
+    pub fn at(&self, first: Fluid, h: f64) -> LocalFluid {
+        let mut here = LocalFluid::from(first);
         for (layer, jump) in self.jumps(first) {
             let [low, high] = layer.ends();
             if h >= high {
@@ -331,12 +331,12 @@ impl Layers {
     }
 
     /// The change of the fluid at height `h` (m), and of its slope, with a property of the medium.
-    pub fn by_property(&self, first: Fluid, property: Property, h: f64) -> Here {
+    pub fn by_property(&self, first: Fluid, property: Property, h: f64) -> LocalFluid {
         if let Property::Offset(j) = property {
             let Some((layer, jump)) = self.jumps(first).nth(j) else { return Fluid::NONE.into() };
             let per_thickness = 1.0 / layer.thickness;
             let [_, slope, bend] = blend((h - layer.offset) * per_thickness + 0.5);
-            let mut here = Here::from(Fluid::NONE);
+            let mut here = LocalFluid::from(Fluid::NONE);
             here.fluid.add(&jump, -slope * per_thickness);
             here.slope.add(&jump, -bend * per_thickness * per_thickness);
             return here;

@@ -17,8 +17,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::force::{Force, Kinematics, OnEdge, Tally, Whole};
-use super::laws::{DragLaw, Recipe};
+use super::force::{EdgeForce, Force, ForceAccumulator, GlobalForce, Kinematics};
+use super::laws::{DragLaw, LawInputs};
 use super::medium::{Key, VISCOSITY};
 use super::validity::Validity;
 use crate::linear::{BandMatrix, Block, Coupling, DenseLu, Direction, pair};
@@ -37,7 +37,7 @@ fn blob(radius: f64) -> f64 {
 }
 
 /// The least spacing (m) of nodes on that rod.
-pub fn least_spacing(recipe: &Recipe<'_>) -> f64 {
+pub fn least_spacing(recipe: &LawInputs<'_>) -> f64 {
     FINEST * blob(recipe.rod.sections.largest_radius())
 }
 
@@ -146,10 +146,10 @@ fn largest(values: &[f64]) -> f64 {
 
 impl Nonlocal {
     /// The force of `law` on the rod of `recipe`.
-    pub fn new(law: &'static DragLaw, recipe: &Recipe<'_>) -> Self {
+    pub fn new(law: &'static DragLaw, recipe: &LawInputs<'_>) -> Self {
         let Rod { nodes, front, .. } = *recipe.rod;
         let size = 2 * nodes;
-        let radius = |[first, second]: [crate::rod::Half; 2]| 0.5 * (first.radius + second.radius);
+        let radius = |[first, second]: [crate::rod::HalfEdge; 2]| 0.5 * (first.radius + second.radius);
         let flow = Flow {
             q: vec![f64::NAN; size],
             mobility: vec![0.0; size * size],
@@ -295,7 +295,7 @@ impl Segment<'_> {
         let (along, across) = (d.dot(&edge.t), d.dot(&edge.n()));
         // The density at the end counts by (σ + `along`)/ℓ.
         let [constant, linear] =
-            self.sums(across, |square| Powers::over([-along, edge.length - along], square), stokeslets, dipoles);
+            self.sums(across, |square| InversePowers::over([-along, edge.length - along], square), stokeslets, dipoles);
         let far: Symmetric = std::array::from_fn(|j| (along * constant[j] + linear[j]) * edge.per_length);
         let near: Symmetric = std::array::from_fn(|j| constant[j] - far[j]);
         let (c, s) = (edge.t.x, edge.t.y);
@@ -315,11 +315,11 @@ impl Segment<'_> {
         let edge = self.edge;
         let (along, across) = (d.dot(&edge.t), d.dot(&edge.n()));
         let [from, to] = [-along, edge.length - along];
-        let over = |square| Powers::over([from, to], square);
+        let over = |square| InversePowers::over([from, to], square);
         let [constant, linear] = self.sums(across, over, stokeslets, dipoles);
         let [constant_across, linear_across] = self.sums(across, over, stokeslets_across, dipoles_across);
-        let [at_start, at_end] =
-            [from, to].map(|sigma| self.sums(across, |square| Powers::at(sigma, square), stokeslets, dipoles)[0]);
+        let [at_start, at_end] = [from, to]
+            .map(|sigma| self.sums(across, |square| InversePowers::at(sigma, square), stokeslets, dipoles)[0]);
         // From here on by components along the edge and across it. The density is `foot` + σ `rate`.
         let own = |f: Vector2<f64>| Vector2::new(f.dot(&edge.t), f.dot(&edge.n()));
         let times = |[tt, tn, nn]: Symmetric, f: Vector2<f64>| Vector2::new(tt * f.x + tn * f.y, tn * f.x + nn * f.y);
@@ -344,9 +344,9 @@ impl Segment<'_> {
     fn sums(
         &self,
         across: f64,
-        powers: impl Fn(f64) -> Powers,
-        of: impl Fn(Powers, f64, f64) -> [Symmetric; 2],
-        of_image: impl Fn(Powers, f64) -> [Symmetric; 2],
+        powers: impl Fn(f64) -> InversePowers,
+        of: impl Fn(InversePowers, f64, f64) -> [Symmetric; 2],
+        of_image: impl Fn(InversePowers, f64) -> [Symmetric; 2],
     ) -> [Symmetric; 2] {
         let Self { blob_squared, height, .. } = *self;
         let square = across * across;
@@ -368,7 +368,7 @@ impl Segment<'_> {
 
 /// Integrals ∫σᵐ/Rⁿ dσ with R² = σ² + h², over an edge, or σᵐ/Rⁿ at one place of it.
 #[derive(Debug, Clone, Copy)]
-struct Powers {
+struct InversePowers {
     /// n = 1, m = 0, 1.
     first: [f64; 2],
     /// n = 3, m = 0 … 3.
@@ -379,7 +379,7 @@ struct Powers {
     seventh: [f64; 4],
 }
 
-impl Powers {
+impl InversePowers {
     /// Those over `ends`, h² = `square`.
     #[inline(always)]
     fn over([from, to]: [f64; 2], square: f64) -> Self {
@@ -432,7 +432,7 @@ impl Powers {
 
 /// ∫ (I/R³ − 3rrᵀ/R⁵)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
 #[inline(always)]
-fn dipoles(Powers { third, fifth, .. }: Powers, across: f64) -> [Symmetric; 2] {
+fn dipoles(InversePowers { third, fifth, .. }: InversePowers, across: f64) -> [Symmetric; 2] {
     [0, 1].map(|m| {
         [third[m] - 3.0 * fifth[m + 2], 3.0 * across * fifth[m + 1], third[m] - 3.0 * across * across * fifth[m]]
     })
@@ -440,7 +440,7 @@ fn dipoles(Powers { third, fifth, .. }: Powers, across: f64) -> [Symmetric; 2] {
 
 /// The derivative of [`dipoles`] by `across`.
 #[inline(always)]
-fn dipoles_across(Powers { fifth, seventh, .. }: Powers, across: f64) -> [Symmetric; 2] {
+fn dipoles_across(InversePowers { fifth, seventh, .. }: InversePowers, across: f64) -> [Symmetric; 2] {
     let square = across * across;
     [0, 1].map(|m| {
         [
@@ -453,7 +453,7 @@ fn dipoles_across(Powers { fifth, seventh, .. }: Powers, across: f64) -> [Symmet
 
 /// ∫ (I/R + ε²I/R³ + rrᵀ/R³)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
 #[inline(always)]
-fn stokeslets(Powers { first, third, .. }: Powers, across: f64, blob_squared: f64) -> [Symmetric; 2] {
+fn stokeslets(InversePowers { first, third, .. }: InversePowers, across: f64, blob_squared: f64) -> [Symmetric; 2] {
     [0, 1].map(|m| {
         let isotropic = first[m] + blob_squared * third[m];
         [isotropic + third[m + 2], -across * third[m + 1], isotropic + across * across * third[m]]
@@ -462,7 +462,11 @@ fn stokeslets(Powers { first, third, .. }: Powers, across: f64, blob_squared: f6
 
 /// The derivative of [`stokeslets`] by `across`.
 #[inline(always)]
-fn stokeslets_across(Powers { third, fifth, .. }: Powers, across: f64, blob_squared: f64) -> [Symmetric; 2] {
+fn stokeslets_across(
+    InversePowers { third, fifth, .. }: InversePowers,
+    across: f64,
+    blob_squared: f64,
+) -> [Symmetric; 2] {
     let square = across * across;
     [0, 1].map(|m| {
         let isotropic = third[m] + 3.0 * blob_squared * fifth[m];
@@ -515,7 +519,7 @@ impl Coupling for Nonlocal {
     }
 }
 
-impl Whole for Nonlocal {
+impl GlobalForce for Nonlocal {
     /// δF = δG f + G M⁻¹ (δw − D δq), D δq what its positions change of M f.
     fn add_change(&self, rod: &Kinematics<'_>, [dq, dv]: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]) {
         let mut last = self.flow(rod);
@@ -555,17 +559,23 @@ impl Force for Nonlocal {
     }
 
     /// Of the derivatives those by the length that a density acts on; the rest is no edge's own.
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         let flow = self.flow(rod);
         let by_position = along.map_or(0.0, |along| along.q);
         sums.each(edges, |e| {
             let (forces, edge) = (Self::on_edge(&flow, e), &rod.edges[e]);
             let longer = pair(edge.t * (by_position * edge.per_length));
-            OnEdge::new(forces, [Block::ZERO; 2], forces.map(|force| Block::outer(force, longer)))
+            EdgeForce::new(forces, [Block::ZERO; 2], forces.map(|force| Block::outer(force, longer)))
         });
     }
 
-    fn whole(&self) -> Option<&dyn Whole> {
+    fn global(&self) -> Option<&dyn GlobalForce> {
         Some(self)
     }
 

@@ -14,20 +14,20 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives, TipForce};
 use super::local::both;
-use super::medium::{DENSITY, Fluid, Here, Key, Property};
+use super::medium::{DENSITY, Fluid, Key, LocalFluid, Property};
 use super::uncertainty::{Published, Uncertainty};
 use super::validity::Validity;
-use super::validity::{Bound, Scale};
+use super::validity::{Bound, DimensionlessNumber};
 use crate::linear::{Block, Direction, Number, Pair, Real, pair};
-use crate::rod::{Alike, Edge, Rod, add, node};
+use crate::rod::{Edge, EdgeValues, Rod, add, node};
 
 /// The inertia of the water around the rod.
 #[derive(Debug)]
 pub struct Reactive {
     /// c/ρ for both halves of every edge, m².
-    halves: Alike<[f64; 2]>,
+    halves: EdgeValues<[f64; 2]>,
 }
 
 /// What the vortex sheet takes that leaves the tail.
@@ -56,15 +56,15 @@ pub static OMITTED: Published = Published {
 pub const NAME: &str = "reactive";
 
 /// From where on leaving it out errs by more than it does: the layer that viscosity takes along adds 4/√(πβ) to the added mass, β = fD²/ν.
-pub const COUNTS: Bound = Bound::at_least(Scale::Stokes, 16.0 / PI);
+pub const COUNTS: Bound = Bound::at_least(DimensionlessNumber::Stokes, 16.0 / PI);
 
 /// The range of both.
 const VALIDITY: Validity = Validity {
     range: "slender bodies whose depth changes slowly",
     bounds: &[
-        Bound::at_most(Scale::Depth, 0.3),
-        Bound::at_least(Scale::WaveInDepths, 1.0),
-        Bound::at_least(Scale::Stokes, 100.0),
+        Bound::at_most(DimensionlessNumber::Depth, 0.3),
+        Bound::at_least(DimensionlessNumber::WaveInDepths, 1.0),
+        Bound::at_least(DimensionlessNumber::Stokes, 100.0),
     ],
     source: "M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674 (2011)",
 };
@@ -73,7 +73,7 @@ impl Reactive {
     /// The water around `rod`.
     pub fn new(rod: &Rod) -> Self {
         // c = ρ g with g = (1/ΔL) ∫ ¼πC D² ds, so that T_f is exact for a straight rod.
-        let half = |half: &crate::rod::Half| FRAC_PI_4 * half.added * half.length / rod.spacing;
+        let half = |half: &crate::rod::HalfEdge| FRAC_PI_4 * half.added * half.length / rod.spacing;
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
@@ -84,8 +84,8 @@ impl Reactive {
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         k: usize,
-        ends: [&Here; 2],
-    ) -> OnEdge {
+        ends: [&LocalFluid; 2],
+    ) -> EdgeForce {
         let edge = &rod.edges[k];
         let opening = node(rod.v, k + 1) - node(rod.v, k);
         let (c, [u, w]) = self.moving(rod, k, [&ends[0].fluid, &ends[1].fluid]);
@@ -115,7 +115,7 @@ impl Reactive {
             force[1] += shape[1] * slope * length;
         }
         let Some(direction) = along else {
-            return OnEdge { force: edge.vectors(force[0], force[1]), ..OnEdge::ZERO };
+            return EdgeForce { force: edge.vectors(force[0], force[1]), ..EdgeForce::ZERO };
         };
         let mut slopes = moving.slopes(edge, &parts, direction);
         let mut along_twice = None;
@@ -244,7 +244,7 @@ impl<T: Real> Accelerating<T> {
     /// What opposes the ends of `edge` in one fluid, with its derivatives. Blocks are put together from components: numbers written
     /// apart and read as lanes would have to wait for each other.
     #[inline(always)]
-    pub fn on_edge(&self, edge: &Edge<T>, direction: Direction) -> OnEdge<T> {
+    pub fn on_edge(&self, edge: &Edge<T>, direction: Direction) -> EdgeForce<T> {
         let parts = self.parts_on(edge);
         put_together(edge, self.force(&parts), self.slopes(edge, &parts, direction), None)
     }
@@ -292,7 +292,7 @@ fn put_together<T: Real>(
     force: [T::Pair; 2],
     slopes: Derivatives<T::Pair>,
     along_twice: Option<[T::Pair; 2]>,
-) -> OnEdge<T> {
+) -> EdgeForce<T> {
     let (t, n) = (pair(edge.t), pair(edge.n()));
     let blocks = [Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n)];
     let (mut own, mut by_edge) = (combined(blocks, slopes[0]), combined(blocks, slopes[1]));
@@ -302,7 +302,7 @@ fn put_together<T: Real>(
         own = [tt * of_own[0] + own[0], tt * of_own[1] + own[1]];
         by_edge = [tt * of_edge[0] + by_edge[0], tt * of_edge[1] + by_edge[1]];
     }
-    OnEdge { force: edge.vectors(force[0], force[1]), own, edge: by_edge }
+    EdgeForce { force: edge.vectors(force[0], force[1]), own, edge: by_edge }
 }
 
 /// The sum of `blocks` times their factors, for both ends.
@@ -359,11 +359,17 @@ impl Force for Reactive {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
+    fn sink(&self) -> Option<PowerKind> {
         None
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         match rod.everywhere() {
             Some(fluid) => {
                 let here = fluid.into();
@@ -376,12 +382,12 @@ impl Force for Reactive {
         }
     }
 
-    fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<StateDerivatives<'_>>) -> f64 {
         let mut energy = f64x2::ZERO;
         self.each_edge(rod, |k, edge, c, [u, w]| {
             let own = c * w * w * 0.5;
             energy += own * edge.length;
-            if let Some(Slopes { q, v, .. }) = &mut by {
+            if let Some(StateDerivatives { q, v, .. }) = &mut by {
                 let pair = edge.vectors(own * factor, -(c * u * w) * factor);
                 let across = (c * w).to_array();
                 for i in 0..2 {
@@ -398,13 +404,19 @@ impl Force for Reactive {
         energy.reduce_add()
     }
 
-    fn momentum(&self, rod: &Kinematics<'_>, axis: Vector2<f64>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
+    fn momentum(
+        &self,
+        rod: &Kinematics<'_>,
+        axis: Vector2<f64>,
+        factor: f64,
+        mut by: Option<StateDerivatives<'_>>,
+    ) -> f64 {
         // Σ c ℓ w n, the derivative of the energy by the velocity of the whole rod.
         let mut momentum = f64x2::ZERO;
         self.each_edge(rod, |k, edge, c, [u, w]| {
             let (along, across) = (edge.t.dot(&axis), edge.n().dot(&axis));
             momentum += c * w * (edge.length * across);
-            if let Some(Slopes { q, v, .. }) = &mut by {
+            if let Some(StateDerivatives { q, v, .. }) = &mut by {
                 let pair = edge.vectors(c * w * (across * factor), -(c * (u * across + w * along)) * factor);
                 for i in 0..2 {
                     let (pair, half, slope) =
@@ -466,7 +478,7 @@ impl Force for Reactive {
             // Linear in density and slope.
             let ends = [0, 1].map(|i| {
                 let by = rod.by_property(property, k + i);
-                Here { fluid: Fluid { flow: rod.flow(k + i), ..by.fluid }, ..by }
+                LocalFluid { fluid: Fluid { flow: rod.flow(k + i), ..by.fluid }, ..by }
             });
             let on = self.on_edge::<true>(rod, None, k, ends.each_ref());
             for i in 0..2 {
@@ -490,7 +502,7 @@ fn switch(x: f64) -> [f64; 2] {
 
 impl Wake {
     /// The force that pulls the tip, over its mass, with its derivatives by velocity and by the vectors of the last two edges.
-    fn on_tip(rod: &Kinematics<'_>) -> Option<OnTip> {
+    fn on_tip(rod: &Kinematics<'_>) -> Option<TipForce> {
         let [.., before, last] = rod.edges else { return None };
         // The direction of the rod's end, one half edge beyond the middle of the last: second order.
         let wanted = last.t * 3.0 - before.t;
@@ -501,7 +513,7 @@ impl Wake {
         let (u, w) = (velocity.dot(&d), velocity.dot(&n));
         let speed = u.hypot(w);
         if speed == 0.0 {
-            return Some(OnTip { force: Vector2::zeros(), own: Matrix2::zeros(), edges: [Matrix2::zeros(); 2] });
+            return Some(TipForce { force: Vector2::zeros(), own: Matrix2::zeros(), edges: [Matrix2::zeros(); 2] });
         }
         let x = u / speed;
         let [s, slope] = switch(x);
@@ -519,7 +531,7 @@ impl Wake {
             let normal = edge.n();
             by_turning * (normal * (factor * n.dot(&normal) * edge.per_length / size)).transpose()
         };
-        Some(OnTip { force: plain * s, own: by_velocity, edges: [turned(before, -1.0), turned(last, 3.0)] })
+        Some(TipForce { force: plain * s, own: by_velocity, edges: [turned(before, -1.0), turned(last, 3.0)] })
     }
 }
 
@@ -540,8 +552,8 @@ impl Force for Wake {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
-        Some(Sink::Wake)
+    fn sink(&self) -> Option<PowerKind> {
+        Some(PowerKind::Wake)
     }
 
     fn is_on_edges(&self, _: &Kinematics<'_>) -> bool {
@@ -549,15 +561,15 @@ impl Force for Wake {
     }
 
     /// Nothing: all of it acts on the tip.
-    fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, _: &mut Tally<'_>) {}
+    fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, _: &mut ForceAccumulator<'_>) {}
 
-    fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<OnTip> {
-        let OnTip { force, own, edges } = Self::on_tip(rod)?;
-        let Here { fluid, slope, .. } = rod.here(rod.edges.len());
+    fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<TipForce> {
+        let TipForce { force, own, edges } = Self::on_tip(rod)?;
+        let LocalFluid { fluid, slope, .. } = rod.here(rod.edges.len());
         let mass = -self.mass * fluid.density; // it opposes
         let Direction { q, v, .. } = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
         let by_place = outer(force, rod.normal()) * (-self.mass * slope.density * q);
-        Some(OnTip { force: force * mass, own: own * (mass * v) + by_place, edges: edges.map(|by| by * (mass * q)) })
+        Some(TipForce { force: force * mass, own: own * (mass * v) + by_place, edges: edges.map(|by| by * (mass * q)) })
     }
 
     fn parameters(&self) -> &[Key] {

@@ -12,24 +12,24 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{Force, Kinematics, OnEdge, Sink, Tally};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind};
 use super::local::both;
 use super::medium::{DENSITY, Key, Property};
 use super::validity::Validity;
 use crate::linear::{Block, Direction, pair};
-use crate::rod::{Alike, Edge, Half, Rod, add, node};
+use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
 
 /// The spray around the rod.
 #[derive(Debug)]
 pub struct Spray {
     /// g for both halves of every edge, m².
-    halves: Alike<[f64; 2]>,
+    halves: EdgeValues<[f64; 2]>,
 }
 
 impl Spray {
     /// The spray around `rod`.
     pub fn new(rod: &Rod) -> Self {
-        let half = |half: &Half| FRAC_PI_4 * half.added * half.length / rod.spacing;
+        let half = |half: &HalfEdge| FRAC_PI_4 * half.added * half.length / rod.spacing;
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
@@ -43,7 +43,7 @@ impl Spray {
         [slope, bend]: [f64x2; 2],
         velocities: [f64x2; 2],
         along: Option<Direction>,
-    ) -> OnEdge {
+    ) -> EdgeForce {
         let (half, length) = (halves * 0.5, edge.length);
         let (nu_t, nu_n) = (normal.dot(&edge.t), normal.dot(&edge.n()));
         let [u, w] = edge.components(velocities);
@@ -51,7 +51,7 @@ impl Spray {
         let rate = slope * across;
         let c = half * rate.abs();
         let force = edge.vectors(f64x2::ZERO, c * w * length);
-        let Some(Direction { q, v, .. }) = along else { return OnEdge { force, ..OnEdge::ZERO } };
+        let Some(Direction { q, v, .. }) = along else { return EdgeForce { force, ..EdgeForce::ZERO } };
         let sign = rate.simd_lt(f64x2::ZERO).bitselect(f64x2::from(-1.0), f64x2::ONE);
         // |ρ̇| changes with velocity and place, along ν; n turns by −t n·δe/ℓ, and w with it by −u.
         let grows = half * sign * w * (slope * v + bend * across * q) * length;
@@ -62,7 +62,7 @@ impl Spray {
         let on = |i: usize| (nt * own_nt[i] + nn * own_nn[i], (nt - tn) * turned[i] - nn * pushed[i]);
         // Not `map` over both ends: that is a call for each.
         let ((own0, edge0), (own1, edge1)) = (on(0), on(1));
-        OnEdge { force, own: [own0, own1], edge: [edge0, edge1] }
+        EdgeForce { force, own: [own0, own1], edge: [edge0, edge1] }
     }
 }
 
@@ -87,11 +87,17 @@ impl Force for Spray {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
-        Some(Sink::Spray)
+    fn sink(&self) -> Option<PowerKind> {
+        Some(PowerKind::Spray)
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         if !self.is_on_edges(rod) {
             return;
         }

@@ -14,7 +14,7 @@ use crate::rod::Rod;
 /// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
 /// time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Across {
+pub struct TransverseMotion {
     /// Velocity w across it, m/s.
     pub speed: f64,
     /// ρw/μ where each node is, 1/m.
@@ -27,11 +27,11 @@ pub struct Across {
 
 /// What the numbers of a motion are made from.
 #[derive(Debug, Clone, Copy)]
-pub struct Motion<'a> {
+pub struct FlowConditions<'a> {
     /// The rod.
     pub rod: &'a Rod,
     /// How it moves across itself, and through which fluid.
-    pub across: Across,
+    pub across: TransverseMotion,
     /// Frequency of what drives the rod, Hz.
     pub frequency: Option<f64>,
     /// The wavelength along the rod, m.
@@ -42,7 +42,7 @@ pub struct Motion<'a> {
 
 /// A number of the motion that a range is given in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scale {
+pub enum DimensionlessNumber {
     /// wD/ν by the mean depth D and the velocity w across the rod.
     Reynolds,
     /// wL/ν by the length.
@@ -74,7 +74,7 @@ pub enum Scale {
     BodyHeight,
 }
 
-impl Scale {
+impl DimensionlessNumber {
     /// Its name in a sentence.
     pub const fn words(self) -> &'static str {
         match self {
@@ -96,8 +96,8 @@ impl Scale {
     }
 
     /// It of a motion; none of one that lacks what it is made from, or is at rest.
-    pub fn of(self, motion: &Motion<'_>) -> Option<f64> {
-        let Motion { rod, across: Across { fluid, .. }, frequency, wavelength, height } = *motion;
+    pub fn of(self, motion: &FlowConditions<'_>) -> Option<f64> {
+        let FlowConditions { rod, across: TransverseMotion { fluid, .. }, frequency, wavelength, height } = *motion;
         let (length, radius) = (rod.length, rod.sections.largest_radius());
         let depth = || rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let per_nu = fluid.density / fluid.viscosity;
@@ -166,13 +166,13 @@ const COX: f64 = 0.1931;
 const FORM: f64 = 1.1;
 
 /// Up to which [`Scale::Unsteady`] laws of steady drag hold.
-pub const STEADY: Bound = Bound::at_most(Scale::Unsteady, 2.0);
+pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 
 /// Between which values of a number of the motion a force holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// The number.
-    pub scale: Scale,
+    pub scale: DimensionlessNumber,
     /// Its least value; 0 for none.
     pub least: f64,
     /// Its largest value; infinite for none.
@@ -181,17 +181,17 @@ pub struct Bound {
 
 impl Bound {
     /// Up to `most`.
-    pub const fn at_most(scale: Scale, most: f64) -> Self {
+    pub const fn at_most(scale: DimensionlessNumber, most: f64) -> Self {
         Self { scale, least: 0.0, most }
     }
 
     /// From `least` on.
-    pub const fn at_least(scale: Scale, least: f64) -> Self {
+    pub const fn at_least(scale: DimensionlessNumber, least: f64) -> Self {
         Self { scale, least, most: f64::INFINITY }
     }
 
     /// From `least` to `most`.
-    pub const fn between(scale: Scale, least: f64, most: f64) -> Self {
+    pub const fn between(scale: DimensionlessNumber, least: f64, most: f64) -> Self {
         Self { scale, least, most }
     }
 
@@ -206,7 +206,7 @@ impl Bound {
     }
 
     /// The number of a motion that is beyond it.
-    pub fn left(&self, motion: &Motion<'_>) -> Option<f64> {
+    pub fn left(&self, motion: &FlowConditions<'_>) -> Option<f64> {
         // Numbers at the bound itself are rounded.
         let most = self.most * (1.0 + 1e-9);
         self.scale.of(motion).filter(|number| !(self.least * (1.0 - 1e-9)..=most).contains(number))
@@ -252,12 +252,12 @@ impl Validity {
     }
 
     /// True where no bound is left by a motion.
-    pub fn holds(&self, motion: &Motion<'_>) -> bool {
+    pub fn holds(&self, motion: &FlowConditions<'_>) -> bool {
         self.bounds.iter().all(|bound| bound.left(motion).is_none())
     }
 
     /// The bounds that a motion leaves, in words; none where it leaves none.
-    pub fn beyond(&self, motion: &Motion<'_>) -> Option<String> {
+    pub fn beyond(&self, motion: &FlowConditions<'_>) -> Option<String> {
         let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.left(motion)?)));
         let in_words = left
             .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()));

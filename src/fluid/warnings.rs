@@ -2,13 +2,13 @@
 
 use super::force::Forces;
 use super::laws::{DragLaw, LAWS};
-use super::validity::{Bound, Motion, Scale};
+use super::validity::{Bound, DimensionlessNumber, FlowConditions};
 
 /// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
 /// change where another law is taken; nothing where it cannot be.
 pub fn out_of_range(
     forces: &Forces,
-    motion: &Motion<'_>,
+    motion: &FlowConditions<'_>,
     without: impl Fn(&'static DragLaw) -> Option<String>,
 ) -> Vec<String> {
     let mut said: Vec<(Vec<&str>, String)> = Vec::new();
@@ -32,10 +32,10 @@ pub fn out_of_range(
 fn others(
     name: &str,
     bounds: &[Bound],
-    motion: &Motion<'_>,
+    motion: &FlowConditions<'_>,
     without: impl Fn(&'static DragLaw) -> Option<String>,
 ) -> String {
-    if bounds.iter().any(|bound| bound.scale == Scale::BodyReynolds && bound.left(motion).is_some()) {
+    if bounds.iter().any(|bound| bound.scale == DimensionlessNumber::BodyReynolds && bound.left(motion).is_some()) {
         return "; head_body.form_drag_along and head_body.form_drag_across add form drag".to_string();
     }
     if !LAWS.iter().any(|law| law.name == name) {

@@ -7,7 +7,7 @@ use quick_xml::events::{BytesDecl, Event};
 use quick_xml::writer::{ElementWriter, Writer};
 
 use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::scene;
 use crate::scene::parameter::Parameter;
 use crate::stepper::Stepper;
@@ -315,7 +315,7 @@ fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
                 attributes.push(yes("providesPerElementDependencies"));
             }
             // Not of a step that is a parameter.
-            if let (Pace::Fixed(step), false) = (fmu.scene.pace(), fmu.shows("solver.time_step_s")) {
+            if let (StepControl::Fixed(step), false) = (fmu.scene.pace(), fmu.shows("solver.time_step_s")) {
                 attributes.push(("fixedInternalStepSize", number(step)));
             }
         }
@@ -338,8 +338,8 @@ fn write_unit(xml: &mut Xml, Unit(name, _, exponents, shown): &Unit) -> Result<(
 fn experiment(fmu: &Fmu<'_>) -> Attributes {
     let duration = fmu.scene.solver.duration_s.get();
     let step = match fmu.scene.pace() {
-        Pace::Fixed(step) => step.min(duration),
-        Pace::Adaptive(_) => duration / 1000.0,
+        StepControl::Fixed(step) => step.min(duration),
+        StepControl::Adaptive(_) => duration / 1000.0,
     };
     vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
 }

@@ -13,7 +13,7 @@ mod package;
 #[cfg(feature = "fmu")]
 mod terminals;
 
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::scene::Scene;
 use crate::scene::parameter::Parameter;
 use crate::stepper::Stepper;
@@ -91,7 +91,9 @@ impl Catalogue {
             Causality::Input => ["input", "continuous"],
             Causality::Output if COUNTS.contains(&variable.name) => ["output", "discrete"],
             Causality::Output => ["output", "continuous"],
-            Causality::Parameter if variable.name == TIME_STEP && matches!(stepper.pace(), Pace::Adaptive(_)) => {
+            Causality::Parameter
+                if variable.name == TIME_STEP && matches!(stepper.pace(), StepControl::Adaptive(_)) =>
+            {
                 ["output", "discrete"]
             }
             Causality::Parameter if stepper.can_be_retuned() && Self::follows_stiffness(variable, stepper) => {

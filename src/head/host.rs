@@ -31,14 +31,14 @@ const HIGHEST: usize = 3;
 const TERMS: usize = 6;
 
 /// As many words without derivatives as make that degree.
-const WORDS: usize = TERMS;
+const SAMPLES: usize = TERMS;
 
 /// A word takes the place of the last one unless that one is this part as far from the one before as that from its own: the
 /// distances of words shrink no faster, so that differences of those kept are not rounding errors.
-const NEAR: f64 = 0.25;
+const LEAST_SPACING_RATIO: f64 = 0.25;
 
 /// A host that has said nothing for this many times as long as it was between its last two words leaves its input as it is.
-const SILENT: f64 = 1.5;
+const SILENT_INTERVALS: f64 = 1.5;
 
 /// A step at whose end a host gives no pose is one in which the head stays, unless it is shorter than this part of the one before.
 const REMAINDER: f64 = 1e-3;
@@ -54,14 +54,14 @@ const SMALL: f64 = 1e-6;
 
 /// What a host has said of a coordinate: value and derivatives at a time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Word {
+struct PoseSample {
     time: f64,
     derivatives: [f64; HIGHEST + 1],
     /// The highest derivative that it gave.
     order: usize,
 }
 
-impl Word {
+impl PoseSample {
     fn new(time: f64, value: f64) -> Self {
         Self { time, derivatives: [value, 0.0, 0.0, 0.0], order: 0 }
     }
@@ -101,7 +101,7 @@ impl Polynomial {
     }
 
     /// The quintic from `first` at time `t` to rest at zero after `span` (s).
-    fn dying(first: Sample, t: f64, span: f64) -> Self {
+    fn decaying(first: Sample, t: f64, span: f64) -> Self {
         let (x, v, a) = (first.value, first.rate * span, first.acceleration * span * span);
         let by_part =
             [x, v, 0.5 * a, -10.0 * x - 6.0 * v - 1.5 * a, 15.0 * x + 8.0 * v + 1.5 * a, -6.0 * x - 3.0 * v - 0.5 * a];
@@ -125,9 +125,9 @@ struct Differences {
 
 impl Differences {
     /// Divided differences, confluent where a word has derivatives.
-    fn of<'a>(words: impl Iterator<Item = &'a Word>) -> Self {
+    fn of<'a>(words: impl Iterator<Item = &'a PoseSample>) -> Self {
         let mut all = Self { times: [0.0; TERMS], differences: [0.0; TERMS], len: 0 };
-        let mut given = [(0, Word::default()); TERMS];
+        let mut given = [(0, PoseSample::default()); TERMS];
         for (place, word) in words.enumerate() {
             for _ in 0..=word.order {
                 if all.len < TERMS {
@@ -183,9 +183,9 @@ impl Differences {
 
 /// One coordinate of a head as a host moves it: x (m), y (m) or angle (rad).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Axis {
+pub struct CoordinateExtrapolation {
     /// The host's last word, as it was given.
-    said: Word,
+    said: PoseSample,
     /// It was given since the last step set out.
     fresh: bool,
     /// Which of its derivatives were given.
@@ -195,7 +195,7 @@ pub struct Axis {
     /// The run starts with it: before, the head rested there.
     first: bool,
     /// The last words, newest first.
-    words: [Word; WORDS],
+    words: [PoseSample; SAMPLES],
     len: usize,
     /// By how much the polynomials of every degree missed the last word but one of these.
     missed: [f64; TERMS],
@@ -213,16 +213,16 @@ pub struct Axis {
     until: f64,
 }
 
-impl Axis {
+impl CoordinateExtrapolation {
     /// A coordinate of which the host has given the derivative of `order` at time `t` (s), where it moved by `now`.
     fn new(t: f64, now: Sample) -> Self {
         Self {
-            said: Word { time: t, derivatives: [now.value, now.rate, now.acceleration, 0.0], order: 0 },
+            said: PoseSample { time: t, derivatives: [now.value, now.rate, now.acceleration, 0.0], order: 0 },
             fresh: false,
             given: [false; HIGHEST + 1],
             of_now: false,
             first: false,
-            words: [Word::default(); WORDS],
+            words: [PoseSample::default(); SAMPLES],
             len: 0,
             missed: [f64::INFINITY; TERMS],
             misses: [f64::INFINITY; TERMS],
@@ -240,7 +240,7 @@ impl Axis {
         if !self.fresh || self.said.time != t {
             // What is not said goes on.
             let before = self.said.at(t).derivatives[0];
-            self.said = Word { time: t, derivatives: [before, now.rate, now.acceleration, 0.0], order: 0 };
+            self.said = PoseSample { time: t, derivatives: [before, now.rate, now.acceleration, 0.0], order: 0 };
             (self.fresh, self.of_now, self.given) = (true, false, [false; HIGHEST + 1]);
         }
         self.said.derivatives[order] = value;
@@ -265,8 +265,8 @@ impl Axis {
 
     /// The last word as one of time `end` (s), to which the head goes from time `t`, where it moves by `now`: value and rate
     /// that were not given follow from the derivatives that were, by the trapezoidal rule.
-    fn target(&self, [t, end]: [f64; 2], now: Sample) -> Word {
-        let (mut word, h) = (Word { time: end, ..self.said }, end - t);
+    fn target(&self, [t, end]: [f64; 2], now: Sample) -> PoseSample {
+        let (mut word, h) = (PoseSample { time: end, ..self.said }, end - t);
         let [_, rate, acceleration, _] = self.said.derivatives;
         if word.order > 1 && !self.given[1] {
             word.derivatives[1] = now.rate + 0.5 * h * (now.acceleration + acceleration);
@@ -279,19 +279,19 @@ impl Axis {
     }
 
     /// Keeps a word.
-    fn hear(&mut self, word: Word) {
-        let far = |a: &Word, b: &Word| a.time - b.time;
+    fn push(&mut self, word: PoseSample) {
+        let far = |a: &PoseSample, b: &PoseSample| a.time - b.time;
         let misses = Differences::of(self.words[..self.len].iter()).misses(word.time, word.derivatives[0]);
         let [last, before, third] = [0, 1, 2].map(|k| &self.words[k]);
         let again = self.len > 0 && far(&word, last) <= 0.0;
         let evenly = last.derivatives[0] + self.pace * far(&word, last);
         let pace_miss = if self.len > 0 { (evenly - word.derivatives[0]).abs() } else { f64::INFINITY };
-        if again || self.len > 2 && far(last, before) < NEAR * far(before, third) {
+        if again || self.len > 2 && far(last, before) < LEAST_SPACING_RATIO * far(before, third) {
             self.words[0] = word;
         } else {
             self.words.rotate_right(1);
             self.words[0] = word;
-            self.len = (self.len + 1).min(WORDS);
+            self.len = (self.len + 1).min(SAMPLES);
             self.missed = self.misses;
             self.pace_misses[1] = self.pace_misses[0];
         }
@@ -312,7 +312,7 @@ impl Axis {
         if !spoken {
             // Before the host's first word the head moved as the scene says, in steps like this one; or as its start does.
             let back = if at_end { 0 } else { 1 };
-            for k in (back..back + WORDS + 2).rev() {
+            for k in (back..back + SAMPLES + 2).rev() {
                 let time = t - k as f64 * (end - t);
                 let [value, rate] = if self.first {
                     let [value, rate, ..] = self.said.at(time).derivatives;
@@ -321,7 +321,7 @@ impl Axis {
                     let Sample { value, rate, .. } = before.at(time);
                     [value, rate]
                 };
-                self.hear(Word::new(time, value));
+                self.push(PoseSample::new(time, value));
                 self.pace = rate;
             }
         }
@@ -332,7 +332,7 @@ impl Axis {
             self.said
         } else if at_end && begins && end - self.words[0].time > REMAINDER * between {
             self.said.at(end)
-        } else if self.fresh || !at_end && begins && silence > SILENT * between {
+        } else if self.fresh || !at_end && begins && silence > SILENT_INTERVALS * between {
             self.said.at(t)
         } else {
             return [0.0; 2];
@@ -348,7 +348,7 @@ impl Axis {
             }
         };
         let pace = if spoken { self.course.at(t).rate } else { self.pace };
-        self.hear(word);
+        self.push(word);
         self.pace = pace;
         self.fresh = false;
         let found = Differences::of(self.words[..self.len].iter());
@@ -379,7 +379,7 @@ impl Axis {
         };
         let span =
             if at_end { end - t } else { (end - t).max(self.words[0].time - self.words[1].time).max(self.until - t) };
-        self.rest = Polynomial::dying(apart, t, span);
+        self.rest = Polynomial::decaying(apart, t, span);
         self.until = t + span;
         jump
     }
@@ -428,13 +428,19 @@ impl Axis {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HostHead {
     /// The coordinates of which it has spoken.
-    pub axes: [Option<Axis>; 3],
+    pub axes: [Option<CoordinateExtrapolation>; 3],
 }
 
 impl HostHead {
     /// Takes over the derivative of `order` of coordinate `i`; see `Axis::say`.
     pub fn say(&mut self, t: f64, i: usize, now: Sample, order: usize, value: f64, derivative: bool) {
-        self.axes[i].get_or_insert_with(|| Axis::new(t, now)).say(t, now, order.min(HIGHEST), value, derivative);
+        self.axes[i].get_or_insert_with(|| CoordinateExtrapolation::new(t, now)).say(
+            t,
+            now,
+            order.min(HIGHEST),
+            value,
+            derivative,
+        );
     }
 
     /// Finds the motion of every coordinate over a step; see `Axis::aim`. Returns how far (m, m, rad) new words are from where

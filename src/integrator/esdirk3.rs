@@ -4,10 +4,10 @@
 //! For q' = v, v' = a a stage is v_i = v* + hγ a_i and q_i = q* + (hγ)² a_i with v* = vⁿ + h Σ_{j<i} a_ij a_j and
 //! q* = qⁿ + h Σ_{j<i} a_ij v_j + hγ v*.
 
-use super::{Foot, Integrator, Method, Stage, StepError};
+use super::{ExplicitPart, Integrator, Method, Stage, StepError};
 use crate::error::Result;
 use crate::linear::Direction;
-use crate::newton::{Convergence, Newton};
+use crate::newton::{ConvergenceRate, Newton};
 use crate::system::{State, System};
 
 /// What is known of it.
@@ -73,7 +73,7 @@ impl Integrator for Esdirk3 {
         h: f64,
         to: &mut State,
     ) -> Result<StepError> {
-        let (end, mut known) = (to.t, Convergence::default());
+        let (end, mut known) = (to.t, ConvergenceRate::default());
         self.v[0].copy_from_slice(&from.v);
         self.a[0].copy_from_slice(&from.a);
         for i in 1..STAGES {
@@ -84,7 +84,7 @@ impl Integrator for Esdirk3 {
             stage.solve(system, newton, &mut known, from, to, |k| {
                 let sum = |of: &[Vec<f64>; STAGES - 1]| -> f64 { (0..i).map(|j| weights[j] * of[j][k]).sum() };
                 let v_star = from.v[k] + sum(a);
-                Foot { dq: sum(v) + h * G * v_star, v: v_star, guess: a[i - 1][k] }
+                ExplicitPart { dq: sum(v) + h * G * v_star, v: v_star, guess: a[i - 1][k] }
             })?;
             if i < STAGES - 1 {
                 self.v[i].copy_from_slice(&to.v);

@@ -3,7 +3,7 @@
 
 use nalgebra::Matrix3;
 
-use super::{Memory, Method, OneStage, Parameter, Rule};
+use super::{MemoryWeights, Method, OneStage, Parameter, StepWeights};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -52,15 +52,15 @@ impl OneStage for GeneralizedAlpha {
         step.complex_eigenvalues().iter().map(|root| root.norm()).fold(0.0, f64::max)
     }
 
-    fn rule(&self, h: f64) -> Rule {
+    fn rule(&self, h: f64) -> StepWeights {
         let Self { alpha_m, alpha_f, beta, gamma } = *self;
         let [new, old, kept] = [1.0 - alpha_f, alpha_f, -alpha_m].map(|weight| weight / (1.0 - alpha_m));
-        Rule {
+        StepWeights {
             q_old: h * h * beta * old,
             v_old: h * gamma * old,
             q_new: h * h * beta * new,
             v_new: h * gamma * new,
-            memory: Some(Memory {
+            memory: Some(MemoryWeights {
                 q: h * h * (0.5 - beta + beta * kept),
                 v: h * (1.0 - gamma + gamma * kept),
                 new,

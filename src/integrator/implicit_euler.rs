@@ -1,6 +1,6 @@
 //! Implicit Euler: v = (qⁿ⁺¹−qⁿ)/h, a = (v−vⁿ)/h.
 
-use super::{Method, OneStage, Rule};
+use super::{Method, OneStage, StepWeights};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -25,7 +25,7 @@ impl OneStage for ImplicitEuler {
         1.0 / (1.0 + omega * omega).sqrt()
     }
 
-    fn rule(&self, h: f64) -> Rule {
-        Rule { q_old: 0.0, v_old: 0.0, q_new: h * h, v_new: h, memory: None }
+    fn rule(&self, h: f64) -> StepWeights {
+        StepWeights { q_old: 0.0, v_old: 0.0, q_new: h * h, v_new: h, memory: None }
     }
 }

@@ -8,7 +8,7 @@ mod symplectic_euler;
 
 use crate::error::{Error, Result};
 use crate::linear::{Direction, Number, Real};
-use crate::newton::{Convergence, Newton, Patience};
+use crate::newton::{ConvergencePolicy, ConvergenceRate, Newton};
 use crate::system::{State, System};
 
 /// All methods; adding one is its file and its line here.
@@ -41,14 +41,14 @@ pub struct Method {
 
 /// How internal steps are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Pace {
+pub enum StepControl {
     /// As long as this, s, or shorter.
     Fixed(f64),
     /// So that the estimated error of each is at most this: of positions over the length, of velocities over the largest.
     Adaptive(f64),
 }
 
-impl From<f64> for Pace {
+impl From<f64> for StepControl {
     fn from(time_step: f64) -> Self {
         Self::Fixed(time_step)
     }
@@ -106,7 +106,7 @@ pub trait Integrator: std::fmt::Debug + Send {
     ) -> Result<StepError>;
 
     /// The rule of its steps of `h` (s), if it is a method of one stage.
-    fn rule(&self, _h: f64) -> Option<Rule> {
+    fn rule(&self, _h: f64) -> Option<StepWeights> {
         None
     }
 }
@@ -156,7 +156,7 @@ pub trait OneStage: std::fmt::Debug + Send {
     fn spectral_radius(&self, omega: f64) -> f64;
 
     /// The rule of its steps of `h` (s).
-    fn rule(&self, h: f64) -> Rule;
+    fn rule(&self, h: f64) -> StepWeights;
 }
 
 impl<T: OneStage> Integrator for T {
@@ -185,7 +185,7 @@ impl<T: OneStage> Integrator for T {
         OneStage::rule(self, h).step(system, newton, from, h, to).map(|()| StepError::default())
     }
 
-    fn rule(&self, h: f64) -> Option<Rule> {
+    fn rule(&self, h: f64) -> Option<StepWeights> {
         Some(OneStage::rule(self, h))
     }
 }
@@ -194,7 +194,7 @@ impl<T: OneStage> Integrator for T {
 /// q* = qⁿ + h vⁿ + q_a aⁿ + q_w wⁿ and v* = vⁿ + v_a aⁿ + v_w wⁿ; w is what the method remembers of the accelerations, if
 /// it does.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rule {
+pub struct StepWeights {
     /// Weight q_a of the old acceleration in q*, s².
     pub q_old: f64,
     /// Weight v_a of the old acceleration in v*, s.
@@ -204,12 +204,12 @@ pub struct Rule {
     /// Weight B of the new acceleration in v, s.
     pub v_new: f64,
     /// The weights of w, if the method remembers it.
-    pub memory: Option<Memory>,
+    pub memory: Option<MemoryWeights>,
 }
 
 /// How a method uses and updates w, its memory of the accelerations: wⁿ⁺¹ = `new`·aⁿ⁺¹ + `old`·aⁿ + `kept`·wⁿ.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Memory {
+pub struct MemoryWeights {
     /// Weight q_w of wⁿ in q*, s².
     pub q: f64,
     /// Weight v_w of wⁿ in v*, s.
@@ -222,10 +222,10 @@ pub struct Memory {
     pub kept: f64,
 }
 
-impl Rule {
+impl StepWeights {
     fn step(self, system: &mut dyn System, newton: &mut Newton, from: &State, h: f64, to: &mut State) -> Result<()> {
         let stage = Stage { new: self.direction(), h };
-        stage.solve(system, newton, &mut Convergence::default(), from, to, self.foot(from, h))?;
+        stage.solve(system, newton, &mut ConvergenceRate::default(), from, to, self.explicit_parts(from, h))?;
         self.remember(from, to);
         Ok(())
     }
@@ -236,27 +236,27 @@ impl Rule {
     }
 
     #[inline(always)]
-    fn foot(self, from: &State, h: f64) -> impl Fn(usize) -> Foot {
+    fn explicit_parts(self, from: &State, h: f64) -> impl Fn(usize) -> ExplicitPart {
         let unknowns = from.q.len();
         let (v, a) = (&from.v[..unknowns], &from.a[..unknowns]);
         let memory = self.memory.map(|_| &from.memory[..unknowns]);
-        move |i| self.stand(h, v[i], a[i], memory.map(|w| w[i]))
+        move |i| self.explicit_part(h, v[i], a[i], memory.map(|w| w[i]))
     }
 
     /// What a step of `h` (s) stands on, one unknown of it, with the old velocity, acceleration and memory.
     #[inline(always)]
-    pub(crate) fn stand<T: Number>(self, h: f64, v: T, a: T, w: Option<T>) -> Foot<T> {
+    pub(crate) fn explicit_part<T: Number>(self, h: f64, v: T, a: T, w: Option<T>) -> ExplicitPart<T> {
         let (q_w, v_w) = match (self.memory, w) {
             (Some(memory), Some(w)) => (w.like(memory.q) * w, w.like(memory.v) * w),
             _ => (v.like(0.0), v.like(0.0)),
         };
         let dq = v.like(h) * v + v.like(self.q_old) * a + q_w;
-        Foot { dq, v: v + v.like(self.v_old) * a + v_w, guess: a }
+        ExplicitPart { dq, v: v + v.like(self.v_old) * a + v_w, guess: a }
     }
 
     /// Remembers what it has to of the step from `from` whose solution is `to`.
     pub fn remember(self, from: &State, to: &mut State) {
-        if let Some(Memory { new, old, kept, .. }) = self.memory {
+        if let Some(MemoryWeights { new, old, kept, .. }) = self.memory {
             for (i, w) in to.memory.iter_mut().enumerate() {
                 *w = new * to.a[i] + old * from.a[i] + kept * from.memory[i];
             }
@@ -276,7 +276,7 @@ pub(crate) struct Stage {
 
 /// What a stage stands on, one unknown of it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Foot<T = f64> {
+pub(crate) struct ExplicitPart<T = f64> {
     /// q* less the old position, m.
     pub dq: T,
     /// v*, m/s.
@@ -285,7 +285,7 @@ pub(crate) struct Foot<T = f64> {
     pub guess: T,
 }
 
-impl<T: Number> Foot<T> {
+impl<T: Number> ExplicitPart<T> {
     /// The u that leaves positions as they are.
     #[inline(always)]
     pub fn staying(&self, new: Direction) -> T {
@@ -340,33 +340,39 @@ impl Stage {
         self,
         system: &mut dyn System,
         newton: &mut Newton,
-        known: &mut Convergence,
+        known: &mut ConvergenceRate,
         from: &State,
         to: &mut State,
-        foot: impl Fn(usize) -> Foot,
+        foot: impl Fn(usize) -> ExplicitPart,
     ) -> Result<()> {
-        let mut from_guess = |guess: Guess, patience: Patience| {
+        let mut from_guess = |guess: Guess, patience: ConvergencePolicy| {
             self.guess(guess, system, from, to, &foot);
             newton.solve_with(patience, known, system, to, self.new)?;
             system.check_step(from, to)
         };
         let [first, second] = Guess::order(from, self.h);
-        match from_guess(first, Patience::WhileShrinking) {
-            Err(error) if error.is_cured_by_smaller_step() => {
-                from_guess(second, Patience::Whole).map_err(|e| match e {
+        match from_guess(first, ConvergencePolicy::WhileShrinking) {
+            Err(error) if error.is_cured_by_smaller_step() => from_guess(second, ConvergencePolicy::AllIterations)
+                .map_err(|e| match e {
                     Error::NotConverged { time_s, iterations, increment_m, residual_n, node, .. } => {
                         Error::NotConverged { time_s, step_s: self.h, iterations, increment_m, residual_n, node }
                     }
                     other => other,
-                })
-            }
+                }),
             outcome => outcome,
         }
     }
 
     /// Makes the `guess` of the state at `to.t`.
     #[inline]
-    fn guess(self, guess: Guess, system: &mut dyn System, from: &State, to: &mut State, foot: &impl Fn(usize) -> Foot) {
+    fn guess(
+        self,
+        guess: Guess,
+        system: &mut dyn System,
+        from: &State,
+        to: &mut State,
+        foot: &impl Fn(usize) -> ExplicitPart,
+    ) {
         let guessed = to.q.iter_mut().zip(&mut to.v).zip(&mut to.a);
         for (i, (((to_q, to_v), to_a), q)) in guessed.zip(&from.q).enumerate() {
             let foot = foot(i);

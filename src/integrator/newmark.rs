@@ -1,6 +1,6 @@
 //! Newmark's method: q = qⁿ + h vⁿ + h²((½−β)aⁿ + βa), v = vⁿ + h((1−γ)aⁿ + γa).
 
-use super::{Method, OneStage, Parameter, Rule, largest_root};
+use super::{Method, OneStage, Parameter, StepWeights, largest_root};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -33,8 +33,8 @@ impl OneStage for Newmark {
         largest_root(2.0 - (self.gamma + 0.5) * part, 1.0 - (self.gamma - 0.5) * part)
     }
 
-    fn rule(&self, h: f64) -> Rule {
-        Rule {
+    fn rule(&self, h: f64) -> StepWeights {
+        StepWeights {
             q_old: (0.5 - self.beta) * h * h,
             v_old: (1.0 - self.gamma) * h,
             q_new: self.beta * h * h,

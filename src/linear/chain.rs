@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use super::PivotedBand;
 
 /// Unknowns of a node and of the edge that starts there: x, y, M, F_x, F_y, θ; the last node has the first three.
-pub const A_NODE: usize = 6;
+pub const UNKNOWNS_PER_NODE: usize = 6;
 
 /// Largest backward error that a solution by elimination may have: Newton's method then gains six digits an iteration at least,
 /// and what is wrong with its last increment, 1e-10 of the length or so, is below rounding. Measured on the scenes of `models/` and
@@ -91,7 +91,7 @@ impl ChainMatrix {
 
     /// Number of rows: six a node, three for the last.
     pub fn unknowns(&self) -> usize {
-        A_NODE * self.rows.len() - 3
+        UNKNOWNS_PER_NODE * self.rows.len() - 3
     }
 
     /// One a node, to be written; the last one has no edge.
@@ -101,12 +101,12 @@ impl ChainMatrix {
 
     /// The entry at row `i`, column `j`.
     pub fn entry(&self, i: usize, j: usize) -> f64 {
-        let row = self.diagonals(i / A_NODE)[i % A_NODE];
+        let row = self.diagonals(i / UNKNOWNS_PER_NODE)[i % UNKNOWNS_PER_NODE];
         (j + 3).checked_sub(i).and_then(|j| row.get(j)).copied().unwrap_or(0.0)
     }
 
     /// The equations of node `k` by diagonals, the fourth of them the main one; those of the last node's edge are zero.
-    fn diagonals(&self, k: usize) -> [[f64; 9]; A_NODE] {
+    fn diagonals(&self, k: usize) -> [[f64; 9]; UNKNOWNS_PER_NODE] {
         let ChainRow { own, before: p, after: s, slope, flexibility, t, compliance, by_angle, .. } = self.rows[k];
         let lever = self.rows[k].lever();
         let ChainTerms { moves, scale: [joint, along, around], held } = self.terms;
@@ -141,7 +141,7 @@ impl ChainMatrix {
 
     /// Writes the matrix to `band`.
     fn write(&self, band: &mut Band) {
-        for (k, rows) in band.rows_mut().chunks_mut(A_NODE).enumerate() {
+        for (k, rows) in band.rows_mut().chunks_mut(UNKNOWNS_PER_NODE).enumerate() {
             for (row, diagonals) in rows.iter_mut().zip(self.diagonals(k)) {
                 *row = diagonals;
             }
@@ -203,14 +203,14 @@ impl Affine {
 
 /// What the part of the rod beyond a cut opposes its motion (x, θ) there with: −F_x, −F_y, −M.
 #[derive(Debug, Clone, Copy, Default)]
-struct Part {
+struct TipwardRod {
     force: [Affine; 2],
     moment: Affine,
 }
 
 /// The same of the start of an edge, its force along it and across.
 #[derive(Debug, Clone, Copy, Default)]
-struct Carried {
+struct CarriedByEdge {
     along: Affine,
     across: Affine,
     moment: Affine,
@@ -234,20 +234,20 @@ struct Joint {
 
 /// What takes the equations' common factors away.
 #[derive(Clone, Copy)]
-struct Plain {
+struct RowCoefficients {
     per_move: f64,
     joint: f64,
     along: f64,
     around: f64,
 }
 
-impl Plain {
+impl RowCoefficients {
     fn new(ChainTerms { moves, scale: [joint, along, around], .. }: ChainTerms) -> Self {
         Self { per_move: 1.0 / moves, joint: 1.0 / joint, along: 1.0 / (along * moves), around: 1.0 / around }
     }
 
     #[inline(always)]
-    fn edge(self, row: &ChainRow, rhs: &[f64; A_NODE]) -> Edge {
+    fn edge(self, row: &ChainRow, rhs: &[f64; UNKNOWNS_PER_NODE]) -> Edge {
         Edge {
             t: row.t.into(),
             lever: row.lever() * self.per_move,
@@ -258,7 +258,7 @@ impl Plain {
     }
 
     #[inline(always)]
-    fn joint(self, row: &ChainRow, rhs: &[f64; A_NODE]) -> Joint {
+    fn joint(self, row: &ChainRow, rhs: &[f64; UNKNOWNS_PER_NODE]) -> Joint {
         let per_slope = 1.0 / row.slope;
         Joint { flexibility: row.flexibility * per_slope, turn: rhs[2] * (self.joint * per_slope) }
     }
@@ -281,9 +281,9 @@ fn block([xx, xy, yx, yy]: [f64; 4]) -> Matrix2<f64> {
     Matrix2::new(xx, xy, yx, yy)
 }
 
-impl Part {
+impl TipwardRod {
     /// The last node, seen from the end of the edge before it.
-    fn tip(row: &ChainRow, rhs: &[f64], plain: Plain) -> Self {
+    fn tip(row: &ChainRow, rhs: &[f64], plain: RowCoefficients) -> Self {
         let [xx, xy, yx, yy] = row.own;
         let [x, y] = row.before;
         Self {
@@ -294,7 +294,7 @@ impl Part {
 
     /// Carried over an edge, from its end to its start.
     #[inline(always)]
-    fn carried(&self, row: &ChainRow, edge: &Edge) -> Carried {
+    fn carried(&self, row: &ChainRow, edge: &Edge) -> CarriedByEdge {
         let (t, [slip, length]) = (edge.t, row.lever);
         let [x, y] = self.force;
         let [along, across] = [x * t.x + y * t.y, y * t.x - x * t.y].map(|force| force.carried(edge));
@@ -303,11 +303,11 @@ impl Part {
         let across = across - along * (edge.compliance * across.along(t));
         let moment = self.moment.carried(edge) - along * (edge.compliance * self.moment.along(t));
         let moment = moment + Affine([0.0, 0.0, -row.by_angle, edge.couple]) + along * slip + across * length;
-        Carried { along, across, moment }
+        CarriedByEdge { along, across, moment }
     }
 }
 
-impl Carried {
+impl CarriedByEdge {
     /// The moment with the joint before it.
     #[inline(always)]
     fn jointed(&self, joint: &Joint) -> Affine {
@@ -317,7 +317,7 @@ impl Carried {
 
     /// With its first node, and the joint there.
     #[inline(always)]
-    fn joined(&self, row: &ChainRow, joint: &Joint, rhs: &[f64; A_NODE]) -> Part {
+    fn joined(&self, row: &ChainRow, joint: &Joint, rhs: &[f64; UNKNOWNS_PER_NODE]) -> TipwardRod {
         let moment = self.jointed(joint);
         let theta = Affine([0.0, 0.0, 1.0, joint.turn]) - moment * joint.flexibility; // of the edge beyond
         let [tx, ty] = row.t;
@@ -329,7 +329,7 @@ impl Carried {
         let force = force.map(|(Affine([x, y, by_theta, rest]), on_node, after)| {
             Affine(on_node) + Affine([x, y, 0.0, rest]) + theta * (by_theta + after)
         });
-        Part { force, moment }
+        TipwardRod { force, moment }
     }
 }
 
@@ -345,7 +345,7 @@ impl Carried {
 #[derive(Debug)]
 pub struct Riccati {
     /// One an edge: of its start the force, of its end the moment.
-    beyond: Vec<Carried>,
+    beyond: Vec<CarriedByEdge>,
     /// The band LU, made when it is first needed.
     lu: Option<Box<Band>>,
 }
@@ -353,7 +353,7 @@ pub struct Riccati {
 impl Riccati {
     /// Prepares for matrices of `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
-        Self { beyond: vec![Carried::default(); nodes - 1], lu: None }
+        Self { beyond: vec![CarriedByEdge::default(); nodes - 1], lu: None }
     }
 
     /// Writes A⁻¹ `rhs` to `x`, values that are not finite where A is singular; true if that took the band LU.
@@ -374,13 +374,15 @@ impl Riccati {
 
     /// Returns the backward error, NaN where anything is not finite.
     fn eliminate(&mut self, matrix: &ChainMatrix, rhs: &[f64], x: &mut [f64]) -> f64 {
-        let plain = Plain::new(matrix.terms);
-        let ([rows @ .., tip], (rhs, rhs_tip)) = (&matrix.rows[..], rhs.as_chunks::<A_NODE>()) else { return f64::NAN };
-        let mut part = Part::tip(tip, rhs_tip, plain);
-        let mut first = Carried::default();
+        let plain = RowCoefficients::new(matrix.terms);
+        let ([rows @ .., tip], (rhs, rhs_tip)) = (&matrix.rows[..], rhs.as_chunks::<UNKNOWNS_PER_NODE>()) else {
+            return f64::NAN;
+        };
+        let mut part = TipwardRod::tip(tip, rhs_tip, plain);
+        let mut first = CarriedByEdge::default();
         for ((row, rhs), beyond) in rows.iter().zip(rhs).zip(&mut self.beyond).rev() {
             first = part.carried(row, &plain.edge(row, rhs));
-            *beyond = Carried { moment: part.moment, ..first };
+            *beyond = CarriedByEdge { moment: part.moment, ..first };
             part = first.joined(row, &plain.joint(row, rhs), rhs);
         }
         let ([head, ..], [rhs_head, ..]) = (rows, rhs) else { return f64::NAN };
@@ -394,16 +396,17 @@ impl Riccati {
             moment = plain.moment(head, rhs_head);
             // A joint that lets the moment through, and no edge before it.
             let through = Joint { flexibility: 0.0, turn: 0.0 };
-            let Part { force: [Affine(x), Affine(y)], moment: Affine(m) } = first.joined(head, &through, rhs_head);
+            let TipwardRod { force: [Affine(x), Affine(y)], moment: Affine(m) } =
+                first.joined(head, &through, rhs_head);
             let whole = Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], m[0], m[1], m[2]);
             let Some(motion) = whole.lu().solve(&-Vector3::new(x[3], y[3], m[3] + moment)) else { return f64::NAN };
             (at, theta) = (motion.xy(), motion.z);
         }
         // From the head on; `next` is the row of the node where an edge ends.
-        let mut checked = Sizes::default();
+        let mut checked = RowSizes::default();
         let mut free = f64::from(!matrix.terms.held); // what holds the head balances all
         let (mut force_before, mut theta_before) = (Vector2::zeros(), 0.0);
-        let (x, x_tip) = x.as_chunks_mut::<A_NODE>();
+        let (x, x_tip) = x.as_chunks_mut::<UNKNOWNS_PER_NODE>();
         let ends = rows.iter().skip(1).zip(rhs.iter().skip(1)).map(Some).chain(std::iter::once(None));
         for ((((row, rhs), beyond), x), next) in rows.iter().zip(rhs).zip(&self.beyond).zip(x).zip(ends) {
             let edge = plain.edge(row, rhs);
@@ -441,7 +444,7 @@ impl Riccati {
 /// Largest moduli of what two kinds of equations leave, and of their terms; those of joints and along edges hold as they were
 /// used to find the unknowns.
 #[derive(Debug, Default)]
-struct Sizes {
+struct RowSizes {
     node: [f64; 2],
     around: [f64; 2],
     /// Of the levers that make moments of forces: what is rounded in those, is rounded in these.
@@ -456,7 +459,7 @@ fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
-impl Sizes {
+impl RowSizes {
     #[inline(always)]
     fn node<const N: usize>(&mut self, terms: [Vector2<f64>; N], left: Vector2<f64>) {
         let [size, residual] = &mut self.node;
@@ -492,13 +495,13 @@ fn still(matrix: &ChainMatrix, rhs: &[f64], x: &mut [f64]) {
     let (mut force_before, mut theta_before) = (Vector2::zeros(), 0.0);
     let moment = |row: &ChainRow, rhs: &[f64], turning: f64| (row.slope * turning - rhs[2] / joint) / row.flexibility;
     let theta = |rhs: &[f64]| rhs.get(4).map_or(0.0, |r| r / joint);
-    let links = matrix.rows.iter().zip(rhs.chunks(A_NODE)).zip(x.chunks_mut(A_NODE)).enumerate();
+    let links = matrix.rows.iter().zip(rhs.chunks(UNKNOWNS_PER_NODE)).zip(x.chunks_mut(UNKNOWNS_PER_NODE)).enumerate();
     for (k, ((row, rhs_here), x)) in links {
         let turned = theta(rhs_here);
         let here = moment(row, rhs_here, turned - theta_before);
         let mut force = Vector2::zeros();
         if let ([_, _, _, along, _, left], Some(next)) = (rhs_here, matrix.rows.get(k + 1)) {
-            let rhs_next = &rhs[A_NODE * (k + 1)..];
+            let rhs_next = &rhs[UNKNOWNS_PER_NODE * (k + 1)..];
             let after = moment(next, rhs_next, theta(rhs_next) - turned);
             let (t, n) = (Vector2::from(row.t), row.n());
             let [slip, length] = row.lever;

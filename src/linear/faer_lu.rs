@@ -86,7 +86,7 @@ impl LinearSolver for FaerLu {
         for j in 0..matrix.nodes() {
             for b in 0..2 {
                 for i in matrix.coupled(j) {
-                    let block = matrix.rows()[i][j + super::REACH - i];
+                    let block = matrix.rows()[i][j + super::HALF_BANDWIDTH - i];
                     self.values[at..at + 2].copy_from_slice(&[block[b], block[2 + b]]);
                     at += 2;
                 }

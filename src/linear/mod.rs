@@ -3,12 +3,12 @@
 mod block;
 mod block_band;
 mod chain;
-mod choice;
 #[cfg(feature = "faer")]
 mod dense_lu;
 mod direction;
 #[cfg(feature = "faer")]
 mod faer_lu;
+mod fallback;
 mod pivoted_band;
 mod real;
 
@@ -19,20 +19,20 @@ use crate::error::Result;
 pub use block::{Block, pair};
 pub use block_band::BlockBand;
 pub use chain::{ChainMatrix, ChainRow, ChainTerms, Riccati};
-pub use choice::{Choice, Chosen, Solution};
 #[cfg(feature = "faer")]
 pub use dense_lu::DenseLu;
 pub use direction::Direction;
 #[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
+pub use fallback::{FallbackSolver, Solution, SolverChoice};
 pub use pivoted_band::{PivotedBand, PivotedLu};
 pub use real::{Number, Pair, Real};
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
-pub(crate) const REACH: usize = 2;
+pub(crate) const HALF_BANDWIDTH: usize = 2;
 
 /// The five blocks of a row of blocks, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
-pub type BlockRow<T = f64> = [[T; 4]; 2 * REACH + 1];
+pub type BlockRow<T = f64> = [[T; 4]; 2 * HALF_BANDWIDTH + 1];
 
 /// Square matrix of 2×2 blocks, one row of blocks per node, in which node k meets nodes k−2 … k+2 (half-bandwidth 5).
 ///
@@ -50,7 +50,7 @@ impl BandMatrix {
 
     /// Nodes that node `k` is coupled to.
     pub fn coupled(&self, k: usize) -> std::ops::Range<usize> {
-        k.saturating_sub(REACH)..(k + REACH + 1).min(self.rows.len())
+        k.saturating_sub(HALF_BANDWIDTH)..(k + HALF_BANDWIDTH + 1).min(self.rows.len())
     }
 
     /// The rows of blocks, one a node.
@@ -72,7 +72,7 @@ impl BandMatrix {
     #[inline]
     pub fn add_block(&mut self, i: usize, j: usize, block: &Matrix2<f64>) {
         debug_assert!(self.coupled(i).contains(&j));
-        let [a, b, c, d] = &mut self.rows[i][j + REACH - i];
+        let [a, b, c, d] = &mut self.rows[i][j + HALF_BANDWIDTH - i];
         *a += block[(0, 0)];
         *b += block[(0, 1)];
         *c += block[(1, 0)];
@@ -87,7 +87,7 @@ impl BandMatrix {
     /// True where the unknowns of node `k` are [prescribed](Self::prescribe).
     pub fn is_prescribed(&self, k: usize) -> bool {
         let row = &self.rows[k];
-        row[REACH] == [1.0, 0.0, 0.0, 1.0] && (0..row.len()).all(|j| j == REACH || row[j] == [0.0; 4])
+        row[HALF_BANDWIDTH] == [1.0, 0.0, 0.0, 1.0] && (0..row.len()).all(|j| j == HALF_BANDWIDTH || row[j] == [0.0; 4])
     }
 
     /// Number of nodes, and of rows of blocks.
@@ -103,7 +103,7 @@ impl BandMatrix {
     /// The entry at row `i`, column `j`; zero outside the band.
     pub fn entry(&self, i: usize, j: usize) -> f64 {
         if self.coupled(i / 2).contains(&(j / 2)) {
-            self.rows[i / 2][j / 2 + REACH - i / 2][2 * (i % 2) + j % 2]
+            self.rows[i / 2][j / 2 + HALF_BANDWIDTH - i / 2][2 * (i % 2) + j % 2]
         } else {
             0.0
         }
@@ -114,7 +114,7 @@ impl BandMatrix {
         y.fill(0.0);
         for (i, row) in self.rows.iter().enumerate() {
             for j in self.coupled(i) {
-                let [a, b, c, d] = row[j + REACH - i];
+                let [a, b, c, d] = row[j + HALF_BANDWIDTH - i];
                 let (from, to, [a, b, c, d]) = if transposed { (i, j, [a, c, b, d]) } else { (j, i, [a, b, c, d]) };
                 let (x0, x1) = (x[2 * from], x[2 * from + 1]);
                 y[2 * to] = y[2 * to] + a * x0 + b * x1;
@@ -130,8 +130,8 @@ impl BandMatrix {
     }
 
     /// The [backward error](Self::backward_error), with the largest moduli of x and b, which are right where it is a number.
-    pub(crate) fn checked(&self, x: &[f64], b: &[f64]) -> Checked {
-        Sizes::of(&self.rows, x.as_chunks().0, b.as_chunks().0).checked()
+    pub(crate) fn checked(&self, x: &[f64], b: &[f64]) -> ResidualCheck {
+        ResidualSizes::of(&self.rows, x.as_chunks().0, b.as_chunks().0).checked()
     }
 }
 
@@ -139,16 +139,16 @@ impl BandMatrix {
 #[inline(always)]
 pub(crate) fn prescribe<T: Real>(rows: &mut [BlockRow<T>], k: usize) {
     let zero = rows[k][0][0].like(0.0);
-    for i in k.saturating_sub(REACH)..(k + REACH + 1).min(rows.len()) {
-        rows[i][k + REACH - i] = [zero; 4];
+    for i in k.saturating_sub(HALF_BANDWIDTH)..(k + HALF_BANDWIDTH + 1).min(rows.len()) {
+        rows[i][k + HALF_BANDWIDTH - i] = [zero; 4];
     }
     rows[k] = [[zero; 4]; 5];
-    rows[k][REACH] = [zero.like(1.0), zero, zero, zero.like(1.0)];
+    rows[k][HALF_BANDWIDTH] = [zero.like(1.0), zero, zero, zero.like(1.0)];
 }
 
 /// A solution of A x = b, checked.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Checked {
+pub(crate) struct ResidualCheck {
     /// Its backward error.
     pub error: f64,
     /// Largest modulus of x.
@@ -157,16 +157,16 @@ pub(crate) struct Checked {
     pub b: f64,
 }
 
-impl Checked {
+impl ResidualCheck {
     /// True where the system is solved to rounding.
     pub fn is_solved(&self) -> bool {
-        self.error <= choice::BACKWARD_ERROR
+        self.error <= fallback::BACKWARD_ERROR
     }
 }
 
 /// Largest moduli of parts of A x − b, and a sum that is not finite where anything in A x − b is not.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sizes<P> {
+pub(crate) struct ResidualSizes<P> {
     residual: P,
     diagonal: P,
     x: P,
@@ -174,7 +174,7 @@ pub(crate) struct Sizes<P> {
     sum: P,
 }
 
-impl<P: Number> Sizes<P> {
+impl<P: Number> ResidualSizes<P> {
     /// Of the solution `x` of the system of `rows` and the right-hand side `b`.
     #[inline(always)]
     pub(crate) fn of<T: Real<Pair = P>>(rows: &[BlockRow<T>], x: &[[T; 2]], b: &[[T; 2]]) -> Self
@@ -184,13 +184,13 @@ impl<P: Number> Sizes<P> {
         let zero = rows[0][0][0].like(0.0);
         let none = P::new([zero; 2]);
         let mut sizes = Self { residual: none, diagonal: none, x: none, b: none, sum: none };
-        let inner = rows.len().saturating_sub(2 * REACH);
+        let inner = rows.len().saturating_sub(2 * HALF_BANDWIDTH);
         let outer = 2.min(rows.len())..;
         // The first and the last rows meet nodes that there are not.
-        for k in (0..rows.len()).filter(|k| !(REACH..REACH + inner).contains(k)) {
+        for k in (0..rows.len()).filter(|k| !(HALF_BANDWIDTH..HALF_BANDWIDTH + inner).contains(k)) {
             let mut near = [[zero; 2]; 5];
             for (j, near) in near.iter_mut().enumerate() {
-                if let Some(x) = (k + j).checked_sub(REACH).and_then(|j| x.get(j)) {
+                if let Some(x) = (k + j).checked_sub(HALF_BANDWIDTH).and_then(|j| x.get(j)) {
                     *near = *x;
                 }
             }
@@ -219,19 +219,22 @@ impl<P: Number> Sizes<P> {
         let ([a, b_], [c, d]) = (upper.to_array(), lower.to_array());
         let b = P::new(b);
         let residual = P::new([a, c]) + P::new([b_, d]) - b;
-        let [a00, _, _, a11] = row[REACH];
+        let [a00, _, _, a11] = row[HALF_BANDWIDTH];
         self.sum += residual;
         self.residual = self.residual.larger(residual.abs());
         self.diagonal = self.diagonal.larger(P::new([a00, a11]).abs());
-        self.x = self.x.larger(P::new(near[REACH]).abs());
+        self.x = self.x.larger(P::new(near[HALF_BANDWIDTH]).abs());
         self.b = self.b.larger(b.abs());
     }
 }
 
-impl<P: Copy> Sizes<P> {
+impl<P: Copy> ResidualSizes<P> {
     /// Those of each of several cases, of which `of` knows the numbers.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
-    pub(crate) fn in_lanes<T: Real<Pair = P>, const N: usize>(&self, of: impl Fn(T) -> [f64; N]) -> [Sizes<f64x2>; N]
+    pub(crate) fn in_lanes<T: Real<Pair = P>, const N: usize>(
+        &self,
+        of: impl Fn(T) -> [f64; N],
+    ) -> [ResidualSizes<f64x2>; N]
     where
         P: Pair<T>,
     {
@@ -240,14 +243,14 @@ impl<P: Copy> Sizes<P> {
         let [residual, diagonal, x, b, sum] = [residual, diagonal, x, b, sum].map(parts);
         std::array::from_fn(|lane| {
             let of = |[first, second]: [[f64; N]; 2]| f64x2::new([first[lane], second[lane]]);
-            Sizes { residual: of(residual), diagonal: of(diagonal), x: of(x), b: of(b), sum: of(sum) }
+            ResidualSizes { residual: of(residual), diagonal: of(diagonal), x: of(x), b: of(b), sum: of(sum) }
         })
     }
 }
 
-impl Sizes<f64x2> {
+impl ResidualSizes<f64x2> {
     /// What they say of the solution.
-    pub(crate) fn checked(&self) -> Checked {
+    pub(crate) fn checked(&self) -> ResidualCheck {
         let [residual, diagonal, x, b] = [self.residual, self.diagonal, self.x, self.b].map(|sizes| {
             let [a, b] = sizes.to_array();
             a.max(b)
@@ -259,7 +262,7 @@ impl Sizes<f64x2> {
         } else {
             residual / (diagonal * x + b)
         };
-        Checked { error, x, b }
+        ResidualCheck { error, x, b }
     }
 }
 

@@ -4,7 +4,7 @@
 //! same by blocks. Rows are kept flush with the column that is eliminated, so the fill-in of pivoting lands where the
 //! eliminated column was, and U needs no more room than the matrix.
 
-use super::{BandMatrix, LinearSolver, REACH};
+use super::{BandMatrix, HALF_BANDWIDTH, LinearSolver};
 use crate::error::Result;
 
 /// A square matrix with `LOWER` diagonals below the main one and `WIDTH` − 1 − `LOWER` above it, and its factors.
@@ -162,7 +162,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
 }
 
 /// Diagonals of a [`BandMatrix`] on either side of the main one.
-const HALF: usize = 2 * REACH + 1;
+const HALF: usize = 2 * HALF_BANDWIDTH + 1;
 
 /// LU with partial pivoting of a [`BandMatrix`]: indefinite and nearly singular ones too.
 pub type PivotedLu = PivotedBand<HALF, { 2 * HALF + 1 }>;

@@ -23,7 +23,7 @@ use nalgebra::Vector2;
 use crate::error::Error;
 use crate::fluid::Kinematics;
 use crate::head::{Row, STEPS_A_PERIOD, Sample, hermite};
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::model::{Dynamics, Model};
 use crate::rod::{Edge, bend, node};
 use crate::spectrum::Spectrum;
@@ -60,7 +60,7 @@ pub struct Run {
     /// Nodes of the scene; the estimates may be made on fewer.
     pub nodes: usize,
     /// How the whole model chooses its steps, and how a cheaper one would.
-    pub pace: [Pace; 2],
+    pub pace: [StepControl; 2],
     /// Newton iterations of a step of the whole model, about.
     pub iterations: f64,
     /// The accuracy asked for, and of what.
@@ -145,7 +145,7 @@ fn unknown<T>(reason: impl Into<String>) -> Result<T, Unknown> {
 
 /// Why the shape model cannot be run for `duration` (s), where it would take too many steps.
 pub fn endless(model: &Arc<Model>, duration: f64) -> Option<String> {
-    let pace = Pace::Fixed(duration);
+    let pace = StepControl::Fixed(duration);
     let walk = Walk::new(
         model,
         Run {
@@ -331,8 +331,8 @@ impl Walk {
     fn whole_work(&self) -> f64 {
         let Run { duration, iterations, pace: [pace, _], .. } = self.run;
         match pace {
-            Pace::Fixed(step) => duration / step * (iterations + READING),
-            Pace::Adaptive(tolerance) => {
+            StepControl::Fixed(step) => duration / step * (iterations + READING),
+            StepControl::Adaptive(tolerance) => {
                 let model = &self.dynamics.model;
                 let flows = model.flow.is_some() || model.fluid.flow != Vector2::zeros();
                 let flow = !model.forces.is_empty() && flows;
@@ -367,8 +367,8 @@ impl Walk {
     /// The tolerance of a cheaper model's steps.
     fn tolerance(&self) -> f64 {
         match self.run.pace[1] {
-            Pace::Adaptive(tolerance) => self.tolerance.min(tolerance),
-            Pace::Fixed(_) => self.tolerance,
+            StepControl::Adaptive(tolerance) => self.tolerance.min(tolerance),
+            StepControl::Fixed(_) => self.tolerance,
         }
     }
 
@@ -526,7 +526,7 @@ impl Walk {
             return unknown(format!("inertia is {inertia:.1e} of the drag"));
         }
         let Run { duration, pace: [_, pace], .. } = self.run;
-        if let Pace::Adaptive(tolerance) = pace {
+        if let StepControl::Adaptive(tolerance) = pace {
             self.must_be_cheaper(tolerance)?;
         }
         // The net displacement, and means of loads, may be as small as the parts of a path that they are measured against.

@@ -15,17 +15,17 @@ use crate::error::{Error, Result};
 use crate::fluid::Fluid;
 use crate::fluid::laws::DragLaw;
 use crate::fluid::uncertainty::Uncertainty;
-use crate::fluid::validity::Across;
+use crate::fluid::validity::TransverseMotion;
 use crate::integrator::Method;
-use crate::linear::Choice as Linear;
+use crate::linear::SolverChoice as Linear;
 use crate::metrics::{Meter, Reading};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
-use crate::regime::{self, MISALIGNED, Motion, Regime};
+use crate::number_format::{percent, signed, two_digits};
+use crate::regime::{self, MISALIGNED, MeanMotion, Regime};
 use crate::rod::node;
 use crate::spectrum::Spectrum;
 use crate::system::{Form, State};
-use crate::words::{percent, signed, two_digits};
 
 /// Periods that are followed after a ramp, steps of each, and steps where nothing repeats itself.
 pub const PERIODS: f64 = 8.0;
@@ -101,7 +101,7 @@ pub struct Followed {
     /// Motion and power.
     pub means: Means,
     /// How the rod moves against the fluid.
-    pub motion: Motion,
+    pub motion: MeanMotion,
 }
 
 /// Follows `model` over `span` from its start.
@@ -204,7 +204,7 @@ impl Moment {
 }
 
 /// The motion from the first of equally spaced `moments`, which is the start of it, to the last.
-fn motion(moments: &[Moment], held: bool) -> Motion {
+fn motion(moments: &[Moment], held: bool) -> MeanMotion {
     let later = moments.get(1..).unwrap_or_default();
     let mean = |of: fn(&Moment) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
     let root = |of: fn(&Moment) -> f64| mean(of).sqrt();
@@ -217,9 +217,9 @@ fn motion(moments: &[Moment], held: bool) -> Motion {
         _ => moment.from,
     };
     let tips: Vec<_> = later.iter().map(|moment| moment.tip - gone(moment)).collect();
-    Motion {
+    MeanMotion {
         along: root(|moment| moment.along),
-        across: Across {
+        across: TransverseMotion {
             speed: root(|moment| moment.across),
             per_depth: root(|moment| moment.inertia),
             body: root(|moment| moment.body),

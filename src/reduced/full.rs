@@ -2,7 +2,7 @@
 
 use super::{Mover, Rung};
 use crate::error::Result;
-use crate::integrator::{Integrator, Rule, StepError};
+use crate::integrator::{Integrator, StepError, StepWeights};
 use crate::linear::Direction;
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
@@ -51,7 +51,7 @@ impl Mover for Full {
         Ok(())
     }
 
-    fn rule(&self, h: f64) -> Option<Rule> {
+    fn rule(&self, h: f64) -> Option<StepWeights> {
         self.integrator.rule(h)
     }
 

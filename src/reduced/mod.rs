@@ -15,7 +15,7 @@ mod shape;
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::integrator::{Integrator, Rule, StepError};
+use crate::integrator::{Integrator, StepError, StepWeights};
 use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
@@ -136,7 +136,7 @@ pub trait Mover: std::fmt::Debug + Send {
     ) -> Result<StepError>;
 
     /// The rule of its steps of `h` (s), where it solves the whole model by a method of one stage.
-    fn rule(&self, _h: f64) -> Option<Rule> {
+    fn rule(&self, _h: f64) -> Option<StepWeights> {
         None
     }
 

@@ -7,10 +7,10 @@ use super::{Mover, Rung};
 use crate::error::{Error, Result};
 use crate::fluid::Force;
 use crate::integrator::esdirk3::{G, STAGES, TIMES, WEIGHTS, error};
-use crate::integrator::{Foot, Stage, StepError};
+use crate::integrator::{ExplicitPart, Stage, StepError};
 use crate::linear::Direction;
 use crate::model::{Dynamics, Mechanics};
-use crate::newton::{Convergence, MAX_ITERATIONS, Newton};
+use crate::newton::{ConvergenceRate, MAX_ITERATIONS, Newton};
 use crate::system::{State, System};
 
 /// What is known of it.
@@ -95,9 +95,9 @@ impl Mover for Overdamped {
             to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
             let v = &self.v;
             // Every stage converges by itself: what one that is spared leaves, drag in all would show, which is nothing here.
-            stage.solve(dynamics, newton, &mut Convergence::default(), from, to, |k| {
+            stage.solve(dynamics, newton, &mut ConvergenceRate::default(), from, to, |k| {
                 let dq = (0..i).map(|j| h * WEIGHTS[i][j] * v[j][k]).sum();
-                Foot { dq, v: 0.0, guess: v[i - 1][k] }
+                ExplicitPart { dq, v: 0.0, guess: v[i - 1][k] }
             })?;
             if i < STAGES - 1 {
                 self.v[i].copy_from_slice(&to.v);

@@ -11,7 +11,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::fluid::force::Slopes;
+use crate::fluid::force::StateDerivatives;
 use crate::fluid::{Fluid, Kinematics};
 use crate::head::Pose;
 use crate::model::Dynamics;
@@ -320,7 +320,7 @@ impl Chain {
 fn momenta(dynamics: &Dynamics, rod: &Kinematics<'_>, v: &mut [f64], [q, a]: &mut [Vec<f64>; 2]) -> Vector3<f64> {
     v.fill(0.0);
     for force in dynamics.model.forces.iter().filter(|force| force.is_inertial()) {
-        force.energy(rod, 1.0, Some(Slopes { q, v, a }));
+        force.energy(rod, 1.0, Some(StateDerivatives { q, v, a }));
     }
     let mut sum = Vector3::zeros();
     for k in 0..rod.edges.len() + 1 {

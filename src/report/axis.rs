@@ -1,6 +1,6 @@
 //! Axes of charts: a range that holds the data, whatever they are, and a handful of ticks.
 
-use crate::words::number;
+use crate::number_format::number;
 
 /// Numbers beyond these are not told from infinity and from zero: no range or tick can leave what numbers can say.
 const LARGEST: f64 = 1e300;

@@ -10,7 +10,7 @@ use super::heat_map::{HeatMap, Levels};
 use super::page::{Motion, Script, render};
 use super::record::Frame;
 use crate::error::Result;
-use crate::words::number;
+use crate::number_format::number;
 
 /// Quantities of a summary that figures and page show, in this order.
 pub const QUANTITIES: [Quantity; 22] = [

@@ -8,8 +8,8 @@ use super::folder::Folder;
 use super::page::{Motion, Script, render};
 use super::tables::Kept;
 use crate::error::{Error, Result};
+use crate::number_format::number;
 use crate::scene::Document;
-use crate::words::number;
 
 /// Up to this many rows of a table are on the page.
 const ROWS: usize = 60;

@@ -4,7 +4,7 @@ use super::axis::Axis;
 use super::chart::{Frame, LABEL, LINE, Scale, TITLE, WIDTH};
 use super::map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
-use crate::words::significant;
+use crate::number_format::significant;
 
 /// Colours from the least to the largest number, of rising lightness, so that print and any kind of colour vision keep their
 /// order: matplotlib's viridis at equal steps.

@@ -8,8 +8,8 @@ use serde::{Serialize, Serializer};
 use super::chart::Figure;
 use super::record::Frame;
 use crate::error::{Error, Result};
+use crate::number_format::number;
 use crate::run::Summary;
-use crate::words::number;
 
 /// Everything the page shows.
 pub struct Page<'a> {

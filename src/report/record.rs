@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 use crate::fluid::{Fluid, Layers};
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::rod::{Rod, node};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -34,7 +34,7 @@ impl Times {
         let every = scene.record.every.map_or(1, |every| every.get() as u64);
         match (scene.record.interval_s, scene.pace(), stepper.pace()) {
             (Some(interval), ..) => Self::Every(interval.get(), 1),
-            (None, Pace::Fixed(step), Pace::Adaptive(_)) => Self::Every(step * every as f64, 1),
+            (None, StepControl::Fixed(step), StepControl::Adaptive(_)) => Self::Every(step * every as f64, 1),
             (None, ..) => Self::Steps(every, 0),
         }
     }
@@ -184,8 +184,8 @@ impl Record {
         let drive = Spectrum::of_model(stepper.model()).fastest();
         let wanted = drive.map_or(A_RUN, |frequency| A_RUN.max(A_PERIOD * frequency * duration));
         let times = match stepper.pace() {
-            Pace::Fixed(_) => Times::Steps(1, 0),
-            Pace::Adaptive(_) => Times::Every(duration / wanted.min(SAMPLES as f64 - 1.0).ceil(), 1),
+            StepControl::Fixed(_) => Times::Steps(1, 0),
+            StepControl::Adaptive(_) => Times::Every(duration / wanted.min(SAMPLES as f64 - 1.0).ceil(), 1),
         };
         let mut record = Self {
             times,

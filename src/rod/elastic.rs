@@ -8,9 +8,9 @@
 
 use nalgebra::Vector2;
 
-use super::around::OnEdge;
 use super::bend::Joint;
-use super::{Alike, Cell, Edge};
+use super::edge_force::EdgeForce;
+use super::{Cell, Edge, EdgeValues};
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
 
 /// ∂E/∂(edge vector), N: the force that the edge carries, between joints `start` and `end`.
@@ -49,7 +49,7 @@ pub fn coupling<T: Real>(before: &Edge<T>, after: &Edge<T>, joint: &Joint<T>, fa
 #[derive(Debug, Clone, Copy)]
 pub struct Deformed<'a, T = f64> {
     /// How each edge resists stretching.
-    pub cells: &'a Alike<Cell<T>>,
+    pub cells: &'a EdgeValues<Cell<T>>,
     /// Mass of each node, kg.
     pub mass: &'a [T],
     /// Its edges.
@@ -66,7 +66,7 @@ impl<T: Real> Deformed<'_, T> {
     #[inline(always)]
     pub fn assemble(
         &self,
-        around: impl Iterator<Item = Option<OnEdge<T>>>,
+        around: impl Iterator<Item = Option<EdgeForce<T>>>,
         residual: &mut [[T; 2]],
         jacobian: Option<(&mut [BlockRow<T>], Direction)>,
     ) {

@@ -2,23 +2,23 @@
 //!
 //! Both energies depend on the nodes through edge vectors only, so the elements give derivatives with respect to edges.
 
-mod alike;
-pub mod around;
 pub mod bend;
+pub mod edge_force;
+mod edge_values;
 pub mod elastic;
+pub(crate) mod energies;
 pub(crate) mod lengths;
 pub mod section;
 pub mod spheroid;
 pub mod stretch;
-pub(crate) mod sums;
 
 use nalgebra::Vector2;
 use serde::Deserialize;
 
 use crate::linear::{Pair, Real};
 
-pub use alike::Alike;
-pub use section::{Half, Profile, Section, Sections, Shape};
+pub use edge_values::EdgeValues;
+pub use section::{HalfEdge, Profile, Section, Sections, Shape};
 pub use spheroid::Spheroid;
 pub use stretch::Cell;
 
@@ -132,7 +132,7 @@ pub struct Rod {
     /// Young's modulus Y, Pa.
     pub youngs: f64,
     /// How each edge resists stretching.
-    pub cells: Alike<Cell>,
+    pub cells: EdgeValues<Cell>,
     /// Node at which the rod begins: 0, or 1 where node 0 is the centre of a body and the first edge the neck between.
     pub front: usize,
     /// The body whose centre is node 0.
@@ -278,10 +278,10 @@ impl Rod {
     }
 
     /// Both halves of every edge; those of a neck have no length, for no force acts on it.
-    pub fn halves(&self) -> impl Iterator<Item = [Half; 2]> {
+    pub fn halves(&self) -> impl Iterator<Item = [HalfEdge; 2]> {
         let half = 0.5 * self.spacing;
         let of = move |start: f64| self.sections.half(start, half, self.length);
-        let neck = move || Half { length: 0.0, middle: 0.0, ..of(0.0) };
+        let neck = move || HalfEdge { length: 0.0, middle: 0.0, ..of(0.0) };
         let along = (self.front..self.nodes - 1).map(move |e| self.arc_length(e)).map(move |s| [of(s), of(s + half)]);
         (0..self.front).map(move |_| [neck(); 2]).chain(along)
     }

@@ -312,7 +312,7 @@ pub struct Sections {
 
 /// Means over half of an edge, for the forces that act on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Half {
+pub struct HalfEdge {
     /// Its length, m.
     pub length: f64,
     /// Arc length at its middle, m.
@@ -335,7 +335,7 @@ pub struct Half {
     pub displaced: f64,
 }
 
-impl Half {
+impl HalfEdge {
     /// The solid section of its means.
     pub fn section(&self) -> Section {
         Section { shape: self.shape, outer: self.outer, inner: 0.0, depth: self.depth }
@@ -417,10 +417,10 @@ impl Sections {
     }
 
     /// Half of an edge from arc length `start` over `length` (m), on a rod of `whole` metres.
-    pub fn half(&self, start: f64, length: f64, whole: f64) -> Half {
+    pub fn half(&self, start: f64, length: f64, whole: f64) -> HalfEdge {
         let (from, to) = (start / whole, (start + length) / whole);
         let mean = |quantity: &dyn Fn(f64) -> f64| self.mean(from, to, quantity);
-        Half {
+        HalfEdge {
             length,
             middle: start + 0.5 * length,
             shape: self.shape,

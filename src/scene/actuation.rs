@@ -8,7 +8,7 @@ use super::document::Fault;
 use super::rod::check_points;
 use super::value::{self, Finite, NotNegative, Positive};
 use crate::actuation::sine_wave::STEEPEST;
-use crate::actuation::{Actuation, KINDS, Kind, Recipe};
+use crate::actuation::{Actuation, ActuationInputs, ActuationKind, KINDS};
 use crate::error::nearest;
 use crate::model::Drive;
 use crate::rod::{Profile, Rod};
@@ -21,7 +21,7 @@ pub struct ActuationTable {
     /// Kind of actuation.
     #[serde(deserialize_with = "kind")]
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
-    pub kind: &'static Kind,
+    pub kind: &'static ActuationKind,
     /// Amplitude, a turning per reference length, of `travelling-wave` and `standing-wave`.
     pub kappa_amp: Option<Finite>,
     /// Reference length, m; 1 m, where it is not given, makes the amplitude a curvature in 1/m.
@@ -44,9 +44,9 @@ pub struct ActuationTable {
     pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
 }
 
-fn kind<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Kind, D::Error> {
+fn kind<'de, D: Deserializer<'de>>(from: D) -> Result<&'static ActuationKind, D::Error> {
     let name = String::deserialize(from)?;
-    Kind::named(&name).ok_or_else(|| {
+    ActuationKind::named(&name).ok_or_else(|| {
         let names = || KINDS.iter().map(|kind| kind.name);
         let near = nearest(&name, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
         let listed = names().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
@@ -116,7 +116,7 @@ impl ActuationTable {
     fn build(&self, rod: &Rod) -> Driven {
         let drive = Drive { amplitude: self.amplitude(), frequency: self.frequency_hz.get() };
         let harmonics: Vec<f64> = self.harmonics.iter().flatten().copied().map(Finite::get).collect();
-        let actuation = (self.kind.build)(&Recipe {
+        let actuation = (self.kind.build)(&ActuationInputs {
             nodes: rod.nodes,
             front: rod.front,
             spacing: rod.spacing,

@@ -15,10 +15,10 @@ use super::value::{self, Along, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes};
+use crate::fluid::laws::{self, Dependence, DragLaw, ForcesByCause, LAWS, LawInputs, SLENDER, SectionInput};
 use crate::fluid::reactive::{self, Wake};
 use crate::fluid::uncertainty::Uncertainty;
-use crate::fluid::validity::{Across, Motion};
+use crate::fluid::validity::{FlowConditions, TransverseMotion};
 use crate::fluid::warnings;
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
@@ -252,8 +252,8 @@ impl DragTable {
         if scene.rod.shape() == Shape::Rectangle {
             let of_parts = if law.keys.contains(&"viscous") { Some(("viscous", viscous)) } else { None };
             for (key, law) in std::iter::once(("law", law)).chain(of_parts) {
-                if law.takes == Takes::Round {
-                    let others = LAWS.iter().filter(|law| law.takes != Takes::Round);
+                if law.takes == SectionInput::Round {
+                    let others = LAWS.iter().filter(|law| law.takes != SectionInput::Round);
                     let others = others.filter(|law| key == "law" || law.resistance.is_some()).map(|law| law.name);
                     let allowed = others.collect::<Vec<_>>().join(", ");
                     return fault(
@@ -284,8 +284,8 @@ impl DragTable {
             return fault("height_m", value::refused(format!("{:e} m", recipe.height), allowed));
         }
         match law.reach {
-            Reach::Edge => Ok(()),
-            Reach::Rod { least_spacing, most_nodes } => {
+            Dependence::Edge => Ok(()),
+            Dependence::Rod { least_spacing, most_nodes } => {
                 self.check_whole(scene, law, least_spacing(&recipe), most_nodes)
             }
         }
@@ -325,10 +325,10 @@ impl DragTable {
         Ok(())
     }
 
-    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<Recipe<'a>, Fault> {
+    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<LawInputs<'a>, Fault> {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
         let profile = |along: &Option<Along<NotNegative>>| along.as_ref().map_or(0.0.into(), Along::profile);
-        Ok(Recipe {
+        Ok(LawInputs {
             taken: scene.taken.as_ref().and_then(|taken| taken.law),
             wavelength: scene.wavelength(),
             frequency: if self.law()? == &laws::weak_inertia::LAW { scene.spectrum().strongest() } else { None },
@@ -346,7 +346,7 @@ impl DragTable {
             thinning: get(self.thinning),
             skin_friction: get(self.skin_friction),
             turbulent_friction: get(self.turbulent_friction),
-            ..Recipe::plain(rod)
+            ..LawInputs::plain(rod)
         })
     }
 
@@ -454,9 +454,9 @@ impl Scene {
     ///
     /// # Errors
     /// Those of [`model`](Self::model).
-    pub fn parts_of_fluid(&self, rod: &Rod) -> Read<Causes> {
-        let parts = || -> Result<Causes, Fault> {
-            let mut parts = Causes::new();
+    pub fn parts_of_fluid(&self, rod: &Rod) -> Read<ForcesByCause> {
+        let parts = || -> Result<ForcesByCause, Fault> {
+            let mut parts = ForcesByCause::new();
             let mut others = self.forces(rod)?.0;
             if let Some(drag) = &self.drag {
                 parts = drag.law()?.parts(&drag.recipe(self, rod)?);
@@ -560,8 +560,8 @@ impl Scene {
     }
 
     /// What says whether forces hold on `rod`, which moves so across itself.
-    pub fn motion<'a>(&self, rod: &'a Rod, across: Across) -> Motion<'a> {
-        Motion {
+    pub fn motion<'a>(&self, rod: &'a Rod, across: TransverseMotion) -> FlowConditions<'a> {
+        FlowConditions {
             rod,
             across,
             frequency: self.spectrum().strongest().filter(|frequency| *frequency > 0.0),
@@ -636,7 +636,7 @@ impl Scene {
     }
 
     /// What to say of those of `forces` on `rod`, its own, that a motion takes out of their range.
-    pub fn left_ranges(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
+    pub fn left_ranges(&self, forces: &Forces, rod: &Rod, across: TransverseMotion) -> Vec<String> {
         let mut left = warnings::out_of_range(forces, &self.motion(rod, across), |law| self.without(law));
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));

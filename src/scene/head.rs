@@ -8,7 +8,7 @@ use super::document::Fault;
 use super::value::{ScalarSignal, VectorSignal, Wanted};
 use super::{Scene, table};
 use crate::error::Result;
-use crate::head::{HeadInput, Motion, Signal};
+use crate::head::{HeadInput, HeadMotion, Signal};
 
 /// `[head]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -58,7 +58,7 @@ impl HeadTable {
 }
 
 impl Scene {
-    pub(super) fn head_motion(&self) -> Result<Option<Motion>> {
+    pub(super) fn head_motion(&self) -> Result<Option<HeadMotion>> {
         let still = Signal::Constant(0.0);
         match self.head.kind {
             HeadKind::Free => Ok(None),

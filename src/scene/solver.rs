@@ -9,7 +9,7 @@ use super::document::{self, Fault};
 use super::value::{self, Positive, Tolerance};
 use super::{HeadKind, Scene, StartKind};
 use crate::error::{Result, nearest};
-use crate::integrator::{Integrator, METHODS, Method, Pace};
+use crate::integrator::{Integrator, METHODS, Method, StepControl};
 use crate::linear;
 use crate::model::Model;
 use crate::model::chain;
@@ -43,7 +43,7 @@ pub struct SolverTable {
     pub newton_tolerance: Option<Tolerance>,
     /// The linear solver.
     #[serde(default)]
-    pub linear: linear::Choice,
+    pub linear: linear::SolverChoice,
     /// What Newton's method takes as unknowns.
     #[serde(default)]
     pub form: FormKey,
@@ -321,9 +321,9 @@ impl Scene {
     }
 
     /// How a cheaper model that `auto` takes chooses its steps at most: for itself.
-    pub(super) fn cheaper_pace(&self) -> Pace {
+    pub(super) fn cheaper_pace(&self) -> StepControl {
         let most = STEPS_OF_ACCURACY * self.solver.accuracy.get();
-        Pace::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
+        StepControl::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
     }
 
     /// The method and the values of its parameters.
@@ -376,10 +376,10 @@ impl Scene {
     }
 
     /// How its steps are chosen.
-    pub fn pace(&self) -> Pace {
+    pub fn pace(&self) -> StepControl {
         match (self.solver.time_step_s, self.solver.tolerance) {
-            (Some(step), _) => Pace::Fixed(step.get()),
-            (None, tolerance) => Pace::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
+            (Some(step), _) => StepControl::Fixed(step.get()),
+            (None, tolerance) => StepControl::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
         }
     }
 
@@ -387,8 +387,8 @@ impl Scene {
     pub fn newton_tolerance(&self) -> f64 {
         match (self.solver.newton_tolerance, self.pace()) {
             (Some(tolerance), _) => tolerance.get(),
-            (None, Pace::Fixed(_)) => NEWTON_TOLERANCE,
-            (None, Pace::Adaptive(tolerance)) => (NEWTON_OF_TOLERANCE * tolerance).min(LARGEST_NEWTON_TOLERANCE),
+            (None, StepControl::Fixed(_)) => NEWTON_TOLERANCE,
+            (None, StepControl::Adaptive(tolerance)) => (NEWTON_OF_TOLERANCE * tolerance).min(LARGEST_NEWTON_TOLERANCE),
         }
     }
 
@@ -401,8 +401,8 @@ impl Scene {
     /// The size of its steps, s; where they are adaptive, about what is usual: a fiftieth of the fastest period of what drives it, or of the run.
     pub fn typical_step(&self) -> f64 {
         match self.pace() {
-            Pace::Fixed(step) => step,
-            Pace::Adaptive(_) => {
+            StepControl::Fixed(step) => step,
+            StepControl::Adaptive(_) => {
                 let period = self.spectrum().fastest().map_or(f64::INFINITY, f64::recip);
                 period.min(self.solver.duration_s.get()) / 50.0
             }
@@ -432,7 +432,7 @@ impl Scene {
     /// step if there is one; one in all where steps are adaptive.
     pub fn spans(&self) -> impl Iterator<Item = f64> {
         let duration = self.solver.duration_s.get();
-        let Pace::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
+        let StepControl::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
         let (whole, last) = whole_steps(duration, step);
         [(whole > 0).then_some(whole as f64 * step), last].into_iter().flatten()
     }
@@ -441,8 +441,8 @@ impl Scene {
     #[cfg(feature = "report")]
     pub(crate) fn single_steps(&self) -> impl Iterator<Item = f64> + use<> {
         let (step, steps) = match self.pace() {
-            Pace::Fixed(step) => (step, whole_steps(self.solver.duration_s.get(), step)),
-            Pace::Adaptive(_) => (0.0, (0, Some(self.solver.duration_s.get()))),
+            StepControl::Fixed(step) => (step, whole_steps(self.solver.duration_s.get(), step)),
+            StepControl::Adaptive(_) => (0.0, (0, Some(self.solver.duration_s.get()))),
         };
         let (whole, last) = steps;
         (0..whole).map(move |_| step).chain(last)
@@ -450,7 +450,7 @@ impl Scene {
 
     /// The number of its steps; none is known before where they are adaptive.
     pub fn steps(&self) -> Option<u64> {
-        let Pace::Fixed(step) = self.pace() else { return None };
+        let StepControl::Fixed(step) = self.pace() else { return None };
         let (whole, last) = whole_steps(self.solver.duration_s.get(), step);
         Some(whole + u64::from(last.is_some()))
     }

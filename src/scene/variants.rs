@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::solver::{DEFAULT_INTEGRATORS, full};
 use super::value::{Finite, Positive, Tolerance, Whole};
 use super::{Scene, SolverTable};
-use crate::integrator::{Method, Pace};
+use crate::integrator::{Method, StepControl};
 use crate::reduced::{Choice, Rung};
 
 /// The tolerance of [`Scene::whole`], and its Newton's method's: forces of stiff rods are differences of tiny stretches.
@@ -50,12 +50,12 @@ impl Scene {
     }
 
     /// The same scene with other steps; only an adaptive method takes a tolerance.
-    pub fn with_pace(&self, pace: Pace) -> Self {
+    pub fn with_pace(&self, pace: StepControl) -> Self {
         let mut scene = self.clone();
         scene.solver.integrator = Some(self.integrator_name().to_string());
         (scene.solver.time_step_s, scene.solver.tolerance) = match pace {
-            Pace::Fixed(step) => (Some(Positive::constant(step)), None),
-            Pace::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
+            StepControl::Fixed(step) => (Some(Positive::constant(step)), None),
+            StepControl::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
         };
         scene
     }
@@ -110,7 +110,9 @@ impl Scene {
             return self.with_model(choice.rung);
         }
         let pace = match (self.cheaper_pace(), &choice.estimates) {
-            (Pace::Adaptive(tolerance), Some(estimates)) => Pace::Adaptive(tolerance.min(estimates.tolerance)),
+            (StepControl::Adaptive(tolerance), Some(estimates)) => {
+                StepControl::Adaptive(tolerance.min(estimates.tolerance))
+            }
             (pace, _) => pace,
         };
         self.with_pace(pace).with_model(choice.rung).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)

@@ -9,9 +9,9 @@ use super::problem::Problem;
 use super::trajectory::Trajectory;
 use super::{Column, dot, start};
 use crate::error::{Error, Result};
-use crate::integrator::{Integrator, Rule};
+use crate::integrator::{Integrator, StepWeights};
 use crate::linear::Direction;
-use crate::model::Bent;
+use crate::model::DeformedRod;
 use crate::system::{State, System};
 
 impl Problem {
@@ -169,7 +169,7 @@ impl Problem {
                 first_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref())?;
             } else {
                 let h = steps.length(n);
-                let Rule { q_old, v_old, q_new, v_new, memory } = rule;
+                let StepWeights { q_old, v_old, q_new, v_new, memory } = rule;
                 let (new, old, kept, q_w, v_w) =
                     memory.map_or((0.0, 0.0, 0.0, 0.0, 0.0), |m| (m.new, m.old, m.kept, m.q, m.v));
                 for (i, mu) in mu.iter_mut().enumerate() {
@@ -234,7 +234,7 @@ fn of_scene<'a>(effects: &'a [Effect], total: &'a mut [f64]) -> impl Iterator<It
 
 /// How `effect` moves the force f along `force`: f_p·force.
 fn pushed(at: &At<'_>, effect: &Effect, shape: &Shape, force: &[f64]) -> f64 {
-    let Bent { dynamics, .. } = at.bent;
+    let DeformedRod { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
     for k in effect.joints.clone() {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::error::Result;
 use crate::fluid::Force;
-use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, LinearSolver, PivotedLu, REACH};
+use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, HALF_BANDWIDTH, LinearSolver, PivotedLu};
 use crate::model::{Dynamics, Model};
 use crate::system::{Linearisation, State};
 
@@ -91,7 +91,7 @@ impl Equations {
         let mut block = *block;
         let others = [(&self.damping, self.direction.v), (&self.inertia, self.direction.a)];
         for (matrix, factor) in others.into_iter().filter_map(|(matrix, factor)| Some((matrix.as_ref()?, factor))) {
-            let other = &matrix.rows()[i][j + REACH - i];
+            let other = &matrix.rows()[i][j + HALF_BANDWIDTH - i];
             block.iter_mut().zip(other).for_each(|(block, other)| *block -= factor * other);
         }
         block

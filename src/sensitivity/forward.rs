@@ -9,9 +9,9 @@ use super::parameter::{Effect, Parameter, Shape, direct, keys};
 use super::problem::{First, Problem};
 use super::{Column, dot, start};
 use crate::error::{Error, Result};
-use crate::integrator::Rule;
+use crate::integrator::StepWeights;
 use crate::linear::Direction;
-use crate::model::{Bent, Dynamics};
+use crate::model::{DeformedRod, Dynamics};
 use crate::system::{State, System};
 
 /// What [`Problem::forward`] finds.
@@ -218,7 +218,7 @@ fn first_columns(
 /// Adds `factor`·f_p to `force`.
 #[inline]
 fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f64]) {
-    let Bent { dynamics, .. } = at.bent;
+    let DeformedRod { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     if let Some(key) = effect.key {
         force.iter_mut().zip(at.point.by_key(key)).for_each(|(f, by)| *f += factor * by);
@@ -232,7 +232,7 @@ fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f
 
 /// Q* to `star` and V* to the column's velocities; its memory becomes what it keeps of the old accelerations.
 #[inline]
-fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
+fn feet(rule: &StepWeights, h: f64, column: &mut Column, star: &mut [f64]) {
     let Column { q, v, a, memory } = column;
     match rule.memory {
         None => {
@@ -273,7 +273,7 @@ fn resist(
 
 /// The column at the new time from Q − Q*.
 #[inline]
-fn land(rule: &Rule, column: &mut Column, star: &[f64], moved: &[f64]) {
+fn land(rule: &StepWeights, column: &mut Column, star: &[f64], moved: &[f64]) {
     let Column { q, v, a, memory } = column;
     let per = 1.0 / rule.q_new;
     for ((((q, v), a), star), new) in q.iter_mut().zip(v).zip(&mut *a).zip(star).zip(moved) {

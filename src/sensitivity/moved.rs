@@ -18,7 +18,7 @@ use super::problem::Steps;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::fluid::force;
-use crate::model::{Bent, Dynamics, Inputs, Model};
+use crate::model::{DeformedRod, Dynamics, Inputs, Model};
 use crate::rod::{add, node};
 use crate::system::{State, System};
 
@@ -125,7 +125,7 @@ impl Moved {
     /// f_p to `force`, two entries per node.
     pub(super) fn look(
         &mut self,
-        bent: &Bent<'_>,
+        bent: &DeformedRod<'_>,
         (controls, steps, n): (&Controls, Steps, usize),
         wanted: bool,
         force: &mut [f64],

@@ -4,11 +4,11 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::dot;
 use crate::error::{Error, Result};
-use crate::fluid::force::{self, Slopes};
+use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::Property;
-use crate::fluid::{DENSITY, Force, Key, Sink};
+use crate::fluid::{DENSITY, Force, Key, PowerKind};
 use crate::head::Pose;
-use crate::model::{Bent, Dynamics, Model};
+use crate::model::{DeformedRod, Dynamics, Model};
 use crate::rod::bend;
 use crate::rod::{add, elastic, node};
 use crate::system::State;
@@ -60,7 +60,7 @@ pub enum Quantity {
     /// Moment of the tail on a held head about node 0, N m.
     HeadMoment,
     /// What the forces with that sink, those that store what they take without, push the rod with along an axis, N.
-    Push(Option<Sink>, usize),
+    Push(Option<PowerKind>, usize),
     /// Moment that the joint at a node carries, N m.
     JointMoment(usize),
     /// Strain of the outermost fibre there, beyond that of the natural curvature.
@@ -243,12 +243,12 @@ impl Output {
             "head_force_x_n" if model.head.is_some() => Q::HeadForce(0).into(),
             "head_force_y_n" if model.head.is_some() => Q::HeadForce(1).into(),
             "head_moment_n_m" if model.head.is_some() => Q::HeadMoment.into(),
-            "drag_force_x_n" => Q::Push(Some(Sink::Drag), 0).into(),
-            "drag_force_y_n" => Q::Push(Some(Sink::Drag), 1).into(),
+            "drag_force_x_n" => Q::Push(Some(PowerKind::Drag), 0).into(),
+            "drag_force_y_n" => Q::Push(Some(PowerKind::Drag), 1).into(),
             "reactive_force_x_n" => Q::Push(None, 0).into(),
             "reactive_force_y_n" => Q::Push(None, 1).into(),
-            "wake_force_x_n" => Q::Push(Some(Sink::Wake), 0).into(),
-            "wake_force_y_n" => Q::Push(Some(Sink::Wake), 1).into(),
+            "wake_force_x_n" => Q::Push(Some(PowerKind::Wake), 0).into(),
+            "wake_force_y_n" => Q::Push(Some(PowerKind::Wake), 1).into(),
             "rod_momentum_x_n_s" => Q::RodMomentum(0).into(),
             "rod_momentum_y_n_s" => Q::RodMomentum(1).into(),
             "fluid_momentum_x_n_s" => Q::FluidMomentum(0).into(),
@@ -341,10 +341,10 @@ impl Gradient {
     }
 
     /// What `add` returns, which adds derivatives of what `force` does; a fluid's depends on velocities against the flow.
-    fn of_force<T>(&mut self, force: &dyn Force, add: impl FnOnce(Slopes<'_>) -> T) -> T {
+    fn of_force<T>(&mut self, force: &dyn Force, add: impl FnOnce(StateDerivatives<'_>) -> T) -> T {
         let Self { q, v, a, flow, own, .. } = self;
         own.fill(0.0);
-        let value = add(Slopes { q, v: own, a });
+        let value = add(StateDerivatives { q, v: own, a });
         v.iter_mut().zip(&*own).for_each(|(by, own)| *by += own);
         if force.is_of_fluid() {
             flow.iter_mut().zip(&*own).for_each(|(by, own)| *by -= own);
@@ -399,7 +399,7 @@ impl Point {
     }
 
     /// Looks at a state.
-    pub(super) fn look(&mut self, bent: &Bent<'_>) {
+    pub(super) fn look(&mut self, bent: &DeformedRod<'_>) {
         let (dynamics, edges, kappa) = (bent.dynamics, bent.edges(), bent.kappa());
         for k in dynamics.model.rod.joints() {
             let s = bend::curvature_per_turning(kappa[k]);
@@ -441,7 +441,7 @@ impl Point {
 /// A state with all that its quantities need.
 #[derive(Clone, Copy)]
 pub(super) struct At<'a> {
-    pub(super) bent: Bent<'a>,
+    pub(super) bent: DeformedRod<'a>,
     pub(super) point: &'a Point,
 }
 
@@ -461,7 +461,7 @@ impl At<'_> {
     }
 
     /// What the forces of that `sink` store, J (`rate` 0), or put in by themselves, W (1); adds `factor` times its derivatives.
-    fn stored(&self, sink: Option<Sink>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
+    fn stored(&self, sink: Option<PowerKind>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut sum = 0.0;
         for force in self.bent.dynamics.model.forces.iter().filter(|force| force.sink() == sink) {
@@ -479,7 +479,7 @@ impl At<'_> {
 
     /// The flow along `along` at the centre of mass, or at node 0 of a held head, m/s; adds `factor` times its derivatives.
     fn flow_of_body(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
-        let Bent { dynamics, state } = self.bent;
+        let DeformedRod { dynamics, state } = self.bent;
         let (rod, fluid) = (&dynamics.model.rod, dynamics.inputs.fluid);
         g.flow_at_centre += along * factor;
         let Some(layers) = &dynamics.inputs.layers else { return fluid.flow.dot(&along) };
@@ -501,7 +501,7 @@ impl At<'_> {
     }
 
     /// What the forces with that sink take, W; adds `factor` times its derivatives.
-    fn power_to(&self, sink: Sink, factor: f64, g: &mut Gradient) -> f64 {
+    fn power_to(&self, sink: PowerKind, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut power = 0.0;
         for of_fluid in [true, false] {
@@ -627,7 +627,7 @@ fn axis(i: usize) -> Vector2<f64> {
 impl Quantity {
     /// Its value; adds `factor` times its derivatives.
     pub(super) fn add(self, at: &At<'_>, factor: f64, g: &mut Gradient) -> f64 {
-        let Bent { dynamics, state } = at.bent;
+        let DeformedRod { dynamics, state } = at.bent;
         let rod = &dynamics.model.rod;
         match self {
             Self::Position(k, i) => {
@@ -707,19 +707,21 @@ impl Quantity {
                 }
                 power
             }
-            Self::ViscousPower => at.power_to(Sink::Drag, factor, g),
-            Self::WakePower => at.power_to(Sink::Wake, factor, g),
-            Self::SprayPower => at.power_to(Sink::Spray, factor, g),
-            Self::OtherPower => at.stored(None, 1, factor, g) - at.power_to(Sink::Other, -factor, g),
+            Self::ViscousPower => at.power_to(PowerKind::Drag, factor, g),
+            Self::WakePower => at.power_to(PowerKind::Wake, factor, g),
+            Self::SprayPower => at.power_to(PowerKind::Spray, factor, g),
+            Self::OtherPower => at.stored(None, 1, factor, g) - at.power_to(PowerKind::Other, -factor, g),
             Self::FlowPower => {
                 let of_fluid = |force: &dyn Force| force.is_of_fluid();
                 let moving = at.bent.kinematics();
                 let power = at.power_along(of_fluid, |k| -moving.flow(k), factor, g);
                 at.add_by_flow(of_fluid, factor, g);
-                power - at.power_to(Sink::Flow, -factor, g)
+                power - at.power_to(PowerKind::Flow, -factor, g)
             }
             Self::Fluid => at.stored(None, 0, factor, g),
-            Self::LoadPower => at.along_loads(&state.v, factor, g, |g| &mut g.v) - at.power_to(Sink::Load, -factor, g),
+            Self::LoadPower => {
+                at.along_loads(&state.v, factor, g, |g| &mut g.v) - at.power_to(PowerKind::Load, -factor, g)
+            }
             Self::HeadForce(i) => {
                 let inertia = dynamics.held.map_or(0.0, |pose| rod.mass[0] * pose[i].acceleration);
                 -inertia - at.push(axis(i), -factor, g)
@@ -790,7 +792,7 @@ impl Work {
                 // The mean of the forces at both ends, along the way between them.
                 let (q, sign) = (&at.bent.state.q, if end { 1.0 } else { -1.0 });
                 let mut work = at.along_loads(q, sign * factor, g, |g| &mut g.q);
-                work -= at.stored(Some(Sink::Load), 0, -sign * factor, g);
+                work -= at.stored(Some(PowerKind::Load), 0, -sign * factor, g);
                 for (((by, beyond), to), (q, change)) in
                     g.force.iter_mut().zip(&mut g.force_beyond).zip(&mut g.q).zip(q.iter().zip(&span.force))
                 {

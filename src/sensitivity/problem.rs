@@ -11,8 +11,8 @@ use super::parameter::Parameter;
 use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
-use crate::integrator::{Integrator, Pace, Rule};
-use crate::linear::{Choice, Direction};
+use crate::integrator::{Integrator, StepControl, StepWeights};
+use crate::linear::{Direction, SolverChoice};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
@@ -28,7 +28,7 @@ pub struct Problem {
     pub moved: Vec<Moved>,
     pub(super) integrator: Box<dyn Integrator>,
     tolerance: f64,
-    linear: Choice,
+    linear: SolverChoice,
     pub(super) steps: Steps,
     pub(super) controls: Arc<Controls>,
     /// First positions and velocities along both axes, where they are given in place of those of the scene's start.
@@ -126,7 +126,7 @@ impl Problem {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
-        let Pace::Fixed(length) = scene.pace() else {
+        let StepControl::Fixed(length) = scene.pace() else {
             let step = 0.5 * scene.typical_step();
             let problem =
                 format!("derivatives need fixed steps; allowed: solver.time_step_s, as {step:e}, in its place");
@@ -328,7 +328,7 @@ impl Problem {
     }
 
     /// The rules of its steps: of whole ones, and of the last.
-    pub(super) fn rules(&self) -> Result<[Rule; 2]> {
+    pub(super) fn rules(&self) -> Result<[StepWeights; 2]> {
         let rule = |h: f64| self.integrator.rule(h).ok_or(Error::Step(h)); // `of` has asked for one
         Ok([rule(self.steps.length)?, rule(self.steps.last.unwrap_or(self.steps.length))?])
     }

@@ -6,7 +6,7 @@ use super::Stepper;
 use crate::batch::Measured;
 use crate::fluid::force::Powers;
 use crate::fluid::{Fluid, Force};
-use crate::integrator::{Pace, Rule};
+use crate::integrator::{StepControl, StepWeights};
 use crate::newton::Progress;
 use crate::system::{State, System};
 
@@ -15,7 +15,7 @@ use crate::system::{State, System};
 pub(crate) struct Ahead {
     end: f64,
     h: f64,
-    rule: Rule,
+    rule: StepWeights,
     /// Its guess keeps the lengths of edges.
     keeps_lengths: bool,
     /// Iterations of Newton's method that solved it; none before it is solved.
@@ -28,7 +28,7 @@ pub(crate) struct Ahead {
 
 impl Ahead {
     /// Its size (s) and rule, and whether its guess keeps the lengths of edges.
-    pub fn kind(&self) -> (f64, Rule, bool) {
+    pub fn kind(&self) -> (f64, StepWeights, bool) {
         (self.h, self.rule, self.keeps_lengths)
     }
 }
@@ -46,7 +46,7 @@ impl Stepper {
     /// What others must have in common with it to be solved beside it; `None` where that cannot be.
     pub(crate) fn shape_in_lanes(&self) -> Option<ShapeInLanes> {
         let (dynamics, model) = (&self.dynamics, self.model());
-        let Pace::Fixed(step) = self.pace else { return None };
+        let StepControl::Fixed(step) = self.pace else { return None };
         let same = self.mover.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
@@ -62,7 +62,7 @@ impl Stepper {
 
     /// Sets out on the next internal step, where it does so as on the one before: all that depends on the time alone is that of its end.
     pub(crate) fn set_out_ahead(&mut self) -> Option<Ahead> {
-        let Pace::Fixed(h) = self.pace else { return None };
+        let StepControl::Fixed(h) = self.pace else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
         let told =
             self.now.unsettled || self.now.steered || self.now.waiting.is_some() || self.dynamics.course.is_some();

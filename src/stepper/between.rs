@@ -10,7 +10,7 @@
 use nalgebra::Vector2;
 
 use crate::error::Result;
-use crate::fluid::Runs;
+use crate::fluid::FluidRuns;
 use crate::model::{Dynamics, Mechanics};
 use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -59,7 +59,7 @@ struct Forces {
     /// F·n, to the left of the edge.
     shear: Vec<f64>,
     moment: Vec<f64>,
-    runs: Runs,
+    runs: FluidRuns,
 }
 
 impl Forces {

@@ -10,11 +10,11 @@ use nalgebra::Vector2;
 
 use super::Stepper;
 use crate::error::{Error, Result};
-use crate::fluid::force::{self, Slopes};
+use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::{Property, by_key};
-use crate::fluid::{Fluid, Layers, Sink};
+use crate::fluid::{Fluid, Layers, PowerKind};
 use crate::metrics::{Energy, Meter, Momentum, Power, Push, Reading, Totals};
-use crate::model::{Bent, Dynamics, Inputs, Mechanics};
+use crate::model::{DeformedRod, Dynamics, Inputs, Mechanics};
 use crate::newton::Work;
 use crate::rod::bend;
 use crate::rod::node;
@@ -89,8 +89,8 @@ impl Tangent {
     }
 
     /// The changes of natural curvature, forces and fluid that `self.inputs` cause in `dynamics` at time `t` (s).
-    fn follow_inputs(&mut self, bent: &Bent<'_>) {
-        let Bent { dynamics, state } = bent;
+    fn follow_inputs(&mut self, bent: &DeformedRod<'_>) {
+        let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         dynamics.natural_change(&self.inputs, state.t, &mut self.natural, &mut self.natural_rate);
         if let Some(force) = &self.inputs.force {
@@ -110,8 +110,8 @@ impl Tangent {
     }
 
     /// Fills the change of the `reading` from the changes of everything that it is read from.
-    fn read(&mut self, bent: &Bent<'_>, reading: &Reading, by_time: bool) {
-        let Bent { dynamics, state } = bent;
+    fn read(&mut self, bent: &DeformedRod<'_>, reading: &Reading, by_time: bool) {
+        let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
         let Self { state: d, meter, natural, natural_rate, force, fluid, layers, opposing, applied, angle, .. } = self;
@@ -200,24 +200,24 @@ impl Tangent {
             applied.iter_mut().zip(&*opposing).for_each(|(sum, own)| *sum += own);
             *now.push.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
             match own.sink() {
-                Some(Sink::Drag) => power.viscous += taken,
-                Some(Sink::Wake) => power.wake += taken,
-                Some(Sink::Flow) => power.flow -= taken,
-                Some(Sink::Spray) => power.spray += taken,
-                Some(Sink::Load) => power.load -= taken,
-                Some(Sink::Other) => power.other -= taken,
+                Some(PowerKind::Drag) => power.viscous += taken,
+                Some(PowerKind::Wake) => power.wake += taken,
+                Some(PowerKind::Flow) => power.flow -= taken,
+                Some(PowerKind::Spray) => power.spray += taken,
+                Some(PowerKind::Load) => power.load -= taken,
+                Some(PowerKind::Other) => power.other -= taken,
                 None => {
                     // The energy depends on velocities against the flow.
                     let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
                     let [q, v, a] = &mut by;
-                    own.energy(&moving, 1.0, Some(Slopes { q, v, a }));
+                    own.energy(&moving, 1.0, Some(StateDerivatives { q, v, a }));
                     let along = |by: &[f64], d: &[f64]| by.iter().zip(d).map(|(x, y)| x * y).sum::<f64>();
                     energy.fluid += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored[0];
                     energy.fluid -= (0..rod.nodes).map(|k| node(v, k).dot(&drift(k))).sum::<f64>();
                     for (axis, change) in [Vector2::x(), Vector2::y()].into_iter().zip(now.momentum.fluid.iter_mut()) {
                         let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
                         let [q, v, a] = &mut by;
-                        own.momentum(&moving, axis, 1.0, Some(Slopes { q, v, a }));
+                        own.momentum(&moving, axis, 1.0, Some(StateDerivatives { q, v, a }));
                         *change += along(q, &d.q) + along(v, &d.v);
                         *change -= (0..rod.nodes).map(|k| node(v, k).dot(&drift(k))).sum::<f64>();
                         for (key, by) in by_key(fluid, layers.as_ref()).filter(|(_, by)| *by != 0.0) {
@@ -229,7 +229,7 @@ impl Tangent {
                     }
                     by.iter_mut().for_each(|by| by.fill(0.0));
                     let [q, v, a] = &mut by;
-                    own.energy_by_time(&moving, 1.0, Some(Slopes { q, v, a }));
+                    own.energy_by_time(&moving, 1.0, Some(StateDerivatives { q, v, a }));
                     power.other += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored[1];
                 }
             }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Clock, Stepper};
 use crate::cycle::Cycles;
 use crate::metrics::Meter;
-use crate::model::{Course, Dynamics, Inputs};
+use crate::model::{Dynamics, InputExtrapolation, Inputs};
 use crate::newton::Work;
 use crate::system::State;
 
@@ -46,7 +46,7 @@ impl Now {
 pub(super) struct Moment {
     pub now: Now,
     pub inputs: Inputs,
-    pub course: Option<Box<Course>>,
+    pub course: Option<Box<InputExtrapolation>>,
     work: Work,
 }
 

@@ -12,7 +12,7 @@ use super::stability::{Stability, spread};
 use super::{Desk, Studied};
 use crate::error::{Error, Result};
 use crate::jobs;
-use crate::linear_stability::{SteadyState, Unsteady, grows};
+use crate::linear_stability::{NoSteadyState, SteadyState, grows};
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::map::{Category, Map, Panel};
 use crate::report::{Figure, Findings, Table};
@@ -195,8 +195,8 @@ impl Tail {
 }
 
 /// What the tail of `scene` is like, by its rest.
-fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Unsteady> {
-    let refuse = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
+fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, NoSteadyState> {
+    let refuse = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
     let Some(reactive) = scene.reactive_on().cloned() else {
         return Err(refuse("reactive", "missing; without the water's inertia no flow makes a tail flutter or diverge"));
     };
@@ -249,11 +249,14 @@ fn point(scene: &Scene, tail: &Tail, factor: f64, speed: f64) -> Point {
 
 /// Maps flutter and divergence of the tail of `scene`.
 pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
-    let refused =
-        |Unsteady { key, problem }: Unsteady| Error::Scene { place: scene.name.clone(), key: key.to_string(), problem };
+    let refused = |NoSteadyState { key, problem }: NoSteadyState| Error::Scene {
+        place: scene.name.clone(),
+        key: key.to_string(),
+        problem,
+    };
     if scene.head.kind == HeadKind::Free {
         let problem = "the head is free, and the rod goes with the flow; allowed: a held head".to_string();
-        return Err(refused(Unsteady { key: "head.kind", problem }));
+        return Err(refused(NoSteadyState { key: "head.kind", problem }));
     }
     // Which speed needs the water is what the study asks: a scene that leaves the water to the program has it at all of them.
     let left = scene.reactive.as_ref().is_some_and(|reactive| reactive.auto);

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::error::Result;
-use crate::integrator::Pace;
-use crate::linear_stability::{SteadyState, Unsteady};
+use crate::integrator::StepControl;
+use crate::linear_stability::{NoSteadyState, SteadyState};
 use crate::model::Model;
-use crate::modes::{Axis, Matrices, Mode, Modes, lowest_within};
+use crate::modes::{Matrices, Mode, ModeKind, Modes, lowest_within};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::rod::Rod;
@@ -88,8 +88,8 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     }
     let needed = RESOLVED / first.frequency;
     let step = match scene.pace() {
-        Pace::Fixed(step) => Some(step),
-        Pace::Adaptive(_) => None,
+        StepControl::Fixed(step) => Some(step),
+        StepControl::Adaptive(_) => None,
     };
     findings.answers.push(match step {
         Some(step) => {
@@ -123,7 +123,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     findings.tables.push(modes_table(&found, &matrices, step));
     findings.tables.push(shapes_table(&found, &rod));
     let title = |what: &str| format!("{}: {what}", scene.name);
-    let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN).map(|mode| {
+    let shapes = found.iter().filter(|mode| mode.axis == ModeKind::Bending).take(DRAWN).map(|mode| {
         let label = format!("{:.5} Hz", mode.frequency / TAU);
         Series::new(label, points(&mode.shape).map(|k| (rod.arc_length(k), mode.shape[k])).collect(), Mark::Line)
     });
@@ -166,7 +166,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     let free = model.head.is_none();
     let mut steady = match SteadyState::of(model) {
         Ok(steady) => steady,
-        Err(Unsteady { key, problem }) => {
+        Err(NoSteadyState { key, problem }) => {
             findings.answers.push(format!("Motions with damping and in flow are left out: {key}: {problem}."));
             return Ok(());
         }
@@ -204,7 +204,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     findings.numbers.insert("its_frequency_hz".into(), json!(leading.frequency / TAU));
     let slowest = &modes[..count.min(modes.len())];
     let rows = slowest.iter().enumerate().map(|(i, mode)| {
-        let kind = if mode.bends() { Axis::Bending } else { Axis::Stretching };
+        let kind = if mode.bends() { ModeKind::Bending } else { ModeKind::Stretching };
         vec![
             json!(i + 1),
             json!(kind.name()),
@@ -219,11 +219,12 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         columns: ["motion", "kind", "frequency_hz", "growth_rate_1_s", "damping_ratio"].map(str::to_string).to_vec(),
         rows: rows.collect(),
     });
-    let dots = |axis: Axis| {
-        let own = slowest.iter().filter(|mode| mode.bends() == (axis == Axis::Bending));
+    let dots = |axis: ModeKind| {
+        let own = slowest.iter().filter(|mode| mode.bends() == (axis == ModeKind::Bending));
         Series::new(axis.name(), own.map(|mode| (mode.growth, mode.frequency / TAU)).collect(), Mark::Dots)
     };
-    let series = [dots(Axis::Bending), dots(Axis::Stretching)].into_iter().filter(|series| !series.points.is_empty());
+    let series =
+        [dots(ModeKind::Bending), dots(ModeKind::Stretching)].into_iter().filter(|series| !series.points.is_empty());
     let chart = Chart {
         title: format!("{}: motions in the fluid, with damping", scene.name),
         x: "growth rate (1/s)".into(),
@@ -282,16 +283,16 @@ fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
 
 /// Frequencies (Hz) by mode number, with that of the drive and 1/Δt in radians, where there is one step, as lines.
 fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Option<f64>) -> Vec<Series> {
-    let curve = |axis: Axis| -> Vec<f64> {
+    let curve = |axis: ModeKind| -> Vec<f64> {
         match (all, axis) {
-            (Some(all), Axis::Bending) => all.bending.clone(),
-            (Some(all), Axis::Stretching) => all.stretching.clone(),
+            (Some(all), ModeKind::Bending) => all.bending.clone(),
+            (Some(all), ModeKind::Stretching) => all.stretching.clone(),
             (None, _) => found.iter().filter(|mode| mode.axis == axis).map(|mode| mode.frequency).collect(),
         }
     };
     let mut series = Vec::new();
     let mut last = 1.0_f64;
-    for axis in [Axis::Bending, Axis::Stretching] {
+    for axis in [ModeKind::Bending, ModeKind::Stretching] {
         let points: Vec<_> = (1..).zip(curve(axis)).map(|(i, omega)| (f64::from(i), omega / TAU)).collect();
         last = points.last().map_or(last, |p| last.max(p.0));
         let mark = if points.len() <= 60 { Mark::Dotted } else { Mark::Line };

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{Desk, Studied, power_law};
 use crate::check::contracts;
 use crate::error::Result;
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::model::chain;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
@@ -123,7 +123,7 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<
 fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     let before = memory::reset();
     let step = case.step;
-    let mut scene = scene.with_pace(Pace::Fixed(step)).with_nodes(case.nodes);
+    let mut scene = scene.with_pace(StepControl::Fixed(step)).with_nodes(case.nodes);
     scene.solver.form = match case.form {
         Form::Positions => FormKey::Positions,
         Form::Chain => FormKey::Chain,

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::trial::{Failure, Manner, Recipe, Trial};
 use super::{Desk, Studied};
 use crate::error::{Error, Result};
-use crate::integrator::{Pace, stability_limit};
+use crate::integrator::{StepControl, stability_limit};
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Figure;
@@ -234,7 +234,7 @@ pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Res
         }
     }
     let run = |case: &Case| {
-        let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(Pace::Fixed(case.step));
+        let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(StepControl::Fixed(case.step));
         let manner = Manner { samples: SAMPLES, push: None, halving: case.halving, timed: false };
         Trial::of(&scene, manner, desk.interrupted)
     };

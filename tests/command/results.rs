@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use caudal::number_format::number;
 use caudal::report::{Frame, Motion};
-use caudal::words::number;
 
 const EEL: &str = r#"
 name = "eel"

@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 use caudal::actuation::Wave;
 use caudal::error::Error;
-use caudal::integrator::{Method, Pace};
+use caudal::integrator::{Method, StepControl};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use common::SOFT;
@@ -498,7 +498,7 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
 fn an_override_takes_the_place_of_what_it_excludes() {
     let scene = |overrides: &[&str]| common::scene_of(FULL, overrides);
     let adaptive = scene(&["solver.integrator=esdirk3", "solver.tolerance=1e-3"]);
-    assert_eq!(adaptive.pace(), Pace::Adaptive(1e-3));
+    assert_eq!(adaptive.pace(), StepControl::Adaptive(1e-3));
     assert_eq!((adaptive.solver.time_step_s, adaptive.solver.parameters.len()), (None, 0));
     // Of what excludes each other and is asked for together none is dropped.
     let mut both = Document::new("folder/scene.toml", FULL);
@@ -518,7 +518,7 @@ fn an_override_takes_the_place_of_what_it_excludes() {
 fn a_scene_that_names_neither_method_nor_step_gets_a_method_that_chooses_its_steps() {
     let text = SOFT.replace("integrator = \"implicit-euler\"\ntime_step_s = 2e-3\n", "");
     let scene = common::scene_of(&text, &[]);
-    assert!(matches!(scene.pace(), Pace::Adaptive(_)) && scene.steps().is_none());
+    assert!(matches!(scene.pace(), StepControl::Adaptive(_)) && scene.steps().is_none());
     assert!(Method::named(scene.integrator_name()).unwrap().adaptive);
     assert_eq!(scene.spans().collect::<Vec<_>>(), [1.0]);
 }

@@ -6,7 +6,7 @@
 use std::ops::ControlFlow;
 
 use caudal::design::{Design, Objective, Profile, Table};
-use caudal::fluid::laws::{LAWS, Reach};
+use caudal::fluid::laws::{Dependence, LAWS};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::Problem;
 
@@ -119,7 +119,7 @@ fn worst_of(mut document: Document, step: f64) -> (f64, usize, String) {
 #[test]
 fn derivatives_by_all_numbers_of_a_scene_are_those_of_differences_in_every_law() {
     let mut count = 0;
-    for law in LAWS.iter().filter(|law| matches!(law.reach, Reach::Edge) && law.name != "auto") {
+    for law in LAWS.iter().filter(|law| matches!(law.reach, Dependence::Edge) && law.name != "auto") {
         let name = format!("drag.law={}", law.name);
         let needs = law.needs.iter().map(|key| match *key {
             "height_m" => "drag.height_m=0.03",

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use caudal::fluid::body::{BodyInertia, FORM_DRAG_ACROSS, FORM_DRAG_ALONG};
-use caudal::fluid::force::{Slopes, visit_alone};
+use caudal::fluid::force::{StateDerivatives, visit_alone};
 use caudal::fluid::{DENSITY, Fluid, Force, Kinematics, VISCOSITY};
 use caudal::rod::{Edge, Spheroid, node};
 use caudal::scene::{Document, Scene};
@@ -151,7 +151,7 @@ fn what_the_body_s_inertia_takes_is_the_momentum_of_the_fluid() {
             let mut sum = [0.0; 3];
             with(t, &mut |rod| {
                 let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 6]);
-                force.energy(rod, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
+                force.energy(rod, 1.0, Some(StateDerivatives { q: &mut q, v: &mut v, a: &mut a }));
                 for k in 0..3 {
                     let (x, p) = (node(rod.q, k), node(&v, k));
                     sum = [sum[0] + p.x, sum[1] + p.y, sum[2] + x.perp(&p)];

@@ -506,7 +506,7 @@ fn what_drag_of_the_whole_rod_would_change_is_said_where_it_holds() {
 
 #[test]
 fn numbers_in_words_have_no_minus_zero() {
-    use caudal::words::{signed, significant};
+    use caudal::number_format::{signed, significant};
     assert_eq!([-0.0, 0.0, -0.049, 0.05, -12.34].map(|x| signed(x, 1)), ["0.0", "0.0", "0.0", "+0.1", "-12.3"]);
     let numbers = [-0.0, 0.14743, 139.881, 4.2e-7, 123_456.0].map(|x| significant(x, 5));
     assert_eq!(numbers, ["0", "0.14743", "139.88", "4.2000e-7", "1.2346e5"]);

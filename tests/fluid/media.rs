@@ -3,8 +3,8 @@
 use crate::common;
 use std::sync::Arc;
 
-use caudal::fluid::medium::{BEYOND, Here};
-use caudal::fluid::{DENSITY, Fluid, Layer, Layers, Runs, VISCOSITY};
+use caudal::fluid::medium::{BEYOND, LocalFluid};
+use caudal::fluid::{DENSITY, Fluid, FluidRuns, Layer, Layers, VISCOSITY};
 use caudal::integrator::METHODS;
 use caudal::linear::Direction;
 use caudal::linear_stability::SteadyState;
@@ -202,7 +202,7 @@ fn sensitivities_to_the_properties_on_either_side_and_the_place_of_the_interface
 
 #[test]
 fn along_any_rod_runs_of_edges_are_in_one_fluid_or_change_along_every_edge() {
-    let mut found = Runs::default();
+    let mut found = FluidRuns::default();
     let mut kinds = [0; 3];
     for seed in 0..400 {
         let mut dice = Dice(seed);
@@ -226,7 +226,7 @@ fn along_any_rod_runs_of_edges_are_in_one_fluid_or_change_along_every_edge() {
         }
         let here = |k: usize| layers.at(fluid, layers.height(Vector2::new(q[2 * k], q[2 * k + 1])));
         let around = found.find(&layers, fluid, &q);
-        let still = |here: &Here| here.slope == Fluid::NONE && here.bend == 0.0;
+        let still = |here: &LocalFluid| here.slope == Fluid::NONE && here.bend == 0.0;
         let (mut next, mut before) = (0, None);
         for (edges, run) in around.over(0..nodes - 1) {
             assert!(edges.start == next && edges.end > next);
@@ -270,7 +270,7 @@ fn a_rod_that_is_nowhere_has_runs_too() {
         for nowhere in 0..nodes {
             let mut q = vec![1.0; 2 * nodes];
             q[2 * nowhere] = f64::NAN;
-            let mut found = Runs::default();
+            let mut found = FluidRuns::default();
             let edges = found.find(&layers, Fluid::NONE, &q).over(0..nodes - 1).map(|(edges, _)| edges.len());
             assert_eq!(edges.sum::<usize>(), nodes - 1);
         }

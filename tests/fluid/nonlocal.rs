@@ -6,9 +6,9 @@ use crate::common;
 use std::f64::consts::{PI, TAU};
 
 use caudal::fluid::force::{self, Force};
-use caudal::fluid::laws::{DragLaw, Recipe, coefficients, cox, gray_hancock, lighthill, nonlocal, wall};
+use caudal::fluid::laws::{DragLaw, LawInputs, coefficients, cox, gray_hancock, lighthill, nonlocal, wall};
 use caudal::fluid::nonlocal::Segment;
-use caudal::fluid::validity::Scale;
+use caudal::fluid::validity::DimensionlessNumber;
 use caudal::fluid::{Fluid, Forces, Kinematics};
 use caudal::rod::{Edge, MassLumping, Material, Rod, Section, Sections, Stiffness, node};
 use caudal::scene::Document;
@@ -42,7 +42,7 @@ fn applied(force: &dyn Force, q: &[f64], v: &[f64]) -> (Vector3<f64>, f64) {
 }
 
 /// Drag of a straight rod along and across itself, at speed one.
-fn straight(law: &DragLaw, recipe: &Recipe<'_>) -> [f64; 2] {
+fn straight(law: &DragLaw, recipe: &LawInputs<'_>) -> [f64; 2] {
     let force = (law.build)(recipe);
     let q: Vec<f64> = (0..recipe.rod.nodes).flat_map(|k| [recipe.rod.arc_length(k), 0.0]).collect();
     [0, 1].map(|axis| {
@@ -59,7 +59,7 @@ fn a_straight_rod_has_the_drag_of_tirado_s_cylinder() {
         4.0 * PI / (p.ln() + 0.839 + 0.185 / p + 0.233 / (p * p)),
     ];
     let rod = rod(65, 0.5 / p);
-    let found = straight(&nonlocal::LAW, &Recipe::plain(&rod));
+    let found = straight(&nonlocal::LAW, &LawInputs::plain(&rod));
     let off = [0, 1].map(|i| found[i] / tirado[i] - 1.0);
     println!("off Tirado: {:+.4} along, {:+.4} across", off[0], off[1]);
     assert!(off.iter().all(|off| off.abs() < 0.02), "{off:?}");
@@ -68,7 +68,7 @@ fn a_straight_rod_has_the_drag_of_tirado_s_cylinder() {
 #[test]
 fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onishi() {
     let rod = rod(65, 0.01);
-    let plain = Recipe::plain(&rod);
+    let plain = LawInputs::plain(&rod);
     let free = straight(&nonlocal::LAW, &plain);
     // Katz takes the image for a point at the depth h. Of a rod the image is as long as the rod: the mean of the velocity that
     // it makes there, by a force that is the same all along, is the wall's effect to first order without that.
@@ -85,7 +85,7 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
             (0..=PARTS).map(|k| weight(k) * at(k as f64 / PARTS as f64) / (3 * PARTS) as f64).sum::<f64>()
         };
         let off = heights.map(|height| {
-            let found = straight(&nonlocal::LAW, &Recipe { height, ..plain.clone() })[i];
+            let found = straight(&nonlocal::LAW, &LawInputs { height, ..plain.clone() })[i];
             let katz = unit / (unit / free[i] - share / height);
             let long = 8.0 * PI / (8.0 * PI / free[i] + image(height));
             [found / katz - 1.0, found / long - 1.0, long / katz - 1.0]
@@ -103,7 +103,7 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
     }
     let mut range = [[f64::INFINITY, 0.0_f64]; 2];
     for height in [0.03, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0] {
-        let recipe = Recipe { height, ..plain.clone() };
+        let recipe = LawInputs { height, ..plain.clone() };
         let [local, whole] = [&wall::LAW, &nonlocal::LAW].map(|law| straight(law, &recipe));
         for i in 0..2 {
             let ratio = local[i] / whole[i];
@@ -113,7 +113,7 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
     println!("law \"wall\" over nonlocal, along and across: {range:.3?}");
     // Where the wall is near, a long cylinder is in two dimensions: 2πμ/acosh(h/a) and twice that, of its middle.
     let middle = |height: f64| {
-        let recipe = Recipe { height, ..plain.clone() };
+        let recipe = LawInputs { height, ..plain.clone() };
         let fluid = Fluid { density: 1.0, viscosity: 1.0, ..Fluid::NONE };
         let found = Forces(vec![(nonlocal::LAW.build)(&recipe)]).coefficients(&rod, fluid, 1.0).unwrap();
         let exact = 2.0 * PI / (height / 0.01).acosh();
@@ -123,8 +123,12 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
         let off = middle(0.01 * near);
         println!("h/a {near}: off the plane cylinder {off:.4?}");
         // Measured: −60 and −63 %, −31 and −36 %, −13 and −18 %, −5.1 and −8.6 %; within its range −1.2 and −3.2 %, 0.5 and −1.0 %.
-        let holds =
-            nonlocal::LAW.validity.bounds.iter().filter(|bound| bound.scale == Scale::Height).all(|b| near >= b.least);
+        let holds = nonlocal::LAW
+            .validity
+            .bounds
+            .iter()
+            .filter(|bound| bound.scale == DimensionlessNumber::Height)
+            .all(|b| near >= b.least);
         assert_eq!(holds, off.iter().all(|off| off.abs() < 0.04), "{near}: {off:?}");
     }
     assert!(range[0][0] > 0.80 && range[0][1] < 0.95 && range[1][0] > 0.86 && range[1][1] < 1.0, "{range:?}");
@@ -270,7 +274,7 @@ fn how_far_a_fibre_bends_hangs_on_the_mesh_by_drag_at_the_ends_and_not_by_elasti
     // continuous beam under the forces at the nodes, and of the rod's own joints.
     let bends = [17, 33, 49, 65, 81, 97, 121].map(|nodes: usize| {
         let rod = rod(nodes, 0.01);
-        let force = (nonlocal::LAW.build)(&Recipe::plain(&rod));
+        let force = (nonlocal::LAW.build)(&LawInputs::plain(&rod));
         let q: Vec<f64> = (0..nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
         let v: Vec<f64> = (0..2 * nodes).map(|i| (i % 2) as f64).collect();
         let mut drag = vec![0.0; nodes];
@@ -372,7 +376,7 @@ fn it_takes_energy_from_every_motion_that_the_mesh_resolves() {
     for (radius, height) in [(0.01, f64::INFINITY), (0.003, f64::INFINITY), (0.01, 0.05)] {
         let rod = rod(NODES, radius);
         let [nonlocal, local] =
-            [&nonlocal::LAW, &cox::LAW].map(|law| (law.build)(&Recipe { height, ..Recipe::plain(&rod) }));
+            [&nonlocal::LAW, &cox::LAW].map(|law| (law.build)(&LawInputs { height, ..LawInputs::plain(&rod) }));
         for seed in 0..40 {
             let mut dice = Dice(seed);
             let mut series = |size: f64| -> Vec<f64> {
@@ -420,16 +424,16 @@ fn local_laws_are_as_far_off_in_speed_and_power_as_the_table_says() {
         let rod = rod(NODES, radius);
         for waves in [1.0, 2.0] {
             let wavelength = 1.0 / waves;
-            let recipe = Recipe { wavelength: Some(wavelength), ..Recipe::plain(&rod) };
-            let whole = Recipe { slender_length: Some(1.0), ..recipe.clone() };
+            let recipe = LawInputs { wavelength: Some(wavelength), ..LawInputs::plain(&rod) };
+            let whole = LawInputs { slender_length: Some(1.0), ..recipe.clone() };
             let by_arc = [(cox::LAW.build)(&recipe), (cox::LAW.build)(&whole), (lighthill::LAW.build)(&recipe)];
             let nonlocal = (nonlocal::LAW.build)(&recipe);
             for amplitude in [0.5_f64, 1.0] {
                 // Gray and Hancock's λ is that along the axis: a wavelength of the rod reaches Λ⟨cos θ⟩.
                 let axial = (0..64).map(|i| (amplitude * (TAU * f64::from(i) / 64.0).cos()).cos() / 64.0).sum::<f64>();
                 let [along, across] = brennen_winet(axial * wavelength, radius);
-                let later = Recipe { along: along.into(), across: across.into(), ..recipe.clone() };
-                let first = Recipe { slender_length: Some(axial * wavelength), ..recipe.clone() };
+                let later = LawInputs { along: along.into(), across: across.into(), ..recipe.clone() };
+                let first = LawInputs { slender_length: Some(axial * wavelength), ..recipe.clone() };
                 let by_axis = [(coefficients::LAW.build)(&later), (gray_hancock::LAW.build)(&first)];
                 let of = |law: &dyn Force| {
                     let [bare, power] = swim(law, NODES, amplitude, waves, 0.0);

@@ -6,7 +6,7 @@
 use crate::common;
 use std::f64::consts::{PI, TAU};
 
-use caudal::fluid::laws::{DragLaw, Recipe, cox, cross_flow, gray_hancock, lighthill, wall, weak_inertia};
+use caudal::fluid::laws::{DragLaw, LawInputs, cox, cross_flow, gray_hancock, lighthill, wall, weak_inertia};
 use caudal::fluid::{Fluid, Forces};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -106,7 +106,7 @@ fn drag_coefficient(law: &DragLaw, reynolds: f64, slenderness: f64) -> f64 {
     let (a, density, speed) = (0.01, 1000.0, 0.1);
     let length = format!("rod.length_m={:e}", a * slenderness);
     let rod = rod(&scene(&[&length, "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
-    let forces = Forces(vec![(law.build)(&Recipe::plain(&rod))]);
+    let forces = Forces(vec![(law.build)(&LawInputs::plain(&rod))]);
     let fluid = Fluid { density, viscosity: density * speed * 2.0 * a / reynolds, ..Fluid::NONE };
     let [_, across] = forces.coefficients(&rod, fluid, speed).unwrap();
     across * speed / (0.5 * density * speed * speed * 2.0 * a)
@@ -122,9 +122,9 @@ const FARTHER: [f64; 2] = [1.654202295605, 3.069410351971];
 const EULER: f64 = 0.577_215_664_901_532_9;
 
 /// N s/m² along and across a rod of radius 0.01 m and length 1 m by `law`, in a fluid of unit viscosity.
-fn resistance(law: &DragLaw, set: impl FnOnce(&mut Recipe<'_>)) -> [f64; 2] {
+fn resistance(law: &DragLaw, set: impl FnOnce(&mut LawInputs<'_>)) -> [f64; 2] {
     let rod = rod(&scene(&["rod.length_m=1.0", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
-    let mut recipe = Recipe::plain(&rod);
+    let mut recipe = LawInputs::plain(&rod);
     set(&mut recipe);
     let fluid = Fluid { density: 1000.0, viscosity: 1.0, ..Fluid::NONE };
     Forces(vec![(law.build)(&recipe)]).coefficients(&rod, fluid, 1e-9).unwrap()
@@ -133,8 +133,8 @@ fn resistance(law: &DragLaw, set: impl FnOnce(&mut Recipe<'_>)) -> [f64; 2] {
 #[test]
 fn laws_of_creeping_flow_have_the_coefficients_of_their_sources() {
     // Worked out from the papers' formulas with an independent calculator; ℒ/a = 100, Λ/a = 50, h/a = 1.5 and 30.
-    let slender = |length: f64| move |recipe: &mut Recipe<'_>| recipe.slender_length = Some(length);
-    let beside = |height: f64| move |recipe: &mut Recipe<'_>| recipe.height = height;
+    let slender = |length: f64| move |recipe: &mut LawInputs<'_>| recipe.slender_length = Some(length);
+    let beside = |height: f64| move |recipe: &mut LawInputs<'_>| recipe.height = height;
     let cases: [(&str, [f64; 2], [f64; 2]); 6] = [
         ("cox", resistance(&cox::LAW, slender(1.0)), COX),
         ("lighthill", resistance(&lighthill::LAW, slender(0.5)), LIGHTHILL),
@@ -152,7 +152,8 @@ fn laws_of_creeping_flow_have_the_coefficients_of_their_sources() {
     // Lamb's cylinder is that of ℒ|V|/ν = 2 e^(1−γ) = 3.0524, to the last digit that is printed. Kaplun's factor is of second order.
     let (viscosity, density, speed, radius) = (1.0, 1000.0, 1e-6, 0.01);
     let rod = rod(&scene(&["rod.length_m=1e9", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
-    let forces = Forces(vec![(weak_inertia::LAW.build)(&Recipe { slender_length: Some(1e30), ..Recipe::plain(&rod) })]);
+    let forces =
+        Forces(vec![(weak_inertia::LAW.build)(&LawInputs { slender_length: Some(1e30), ..LawInputs::plain(&rod) })]);
     let [along, across] = forces.coefficients(&rod, Fluid { density, viscosity, ..Fluid::NONE }, speed).unwrap();
     let whole = speed * 1.01_f64.sqrt(); // a tenth of it is along
     let reynolds = 2.0 * radius * whole * density / viscosity;
@@ -196,7 +197,7 @@ fn a_cylinder_that_oscillates_along_or_across_itself_has_the_drag_of_stokes() {
     let rod = rod(&scene(&["rod.length_m=1e9", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
     for swinging in [1e-6, 1e-4, 1e-3, 1e-2, 0.05] {
         let frequency = Some(swinging * viscosity / density / (a * a) / TAU);
-        let recipe = Recipe { slender_length: Some(1e30), frequency, ..Recipe::plain(&rod) };
+        let recipe = LawInputs { slender_length: Some(1e30), frequency, ..LawInputs::plain(&rod) };
         let forces = Forces(vec![(weak_inertia::LAW.build)(&recipe)]);
         let found = forces.coefficients(&rod, Fluid { density, viscosity, ..Fluid::NONE }, 1e-30).unwrap();
         let exact = TAU * viscosity * along_itself(swinging);
@@ -213,7 +214,7 @@ fn a_thin_rod_along_the_flow_has_the_drag_of_its_boundary_layer() {
     // the length in the logarithm. Where the flow is slow, Oseen's 1 + F/(16πμνU)·U of any body (Brenner 1961).
     let (a, viscosity, density) = (1e-7, 1.0, 1.0);
     let rod = rod(&scene(&["rod.length_m=1.0", "rod.outer_radius_m=1e-7", "rod.inner_radius_m=0.0"]));
-    let forces = Forces(vec![(weak_inertia::LAW.build)(&Recipe::plain(&rod))]);
+    let forces = Forces(vec![(weak_inertia::LAW.build)(&LawInputs::plain(&rod))]);
     let towing = |speed: f64| forces.towing(&rod, Fluid { density, viscosity, ..Fluid::NONE }, speed) / speed;
     let at_rest = towing(1e-12);
     let more = towing(0.05) / at_rest - 1.0;

@@ -6,7 +6,7 @@ use crate::common;
 
 use caudal::check::Assessment;
 use caudal::fluid::laws::LAWS;
-use caudal::fluid::validity::{Across, Scale};
+use caudal::fluid::validity::{DimensionlessNumber, TransverseMotion};
 use caudal::run::{Ending, Summary, run as run_scene};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -113,7 +113,7 @@ fn every_printed_number_of_a_range_is_the_one_that_is_judged() {
     for law in LAWS {
         let words = law.validity.in_words();
         println!("{}: {words}", law.name);
-        let reynolds = law.validity.bounds.iter().find(|bound| bound.scale == Scale::Reynolds);
+        let reynolds = law.validity.bounds.iter().find(|bound| bound.scale == DimensionlessNumber::Reynolds);
         for bound in law.validity.bounds {
             assert!(words.contains(&bound.to_string()), "{}: {words}", law.name);
         }
@@ -135,7 +135,7 @@ fn a_run_judges_the_motion_that_it_has_made() {
     let mut stepper = Stepper::of(&scene).unwrap();
     let outcome = run_scene(&scene, &mut stepper, |_| Ok(ControlFlow::Continue(())));
     assert_eq!(outcome.ending, Ending::Complete);
-    let Across { speed, per_depth, .. } = stepper.meter().across().unwrap();
+    let TransverseMotion { speed, per_depth, .. } = stepper.meter().across().unwrap();
     println!("{speed} m/s, {per_depth} 1/m");
     assert!((speed / 0.01 - 1.0).abs() < 2e-3 && (per_depth / 10.0 - 1.0).abs() < 2e-3, "{speed} {per_depth}");
 }

@@ -4,7 +4,7 @@ use crate::common;
 use std::path::Path;
 use std::sync::Arc;
 
-use caudal::fluid::force::{Slopes, powers, resultant};
+use caudal::fluid::force::{StateDerivatives, powers, resultant};
 use caudal::metrics::Reading;
 use caudal::model::Dynamics;
 use caudal::scene::{Document, Scene};
@@ -180,7 +180,7 @@ fn what_the_reactive_force_takes_is_the_energy_and_momentum_of_the_water() {
             let rod = bent.kinematics();
             let force = bent.dynamics.model.forces.iter().find(|force| force.name() == "reactive").unwrap();
             let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 2 * nodes]);
-            force.energy(&rod, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
+            force.energy(&rod, 1.0, Some(StateDerivatives { q: &mut q, v: &mut v, a: &mut a }));
             let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             let momentum: Vector2<f64> = v.as_chunks().0.iter().map(|v| Vector2::from(*v)).sum();
             let own = [Vector2::x(), Vector2::y()].map(|axis| force.momentum(&rod, axis, 0.0, None));
@@ -189,7 +189,7 @@ fn what_the_reactive_force_takes_is_the_energy_and_momentum_of_the_water() {
             // How the momentum changes as it says itself.
             let rate = Vector2::from([Vector2::x(), Vector2::y()].map(|axis| {
                 let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 2 * nodes]);
-                force.momentum(&rod, axis, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
+                force.momentum(&rod, axis, 1.0, Some(StateDerivatives { q: &mut q, v: &mut v, a: &mut a }));
                 dot(&q, &later.v) + dot(&v, &later.a)
             }));
             let sum = resultant(force, &rod);

@@ -5,7 +5,7 @@ use crate::common;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use caudal::integrator::{METHODS, Pace};
+use caudal::integrator::{METHODS, StepControl};
 use caudal::run::{Ending, Outcome, Summary};
 use caudal::scene::Scene;
 use caudal::study::{Accuracy, Desk, Studied, Study};
@@ -77,7 +77,7 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
         let mut scene = Scene::load(&path).unwrap();
         scene.solver.parameters.clear();
         scene = scene.with_duration(scene.solver.duration_s.get().min(0.5)); // the start is the hard part
-        let mut ends = |integrator: Option<&str>, pace: Pace| {
+        let mut ends = |integrator: Option<&str>, pace: StepControl| {
             scene.solver.integrator = integrator.map(str::to_string);
             let scene = scene.with_pace(pace);
             let end = run(&scene);
@@ -85,7 +85,7 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
                 Summary::of(&scene, &end, &Outcome { ending: Ending::Complete, wall: Duration::ZERO }, &[]).notes;
             (scene.integrator_name().to_string(), end.state().q.clone(), end.meter().totals.halvings, notes)
         };
-        let step = Pace::Fixed(common::time_step(&Scene::load(&path).unwrap()));
+        let step = StepControl::Fixed(common::time_step(&Scene::load(&path).unwrap()));
         let (name, q, halvings, notes) = ends(None, step);
         assert_eq!(halvings, 0, "{path:?}");
         if name == "implicit-euler" {
@@ -94,7 +94,7 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
         // What a law leaves its range by is no matter of the method.
         let notes: Vec<_> = notes.iter().filter(|note| !note.contains(" outside ")).collect();
         assert!(notes.is_empty(), "{path:?}: {notes:?}");
-        let exact = ends(Some("esdirk3"), Pace::Adaptive(1e-5)).1;
+        let exact = ends(Some("esdirk3"), StepControl::Adaptive(1e-5)).1;
         let errors = [q, ends(Some("implicit-euler"), step).1].map(|q| distance(&q, &exact));
         // Measured: 12 (cantilever) … 3000 times as small.
         println!("{path:?}: {errors:?}, {}", errors[1] / errors[0]);

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use caudal::batch::{Batch, WIDTH};
-use caudal::fluid::laws::{LAWS, Reach};
+use caudal::fluid::laws::{Dependence, LAWS};
 use caudal::integrator::METHODS;
 use caudal::run::{Beside, Ending, run, run_beside};
 use caudal::scene::{Document, Scene};
@@ -127,7 +127,7 @@ fn every_method_head_and_load_has_the_same_bits_beside_others_as_alone() {
 #[test]
 fn every_local_law_is_taken_with_the_water_around_and_without_and_has_the_same_bits() {
     let heads: [&[&str]; 2] = [&[], &["head.kind=\"clamped\""]];
-    let local = LAWS.iter().filter(|law| matches!(law.reach, Reach::Edge) && law.name != "auto");
+    let local = LAWS.iter().filter(|law| matches!(law.reach, Dependence::Edge) && law.name != "auto");
     for (law, head) in local.flat_map(|law| heads.iter().map(move |head| (law, head))) {
         let named = format!("drag.law=\"{}\"", law.name);
         let values = [("along_n_s_m2", "0.4"), ("across_n_s_m2", "0.9"), ("ratio", "2.0"), ("height_m", "0.05")];

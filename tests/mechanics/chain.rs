@@ -4,7 +4,7 @@ use crate::common;
 use std::path::Path;
 use std::sync::Arc;
 
-use caudal::linear::{ChainMatrix, Choice, Direction, PivotedBand, Riccati};
+use caudal::linear::{ChainMatrix, Direction, PivotedBand, Riccati, SolverChoice};
 use caudal::model::{Dynamics, chain};
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
@@ -184,7 +184,7 @@ fn newton_converges_quadratically_in_the_chain_form_too() {
         let mut dynamics = Dynamics::new(Arc::new(scene_of(text, overrides).model().unwrap()));
         let mut state = dynamics.first_state_in(Form::Chain);
         dynamics.move_to(h, &mut state);
-        let mut newton = Newton::with(Form::Chain, Choice::default(), dynamics.nodes(), 1e-13).unwrap();
+        let mut newton = Newton::with(Form::Chain, SolverChoice::default(), dynamics.nodes(), 1e-13).unwrap();
         let increments = newton.solve(&mut dynamics, &mut state, Direction { q: h * h, v: h, a: 1.0 }).unwrap();
         let increments = increments.as_slice();
         let pairs = increments.windows(2).filter(|pair| pair[1] > 1e-13);
@@ -333,7 +333,7 @@ fn cantilever_under(gravity: f64, nodes: usize, load: f64, parts: u32) -> (Dynam
     let keys = [format!("rod.nodes={nodes}"), format!("loads.gravity_m_s2=[0.0, {gravity:e}]")];
     let scene = scene(&[SILICONE, "rod.stiffness_gradient=0.0", "head.kind=clamped", &keys[0], &keys[1]]);
     let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-    let mut newton = Newton::with(Form::Chain, Choice::default(), nodes, 1e-13).unwrap();
+    let mut newton = Newton::with(Form::Chain, SolverChoice::default(), nodes, 1e-13).unwrap();
     let mut state = dynamics.first_state_in(Form::Chain);
     let mut force = vec![0.0; 2 * nodes];
     for part in 1..=parts {
@@ -510,7 +510,7 @@ fn positions_fail_on_100_000_nodes_where_the_chain_form_stands() {
         let scene = scene(&[SILICONE, "head.kind=clamped", "rod.nodes=100001", &format!("solver.form={form}")]);
         let form = scene.form(&common::rod(&scene));
         let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-        let mut newton = Newton::with(form, Choice::default(), 100_001, 1e-10).unwrap();
+        let mut newton = Newton::with(form, SolverChoice::default(), 100_001, 1e-10).unwrap();
         let mut state = dynamics.first_state_in(form);
         let mut force = vec![0.0; 200_002];
         force[200_001] = -1e-3;

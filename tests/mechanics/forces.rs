@@ -4,11 +4,11 @@
 use crate::common;
 use caudal::fluid::audit::audit;
 use caudal::fluid::body::{self, BodyDrag, BodyInertia};
-use caudal::fluid::force::{self, Force, Slopes};
-use caudal::fluid::laws::{LAWS, Recipe};
+use caudal::fluid::force::{self, Force, StateDerivatives};
+use caudal::fluid::laws::{LAWS, LawInputs};
 use caudal::fluid::medium::{BEYOND, Layer, Property};
 use caudal::fluid::reactive::Wake;
-use caudal::fluid::{Buoyancy, DENSITY, Fluid, HeadWeight, Kinematics, Layers, Reactive, Sink, Spray, VISCOSITY};
+use caudal::fluid::{Buoyancy, DENSITY, Fluid, HeadWeight, Kinematics, Layers, PowerKind, Reactive, Spray, VISCOSITY};
 use caudal::rod::{Edge, MassLumping, Material, Profile, Rod, Section, Sections, Spheroid, Stiffness, node};
 use common::{Dice, largest};
 use nalgebra::Vector2;
@@ -29,7 +29,7 @@ fn rod() -> Rod {
 
 /// All laws and forces of the program on that rod.
 fn all(rod: &Rod) -> Vec<Box<dyn Force>> {
-    let recipe = Recipe {
+    let recipe = LawInputs {
         wavelength: Some(0.5),
         frequency: Some(1.5),
         head: HeadWeight { weight: 3.0, length: 0.13 },
@@ -38,7 +38,7 @@ fn all(rod: &Rod) -> Vec<Box<dyn Force>> {
         across: Profile::through(vec![[0.0, 1.0], [1.0, 2.0]]).unwrap(),
         height: 0.05,
         turbulent_friction: Some(0.004),
-        ..Recipe::plain(rod)
+        ..LawInputs::plain(rod)
     };
     let mut forces: Vec<Box<dyn Force>> = LAWS.iter().map(|law| (law.build)(&recipe)).collect();
     forces.push(Box::new(Reactive::new(rod)));
@@ -76,9 +76,9 @@ impl Case {
     fn in_layers(mut self, force: &dyn Force, dice: &mut Dice) -> Self {
         let angle = dice.between(-3.0, 3.0);
         let down = Vector2::new(0.3, -9.8).normalize();
-        let normal = if force.sink() == Some(Sink::Load) { down } else { Vector2::new(angle.cos(), angle.sin()) };
+        let normal = if force.sink() == Some(PowerKind::Load) { down } else { Vector2::new(angle.cos(), angle.sin()) };
         let along = Vector2::new(normal.y, -normal.x);
-        let sheared = if force.sink() == Some(Sink::Drag) { 1.0 } else { 0.0 };
+        let sheared = if force.sink() == Some(PowerKind::Drag) { 1.0 } else { 0.0 };
         let heights: Vec<f64> = (0..NODES).map(|k| normal.dot(&node(&self.parts[0], k))).collect();
         let low = heights.iter().copied().fold(f64::INFINITY, f64::min);
         let size = heights.iter().fold(0.2, |most: f64, h| most.max(h - low));
@@ -176,7 +176,7 @@ fn worst(what: &str, tolerance: f64, f: impl Fn(&dyn Force, &Case, &mut Dice) ->
             let mut dice = Dice(seed);
             let case = Case::random(&rod, &mut dice);
             let one = f(&*force, &case, &mut dice);
-            if [body::DRAG, body::INERTIA].contains(&force.name()) || force.whole().is_some() {
+            if [body::DRAG, body::INERTIA].contains(&force.name()) || force.global().is_some() {
                 return one; // of one fluid
             }
             // Where the velocity across vanishes, square roots bend sharply, which differences see.
@@ -225,7 +225,7 @@ fn every_force_is_what_its_audit_says() {
 fn slopes_are_the_transpose_of_changes() {
     // Measured: at most 2.2e-15.
     worst("transpose", 1e-13, |force, case, dice| {
-        if force.whole().is_some() {
+        if force.global().is_some() {
             return 0.0; // sensitivities refuse it
         }
         let change = change(&rod(), dice);
@@ -235,7 +235,7 @@ fn slopes_are_the_transpose_of_changes() {
         case.with(|rod| {
             force::add_change(force, rod, [&change[0], &change[1], &change[2]], Vector2::zeros(), &mut exact);
             let [q, v, a] = &mut by;
-            force::add_slopes(force, rod, 0..NODES - 1, |k| node(&cotangent, k), &mut Slopes { q, v, a });
+            force::add_slopes(force, rod, 0..NODES - 1, |k| node(&cotangent, k), &mut StateDerivatives { q, v, a });
         });
         let forwards = dot(&exact, &cotangent);
         let backwards: f64 = by.iter().zip(&change).map(|(by, d)| dot(by, d)).sum();
@@ -276,14 +276,14 @@ fn a_force_changes_with_its_parameters_as_it_says() {
 fn energies_have_the_slopes_that_they_say_and_their_rate_is_the_power_against_the_fluid() {
     // Measured: slopes 5.9e-12 (reactive), rate 6.0e-10.
     worst("energy", 1e-8, |force, case, dice| {
-        if !matches!(force.sink(), None | Some(Sink::Load)) {
+        if !matches!(force.sink(), None | Some(PowerKind::Load)) {
             return 0.0;
         }
         let change = change(&rod(), dice);
         let mut by = [vec![0.0; 2 * NODES], vec![0.0; 2 * NODES], vec![0.0; 2 * NODES]];
         case.with(|rod| {
             let [q, v, a] = &mut by;
-            force.energy(rod, 1.0, Some(Slopes { q, v, a }));
+            force.energy(rod, 1.0, Some(StateDerivatives { q, v, a }));
         });
         let energy = |case: &Case| vec![case.with(|rod| force.energy(rod, 0.0, None))];
         let still = Vector2::zeros();
@@ -306,9 +306,9 @@ fn the_momentum_of_the_fluid_gains_what_opposes_the_rod_and_the_pull_and_its_ene
             return 0.0;
         }
         case.with(|rod| {
-            let rate = |of: &dyn Fn(Slopes<'_>) -> f64| {
+            let rate = |of: &dyn Fn(StateDerivatives<'_>) -> f64| {
                 let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 2 * NODES]);
-                of(Slopes { q: &mut q, v: &mut v, a: &mut a });
+                of(StateDerivatives { q: &mut q, v: &mut v, a: &mut a });
                 // In the frame of the fluid: the motion against it, and no slope by accelerations.
                 assert!(largest(a) == 0.0, "{}", force.name());
                 (0..NODES)
@@ -329,12 +329,13 @@ fn the_momentum_of_the_fluid_gains_what_opposes_the_rod_and_the_pull_and_its_ene
 fn drag_takes_energy_whatever_the_motion_and_vanishes_with_it() {
     let rod = rod();
     // What acts on the whole rod at once takes energy from motions that the mesh resolves: tests/fluid/nonlocal.rs.
-    let forces = all(&rod).into_iter().filter(|force| force.sink() != Some(Sink::Load) && force.whole().is_none());
+    let forces =
+        all(&rod).into_iter().filter(|force| force.sink() != Some(PowerKind::Load) && force.global().is_none());
     for force in forces {
         for seed in 0..120 {
             let mut dice = Dice(seed);
             let mut case = Case::random(&rod, &mut dice);
-            if seed % 2 == 1 && ![body::DRAG, body::INERTIA].contains(&force.name()) && force.whole().is_none() {
+            if seed % 2 == 1 && ![body::DRAG, body::INERTIA].contains(&force.name()) && force.global().is_none() {
                 case = case.in_layers(&*force, &mut dice);
             }
             let power = case.with(|rod| force::powers(&*force, rod).against_fluid);

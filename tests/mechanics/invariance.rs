@@ -6,7 +6,7 @@ use crate::common;
 use std::sync::Arc;
 
 use caudal::fluid::laws::LAWS;
-use caudal::head::{Motion, Signal};
+use caudal::head::{HeadMotion, Signal};
 use caudal::linear::{BandMatrix, Direction};
 use caudal::metrics::Reading;
 use caudal::model::Dynamics;
@@ -53,7 +53,7 @@ impl Placement {
         }
     }
 
-    fn head(&self, motion: &Motion) -> Motion {
+    fn head(&self, motion: &HeadMotion) -> HeadMotion {
         let [x, y, angle] = motion.each_ref().map(|signal| signal.at(0.0).value);
         let at = self.turn * Vector2::new(x, y) + self.shift;
         let along = self.turn * Vector2::new(angle.cos(), angle.sin());

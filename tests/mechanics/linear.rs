@@ -3,7 +3,7 @@
 use crate::common;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, BlockBand, Choice, Chosen, Direction, FaerLu, LinearSolver, PivotedLu};
+use caudal::linear::{BandMatrix, BlockBand, Direction, FaerLu, FallbackSolver, LinearSolver, PivotedLu, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::system::{Linearisation, System};
 use common::{Dice, GLYCEROL, SILICONE, SOFT, STUDY, largest, scene_of};
@@ -186,9 +186,9 @@ fn is_refused(matrix: &BandMatrix) -> bool {
         !finite(&x) && !finite(&y) && (at_once.is_err() || !finite(&z))
     });
     by_each
-        && [Choice::Auto, Choice::FaerLu, Choice::BlockBand].into_iter().all(|choice| {
+        && [SolverChoice::Auto, SolverChoice::FaerLu, SolverChoice::BlockBand].into_iter().all(|choice| {
             let mut x = vec![1.0; matrix.unknowns()];
-            Chosen::new(choice, matrix).unwrap().solve(matrix, &mut x).is_err() || !finite(&x)
+            FallbackSolver::new(choice, matrix).unwrap().solve(matrix, &mut x).is_err() || !finite(&x)
         })
 }
 
@@ -320,14 +320,16 @@ fn what_the_fast_solver_cannot_solve_goes_to_the_other_and_is_told() {
         tiny_pivot.add_block(0, 0, &(1e-14 * Matrix2::identity()));
         let b = dice.many(2 * nodes, -1.0, 1.0);
         for (matrix, falls_back) in [(&good, false), (&zero_pivot, true), (&tiny_pivot, true), (&good, false)] {
-            let mut solver = Chosen::new(Choice::Auto, matrix).unwrap();
+            let mut solver = FallbackSolver::new(SolverChoice::Auto, matrix).unwrap();
             let mut x = b.clone();
             assert_eq!(solver.solve(matrix, &mut x).unwrap().fallback, falls_back, "{nodes} nodes");
             let error = backward_error(matrix, &x, &b, false);
             // Measured: 9.9e-17.
             assert!(error < 1e-14, "{nodes} nodes: {error:e}");
             let mut x = b.clone();
-            assert!(!Chosen::new(Choice::BlockBand, matrix).unwrap().solve(matrix, &mut x).unwrap().fallback);
+            assert!(
+                !FallbackSolver::new(SolverChoice::BlockBand, matrix).unwrap().solve(matrix, &mut x).unwrap().fallback
+            );
             assert_eq!(x.iter().all(|x| x.is_nan()), falls_back);
         }
     }

@@ -1,7 +1,7 @@
 //! Natural modes: frequencies of the beam on any mesh, shapes that solve K φ = ω² M φ, and matrices others can read.
 
 use crate::common;
-use caudal::modes::{Axis, Matrices, Modes, lowest};
+use caudal::modes::{Matrices, ModeKind, Modes, lowest};
 use common::{DRAG, GLYCEROL, rod, scene};
 
 const UNIFORM: &str = "rod.stiffness_gradient=0.0";
@@ -35,7 +35,7 @@ fn frequencies_converge_to_the_beam_s_up_to_a_hundred_thousand_nodes() {
             let found = lowest(&rod, 6).unwrap();
             let found: Vec<f64> = found
                 .iter()
-                .filter(|mode| mode.axis == Axis::Bending)
+                .filter(|mode| mode.axis == ModeKind::Bending)
                 .map(|mode| (mode.frequency / unit).sqrt())
                 .collect();
             for (found, wanted) in found.iter().zip(wanted) {
@@ -54,7 +54,7 @@ fn shapes_solve_the_eigenproblem_and_drag_damps_them() {
         let [_, across] = model.forces.resistance(&model.rod, model.fluid).unwrap();
         let matrices = Matrices::of(&model.rod, Some((model.forces, model.fluid, model.layers))).unwrap();
         for mode in lowest(&model.rod, 8).unwrap() {
-            let i = usize::from(mode.axis == Axis::Bending);
+            let i = usize::from(mode.axis == ModeKind::Bending);
             let square = mode.frequency.powi(2);
             for k in matrices.first..33 {
                 let force: f64 =
@@ -66,7 +66,7 @@ fn shapes_solve_the_eigenproblem_and_drag_damps_them() {
             assert!((mode.shape.iter().fold(0.0, |max: f64, x| max.max(x.abs())) - 1.0).abs() < 1e-15);
             let ratio = matrices.damping_ratio(&mode).unwrap();
             assert!(ratio > 0.0);
-            if mode.axis == Axis::Bending && matrices.first == 0 {
+            if mode.axis == ModeKind::Bending && matrices.first == 0 {
                 // All masses are ρAΔL and all drags ξΔL but those of the ends, ½ξΔL.
                 let even = across * model.rod.spacing / (2.0 * mode.frequency * model.rod.mass[1]);
                 // Measured: 0.89 to 0.95 of it.

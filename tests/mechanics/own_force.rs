@@ -6,9 +6,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use caudal::fluid::audit::{audit, audit_parameter};
-use caudal::fluid::force::{OnEdge, Slopes, Tally};
+use caudal::fluid::force::{EdgeForce, ForceAccumulator, StateDerivatives};
 use caudal::fluid::validity::Validity;
-use caudal::fluid::{Force, Key, Kinematics, Sink};
+use caudal::fluid::{Force, Key, Kinematics, PowerKind};
 use caudal::linear::{BandMatrix, Block, Direction};
 use caudal::model::{Dynamics, Model};
 use caudal::modes::Matrices;
@@ -48,7 +48,13 @@ impl Force for Quadratic {
         true
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         let v = along.map_or(0.0, |along| along.v);
         sums.each(edges, |e| {
             let w = [0, 1].map(|i| rod.against_fluid(e + i));
@@ -57,7 +63,7 @@ impl Force for Quadratic {
                 let turn = if speed > 0.0 { w * w.transpose() / speed } else { Matrix2::zeros() };
                 Block::from((Matrix2::identity() * speed + turn) * (self.coefficient * v))
             };
-            OnEdge::new(w.map(|w| w * (self.coefficient * w.norm())), w.map(slope), [Block::ZERO; 2])
+            EdgeForce::new(w.map(|w| w * (self.coefficient * w.norm())), w.map(slope), [Block::ZERO; 2])
         });
     }
 
@@ -124,15 +130,21 @@ impl Force for AddedMass {
         true
     }
 
-    fn sink(&self) -> Option<Sink> {
+    fn sink(&self) -> Option<PowerKind> {
         None
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         sums.each(edges, |e| {
             let force = self.on(rod, e);
             let Some(Direction { q, v, a }) = along else {
-                return OnEdge::new(force, [Block::ZERO; 2], [Block::ZERO; 2]);
+                return EdgeForce::new(force, [Block::ZERO; 2], [Block::ZERO; 2]);
             };
             let edge = &rod.edges[e];
             let (t, n, per) = (edge.t, edge.n(), edge.per_length);
@@ -172,18 +184,18 @@ impl Force for AddedMass {
             own[1] -= both;
             edges[0] += pair_edge + pair_own[1];
             edges[1] += pair_own[0] - pair_edge;
-            OnEdge::new(force, own.map(Block::from), edges.map(Block::from))
+            EdgeForce::new(force, own.map(Block::from), edges.map(Block::from))
         });
     }
 
-    fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<StateDerivatives<'_>>) -> f64 {
         let mut energy = 0.0;
         for (e, edge) in rod.edges.iter().enumerate() {
             for i in 0..2 {
                 let v = rod.against_fluid(e + i);
                 let (u, w) = (v.dot(&edge.t), v.dot(&edge.n()));
                 energy += 0.5 * self.mass * w * w;
-                if let Some(Slopes { q, v, .. }) = &mut by {
+                if let Some(StateDerivatives { q, v, .. }) = &mut by {
                     let slope = edge.n() * (-self.mass * w * u * edge.per_length * factor);
                     add(q, e, -slope);
                     add(q, e + 1, slope);
@@ -242,33 +254,43 @@ impl Force for Spring {
         false
     }
 
-    fn sink(&self) -> Option<Sink> {
+    fn sink(&self) -> Option<PowerKind> {
         None
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         let q = along.map_or(0.0, |along| along.q);
         sums.each(edges, |e| {
             if e > 0 {
-                return OnEdge::ZERO;
+                return EdgeForce::ZERO;
             }
             let [point, _] = Spring::point(rod.t);
             let force = (node(rod.q, 0) - point) * self.stiffness;
-            OnEdge::new([force, Vector2::zeros()], [Block::diagonal(self.stiffness * q), Block::ZERO], [Block::ZERO; 2])
+            EdgeForce::new(
+                [force, Vector2::zeros()],
+                [Block::diagonal(self.stiffness * q), Block::ZERO],
+                [Block::ZERO; 2],
+            )
         });
     }
 
-    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
         let off = node(rod.q, 0) - Spring::point(rod.t)[0];
-        if let Some(Slopes { q, .. }) = by {
+        if let Some(StateDerivatives { q, .. }) = by {
             add(q, 0, off * (self.stiffness * factor));
         }
         0.5 * self.stiffness * off.norm_squared()
     }
 
-    fn energy_by_time(&self, rod: &Kinematics<'_>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
+    fn energy_by_time(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
         let [point, velocity] = Spring::point(rod.t);
-        if let Some(Slopes { q, .. }) = by {
+        if let Some(StateDerivatives { q, .. }) = by {
             add(q, 0, velocity * (-self.stiffness * factor));
         }
         -self.stiffness * (node(rod.q, 0) - point).dot(&velocity)
@@ -341,20 +363,26 @@ impl Force for Mistaken {
         self.everywhere
     }
 
-    fn sink(&self) -> Option<Sink> {
+    fn sink(&self) -> Option<PowerKind> {
         None
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         let along = along.map(|along| Direction { q: self.slope * along.q, ..along });
         self.spring.evaluate(rod, along, edges, sums);
     }
 
-    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
         self.spring.energy(rod, factor, by)
     }
 
-    fn energy_by_time(&self, rod: &Kinematics<'_>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
+    fn energy_by_time(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
         self.spring.energy_by_time(rod, factor, by)
     }
 }
@@ -605,8 +633,8 @@ impl Force for Beyond {
         true
     }
 
-    fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, sums: &mut Tally<'_>) {
-        sums.one(99, &OnEdge::ZERO);
+    fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, sums: &mut ForceAccumulator<'_>) {
+        sums.one(99, &EdgeForce::ZERO);
     }
 }
 

@@ -8,8 +8,8 @@ use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use caudal::actuation::{Actuation, Recipe, TravellingWave, Wave};
-use caudal::fluid::force::{Force, OnTip, Tally};
+use caudal::actuation::{Actuation, ActuationInputs, TravellingWave, Wave};
+use caudal::fluid::force::{Force, ForceAccumulator, TipForce};
 use caudal::fluid::validity::Validity;
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
@@ -321,12 +321,18 @@ impl Force for Counted<Box<dyn Force>> {
         self.0.is_the_same_everywhere()
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
         self.1.fetch_add(edges.len() as u64, Ordering::Relaxed);
         self.0.evaluate(rod, along, edges, sums);
     }
 
-    fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<OnTip> {
+    fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<TipForce> {
         self.0.tip(rod, along)
     }
 }
@@ -356,7 +362,7 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                 let mut model = scene_of(SOFT, &[]).model().unwrap();
                 let (law, kind) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
                 let rod = &model.rod;
-                let travelling = TravellingWave::new(&Recipe {
+                let travelling = TravellingWave::new(&ActuationInputs {
                     nodes: rod.nodes,
                     front: rod.front,
                     spacing: rod.spacing,

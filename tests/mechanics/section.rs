@@ -5,7 +5,7 @@ use crate::common;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use caudal::check::Assessment;
-use caudal::fluid::laws::{LAWS, Recipe, Takes};
+use caudal::fluid::laws::{LAWS, LawInputs, SectionInput};
 use caudal::modes::Modes;
 use caudal::rod::{Profile, Section, Sections, Shape};
 use caudal::scene::Document;
@@ -180,7 +180,7 @@ fn slow_flow_across_an_elliptic_rod_is_that_of_oberbeck_s_ellipsoid() {
     for law in LAWS.iter().filter(|law| ["cox", "lighthill"].contains(&law.name)) {
         let [flat, round] = [&ellipse, &round].map(|rod| {
             let half = rod.halves().next().unwrap()[0];
-            law.resistance.unwrap()(&Recipe::plain(rod), &half)
+            law.resistance.unwrap()(&LawInputs::plain(rod), &half)
         });
         close(flat[0], round[0], law.name);
         assert!((4.0 * PI / flat[1] - 4.0 * PI / round[1] - (0.25 - 0.5)).abs() < 1e-12, "{}", law.name);
@@ -295,7 +295,7 @@ fn laws_of_round_rods_refuse_a_rectangle_and_take_an_ellipse_and_all_others_take
         _ => "",
     };
     for law in LAWS {
-        for (section, taken) in [("round", true), ("ellipse", true), ("rectangle", law.takes != Takes::Round)] {
+        for (section, taken) in [("round", true), ("ellipse", true), ("rectangle", law.takes != SectionInput::Round)] {
             let mut document = Document::new("strip.toml", STRIP);
             let drag = format!("drag={{law=\"{}\"{}}}", law.name, keys(law.name));
             let radius = ["rod.outer_radius_m=0.001", "rod.depth_m=0.006"];

@@ -1,7 +1,7 @@
 //! Every scene ends at the same place whichever solver its linear systems are given to.
 
 use crate::common;
-use caudal::linear::Choice;
+use caudal::linear::SolverChoice;
 use caudal::scene::{Document, Scene};
 use common::largest;
 
@@ -49,8 +49,8 @@ fn every_scene_ends_at_the_same_place_with_each_linear_solver() {
     assert_eq!(scenes.len(), 32);
     for (name, document) in scenes {
         let mut scene = document.scene().unwrap();
-        assert_eq!(scene.solver.linear, Choice::Auto);
-        let [auto, lu, band] = [Choice::Auto, Choice::FaerLu, Choice::BlockBand].map(|choice| {
+        assert_eq!(scene.solver.linear, SolverChoice::Auto);
+        let [auto, lu, band] = [SolverChoice::Auto, SolverChoice::FaerLu, SolverChoice::BlockBand].map(|choice| {
             scene.solver.linear = choice;
             common::run(&scene)
         });
@@ -67,7 +67,9 @@ fn every_scene_ends_at_the_same_place_with_each_linear_solver() {
 
 #[test]
 fn a_scene_chooses_its_linear_solver_by_name() {
-    for (name, choice) in [("auto", Choice::Auto), ("faer-lu", Choice::FaerLu), ("block-band", Choice::BlockBand)] {
+    for (name, choice) in
+        [("auto", SolverChoice::Auto), ("faer-lu", SolverChoice::FaerLu), ("block-band", SolverChoice::BlockBand)]
+    {
         let scene = common::scene(&[&format!("solver.linear={name}")]);
         assert_eq!(scene.solver.linear, choice);
         assert_eq!(serde_json::to_value(choice).unwrap(), name);

@@ -9,7 +9,7 @@ use caudal::integrator::{Integrator, Method};
 use caudal::linear::{BandMatrix, Direction};
 use caudal::metrics::Energy;
 use caudal::model::Dynamics;
-use caudal::modes::{Axis, Mode, Modes, lowest};
+use caudal::modes::{Mode, ModeKind, Modes, lowest};
 use caudal::newton::Newton;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -75,7 +75,7 @@ fn threshold(mut low: f64, mut high: f64, mut holds: impl FnMut(f64) -> bool) ->
 }
 
 /// The mode of an axis of the scene's rod with this number from below.
-fn mode(scene: &Scene, axis: Axis, number: usize) -> Mode {
+fn mode(scene: &Scene, axis: ModeKind, number: usize) -> Mode {
     let rod = rod(scene);
     let modes = lowest(&rod, rod.nodes / 2).unwrap();
     modes.into_iter().filter(|mode| mode.axis == axis).nth(number).unwrap()
@@ -86,12 +86,12 @@ fn highest(scene: &Scene) -> Mode {
     let nodes = rod(scene).nodes;
     let angle = PI * (nodes - 1) as f64 / nodes as f64;
     let shape = (0..nodes).map(|k| (angle * (k as f64 + 0.5)).cos()).collect();
-    Mode { axis: Axis::Stretching, frequency: Modes::of(&rod(scene)).unwrap().highest(), shape }
+    Mode { axis: ModeKind::Stretching, frequency: Modes::of(&rod(scene)).unwrap().highest(), shape }
 }
 
 /// Adds `size` times a shape along an axis.
 fn add(values: &mut [f64], mode: &Mode, size: f64) {
-    let axis = usize::from(mode.axis == Axis::Bending);
+    let axis = usize::from(mode.axis == ModeKind::Bending);
     mode.shape.iter().enumerate().for_each(|(k, x)| values[2 * k + axis] += size * x);
 }
 
@@ -165,7 +165,7 @@ fn newmark_with_gamma_below_a_half_grows_as_predicted() {
 #[test]
 fn newmark_with_both_a_half_overshoots_as_predicted() {
     let scene = scene(&["rod.mass_lumping=uniform"]);
-    let mode = mode(&scene, Axis::Bending, 0);
+    let mode = mode(&scene, ModeKind::Bending, 0);
     let omega = 9.374;
     let mut run =
         Run::new(&scene, "newmark", &[0.5, 0.5], omega / mode.frequency, |state| add(&mut state.q, &mode, 1e-8));
@@ -182,7 +182,7 @@ fn newmark_with_both_a_half_overshoots_as_predicted() {
 #[test]
 fn implicit_euler_damps_as_predicted() {
     let scene = scene(&["rod.mass_lumping=uniform"]);
-    let mode = mode(&scene, Axis::Bending, 0);
+    let mode = mode(&scene, ModeKind::Bending, 0);
     for omega in [0.1, 0.9374, 9.374_f64] {
         let mut run =
             Run::new(&scene, "implicit-euler", &[], omega / mode.frequency, |state| add(&mut state.q, &mode, 1e-6));

@@ -5,8 +5,8 @@ use crate::common;
 use std::collections::HashSet;
 
 use caudal::error::Error;
-use caudal::integrator::{Method, Pace};
-use caudal::linear::Choice;
+use caudal::integrator::{Method, StepControl};
+use caudal::linear::SolverChoice;
 use caudal::newton::Newton;
 use caudal::reduced::RUNGS;
 use caudal::scene::Document;
@@ -260,7 +260,7 @@ fn without_a_scene_a_snapshot_of_another_model_is_refused_and_changes_nothing() 
     let made = |nodes: u64| {
         let scene = common::scene_of(SOFT, &[]).with_nodes(nodes);
         let (model, newton) =
-            (scene.model().unwrap(), Newton::with(Form::Positions, Choice::Auto, nodes as usize, 1e-10));
+            (scene.model().unwrap(), Newton::with(Form::Positions, SolverChoice::Auto, nodes as usize, 1e-10));
         Stepper::init(model, scene.integrator().unwrap(), newton.unwrap(), 2e-3).unwrap()
     };
     let (mut nine, five) = (made(9), made(5));
@@ -280,7 +280,7 @@ fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_
         ("nodes", scene.with_nodes(11)),
         ("whole", scene.whole()),
         ("duration", scene.with_duration(0.123)),
-        ("pace", scene.with_pace(Pace::Fixed(1e-3))),
+        ("pace", scene.with_pace(StepControl::Fixed(1e-3))),
         ("method", scene.with_method(newmark, &newmark.defaults())),
         ("model", scene.with_model(RUNGS[0])),
         ("modulus", scene.with_modulus(1.0 + 2.0 * f64::EPSILON)),

@@ -12,7 +12,7 @@ use std::ptr::NonNull;
 
 use caudal::error::{Error, Result};
 use caudal::fmu::{Catalogue, LOG_CATEGORIES, Standard, token};
-use caudal::integrator::Pace;
+use caudal::integrator::StepControl;
 use caudal::scene::{Document, Scene, parameter};
 use caudal::stepper::Stepper;
 use caudal::variable::{Size, VARIABLES, Variable};
@@ -276,7 +276,7 @@ impl Instance {
         if let Some(tolerance) = tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance < 1.0)) {
             return refuse(format!("a relative tolerance of {tolerance}; allowed: between 0 and 1"));
         }
-        let tolerance = tolerance.filter(|_| matches!(self.scene.pace(), Pace::Adaptive(_)));
+        let tolerance = tolerance.filter(|_| matches!(self.scene.pace(), StepControl::Adaptive(_)));
         if self.settings.tolerance != tolerance {
             self.settings.tolerance = tolerance;
             self.stale = true;

@@ -1,6 +1,6 @@
 //! The law that fits the flow that a scene makes: slender-body theory where the fluid has no inertia, cross-flow where it has.
 
-use super::{DragLaw, Reach, Recipe, Takes, cox, cross_flow};
+use super::{Dependence, DragLaw, LawInputs, SectionInput, cox, cross_flow};
 use crate::fluid::uncertainty::Published;
 use crate::fluid::validity::Validity;
 
@@ -11,8 +11,8 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity { range: "that of the law it takes", bounds: &[], source: "of the law it takes" },
     reynolds: cross_flow::LAW.reynolds,
     published: Published::NOTHING,
-    reach: Reach::Edge,
-    takes: Takes::Outline,
+    reach: Dependence::Edge,
+    takes: SectionInput::Outline,
     keys: cross_flow::LAW.keys,
     needs: &[],
     resistance: None,
@@ -25,6 +25,6 @@ pub static LAW: DragLaw = DragLaw {
 pub static CANDIDATES: [&DragLaw; 2] = [&cox::LAW, &cross_flow::LAW];
 
 /// The law that the scene's own motion was found to need, or the highest where that is not known: it holds at every Reynolds number.
-pub fn taken(recipe: &Recipe<'_>) -> &'static DragLaw {
+pub fn taken(recipe: &LawInputs<'_>) -> &'static DragLaw {
     recipe.taken.unwrap_or(&cross_flow::LAW)
 }

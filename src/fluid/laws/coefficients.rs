@@ -1,7 +1,7 @@
 //! Resistance as an experiment gives it: ξ∥ and ξ⊥ along the rod, whatever the fluid.
 
 use super::resistance::{ACROSS, ALONG, Resistance};
-use super::{DragLaw, Reach, Takes};
+use super::{Dependence, DragLaw, SectionInput};
 use crate::fluid::uncertainty::Published;
 use crate::fluid::validity::Validity;
 
@@ -12,8 +12,8 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity { range: "that of the measurement", bounds: &[], source: "the scene" },
     reynolds: f64::INFINITY,
     published: Published::NOTHING,
-    reach: Reach::Edge,
-    takes: Takes::Nothing,
+    reach: Dependence::Edge,
+    takes: SectionInput::Nothing,
     keys: &["along_n_s_m2", "across_n_s_m2"],
     needs: &["along_n_s_m2", "across_n_s_m2"],
     resistance: None,

@@ -4,10 +4,10 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
-use crate::rod::Half;
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
+use crate::rod::HalfEdge;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -15,7 +15,11 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory's drag of a cylinder",
     validity: Validity {
         range: "creeping flow; within 10 % in speed for radius over length up to 0.01",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Slenderness, 10.0), STEADY],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::Reynolds, CREEPING),
+            Bound::at_least(DimensionlessNumber::Slenderness, 10.0),
+            STEADY,
+        ],
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",
     },
     reynolds: CREEPING,
@@ -28,8 +32,8 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "nonlocal slender-body theory by regularised Stokeslets on prescribed waves and driven tails of sperm number 1.5 to 3, radius over length up to 0.01; growth with inertia: a round swimmer against cross-flow",
     },
-    reach: Reach::Edge,
-    takes: Takes::SlenderRadius,
+    reach: Dependence::Edge,
+    takes: SectionInput::SlenderRadius,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
@@ -39,7 +43,7 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let slender = (recipe.slender() / half.radius).ln();
     [2.0 * PI / (slender - 1.5 + LN_2), 4.0 * PI / (slender - (1.0 - half.slender_across) + LN_2)]
 }

@@ -11,14 +11,14 @@ use std::f64::consts::PI;
 
 use wide::f64x2;
 
-use super::{Causes, DragLaw, Reach, Recipe, Takes};
+use super::{Dependence, DragLaw, ForcesByCause, LawInputs, SectionInput};
 use crate::fluid::force::Force;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::linear::{Number, Pair, Real};
-use crate::rod::{Half, Section};
+use crate::rod::{HalfEdge, Section};
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -26,7 +26,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "viscous drag, a boundary layer's friction and form drag",
     validity: Validity {
         range: "no lift, vortex shedding or history",
-        bounds: &[Bound::at_most(Scale::Reynolds, 1e5), STEADY],
+        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, 1e5), STEADY],
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
     reynolds: 1e5,
@@ -38,8 +38,8 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "S. Kern & P. Koumoutsakos, J. Exp. Biol. 209 (2006), and others on the same eel, for speed; C. Sucker & H. Brauer (1975) for a cylinder's drag; at low Reynolds numbers that of cox",
     },
-    reach: Reach::Edge,
-    takes: Takes::Outline,
+    reach: Dependence::Edge,
+    takes: SectionInput::Outline,
     keys: &["slender_length_m", "viscous", "form_drag", "thinning", "skin_friction", "turbulent_friction"],
     needs: &[],
     resistance: None,
@@ -51,7 +51,7 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// The law as three of its kind: each has what one cause does, and nothing of the others.
-fn parts(recipe: &Recipe<'_>) -> Causes {
+fn parts(recipe: &LawInputs<'_>) -> ForcesByCause {
     let only = |keep: fn(Coefficients) -> Coefficients| -> Box<dyn Force> {
         Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |halves| keep(Coefficients::of(recipe, halves))))
     };
@@ -103,7 +103,7 @@ pub(crate) struct Coefficients<P = f64x2> {
 }
 
 impl Coefficients {
-    fn of(recipe: &Recipe<'_>, halves: &[Half; 2]) -> Self {
+    fn of(recipe: &LawInputs<'_>, halves: &[HalfEdge; 2]) -> Self {
         let of = |quantity: fn(&Section) -> f64| both(halves, |half| quantity(&half.section()));
         let (depth, perimeter, slim) = (of(|section| section.depth), of(Section::perimeter), of(Section::slim));
         let form_unit = depth * 0.5;

@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
-use crate::rod::Half;
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
+use crate::rod::HalfEdge;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -14,7 +14,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag of a wave of given length, twice as large across as along",
     validity: Validity {
         range: "creeping flow, waves of small amplitude; 20 to 160 % too fast for bodies of radius over length above 0.01",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), STEADY],
+        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, CREEPING), STEADY],
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
     reynolds: CREEPING,
@@ -28,8 +28,8 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "nonlocal slender-body theory on prescribed waves and driven tails",
     },
-    reach: Reach::Edge,
-    takes: Takes::SlenderRadius,
+    reach: Dependence::Edge,
+    takes: SectionInput::SlenderRadius,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
@@ -39,7 +39,7 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let along = 2.0 * PI / ((2.0 * recipe.slender() / half.radius).ln() - 0.5);
     [along, 2.0 * along]
 }

@@ -4,10 +4,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
-use crate::rod::Half;
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
+use crate::rod::HalfEdge;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -15,7 +15,11 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag of a wave without load",
     validity: Validity {
         range: "creeping flow, a wave without load",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Wave, 30.0), STEADY],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::Reynolds, CREEPING),
+            Bound::at_least(DimensionlessNumber::Wave, 30.0),
+            STEADY,
+        ],
         source: "M. J. Lighthill, SIAM Review 18 (1976)",
     },
     reynolds: CREEPING,
@@ -29,8 +33,8 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "nonlocal slender-body theory on prescribed waves, with and without a head, and driven tails",
     },
-    reach: Reach::Edge,
-    takes: Takes::SlenderRadius,
+    reach: Dependence::Edge,
+    takes: SectionInput::SlenderRadius,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
@@ -40,12 +44,12 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let slender = (0.18 * wave(recipe) / half.radius).ln();
     [2.0 * PI / slender, 4.0 * PI / (slender + half.slender_across)]
 }
 
 /// Λ, m: the one that the scene names, else the actuation's, else the rod's length.
-fn wave(recipe: &Recipe<'_>) -> f64 {
+fn wave(recipe: &LawInputs<'_>) -> f64 {
     recipe.slender_length.or(recipe.wavelength).unwrap_or(recipe.rod.length)
 }

@@ -19,7 +19,7 @@ use super::local::HeadWeight;
 use super::reactive::OMITTED;
 use super::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::Validity;
-use crate::rod::{Half, Profile, Rod};
+use crate::rod::{HalfEdge, Profile, Rod};
 
 /// All laws; adding one is its file and its line here.
 pub static LAWS: &[&DragLaw] = &[
@@ -48,14 +48,14 @@ pub const SLENDER: f64 = 1.3;
 
 /// What the force that a law makes at a place depends on.
 #[derive(Debug, Clone, Copy)]
-pub enum Reach {
+pub enum Dependence {
     /// On the edge there and its motion: matrices are banded, and derivatives exact.
     Edge,
     /// On the motion of the whole rod: Newton's matrix is dense, and a step on N nodes costs N³. It takes one fluid all around, and
     /// has neither a chain form nor derivatives by positions, see [`Force::whole`].
     Rod {
         /// The least spacing of nodes, m.
-        least_spacing: fn(&Recipe<'_>) -> f64,
+        least_spacing: fn(&LawInputs<'_>) -> f64,
         /// Most nodes whose steps take tenths of a second at most.
         most_nodes: usize,
     },
@@ -63,7 +63,7 @@ pub enum Reach {
 
 /// What a law takes of a cross-section.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Takes {
+pub enum SectionInput {
     /// Its depth, perimeter and form drag; of the viscous part what the law of that takes.
     Outline,
     /// [`Section::slender_radius`](crate::rod::Section::slender_radius), which slender-body theory knows a section by, and
@@ -77,7 +77,7 @@ pub enum Takes {
     Nothing,
 }
 
-impl Takes {
+impl SectionInput {
     /// It in words.
     pub fn in_words(self) -> &'static str {
         match self {
@@ -103,28 +103,28 @@ pub struct DragLaw {
     /// How far it is known to be from the truth.
     pub published: Published,
     /// What the force at a place depends on.
-    pub reach: Reach,
+    pub reach: Dependence,
     /// What it takes of a cross-section.
-    pub takes: Takes,
+    pub takes: SectionInput,
     /// The keys of `[drag]` that it takes beside those of every law.
     pub keys: &'static [&'static str],
     /// Those of them that it cannot do without.
     pub needs: &'static [&'static str],
     /// Drag along and across the rod per length, speed and viscosity, of half an edge, where the law is of that form.
-    pub resistance: Option<fn(&Recipe<'_>, &Half) -> [f64; 2]>,
+    pub resistance: Option<fn(&LawInputs<'_>, &HalfEdge) -> [f64; 2]>,
     /// The length ℒ (m) in its logarithm, which must be at least e^[`SLENDER`] radii; none for a law without.
-    pub slender: Option<fn(&Recipe<'_>) -> f64>,
+    pub slender: Option<fn(&LawInputs<'_>) -> f64>,
     /// The force.
-    pub build: fn(&Recipe<'_>) -> Box<dyn Force>,
+    pub build: fn(&LawInputs<'_>) -> Box<dyn Force>,
     /// Forces whose sum it is, by what they come from; none where it has one cause, viscosity.
-    pub parts: Option<Parts>,
+    pub parts: Option<SplitByCause>,
 }
 
 /// Forces, each with what it comes from.
-pub type Causes = Vec<(&'static str, Box<dyn Force>)>;
+pub type ForcesByCause = Vec<(&'static str, Box<dyn Force>)>;
 
 /// Forces whose sum is a law's.
-pub type Parts = fn(&Recipe<'_>) -> Causes;
+pub type SplitByCause = fn(&LawInputs<'_>) -> ForcesByCause;
 
 impl std::fmt::Debug for DragLaw {
     /// Its name alone, which is the same in every run of the program.
@@ -159,7 +159,7 @@ impl DragLaw {
     }
 
     /// Forces whose sum it is, by what they come from.
-    pub fn parts(&self, recipe: &Recipe<'_>) -> Causes {
+    pub fn parts(&self, recipe: &LawInputs<'_>) -> ForcesByCause {
         match self.parts {
             Some(parts) => parts(recipe),
             None => vec![("viscous", (self.build)(recipe))],
@@ -175,13 +175,13 @@ impl DragLaw {
 
     /// True where the force at a place depends on the motion of the whole rod.
     pub fn is_whole(&self) -> bool {
-        matches!(self.reach, Reach::Rod { .. })
+        matches!(self.reach, Dependence::Rod { .. })
     }
 }
 
 /// What laws are made from. What a law needs is there, by its [`DragLaw::needs`].
 #[derive(Debug, Clone)]
-pub struct Recipe<'a> {
+pub struct LawInputs<'a> {
     /// The rod.
     pub rod: &'a Rod,
     /// The wavelength of the actuation along the rod, m.
@@ -214,7 +214,7 @@ pub struct Recipe<'a> {
     pub turbulent_friction: Option<f64>,
 }
 
-impl<'a> Recipe<'a> {
+impl<'a> LawInputs<'a> {
     /// Nothing but the rod.
     pub fn plain(rod: &'a Rod) -> Self {
         Self {

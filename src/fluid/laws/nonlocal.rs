@@ -1,9 +1,9 @@
 //! Nonlocal drag: regularised Stokeslets along the rod, see [`nonlocal`](crate::fluid::nonlocal).
 
-use super::{DragLaw, Reach, Recipe, Takes};
+use super::{Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::nonlocal::{Nonlocal, least_spacing};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 
 /// Least height over radius beside a wall: of a long cylinder beside a plane, 2πμ/acosh(h/a) along and twice that across, drag is 1.2 and
 /// 3.2 % low there, 5 and 9 % at 2, 31 and 36 % at 1.2.
@@ -16,7 +16,11 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity {
         range: "steady creeping flow over the whole length, nodes at least half a blob of 1.65 radii apart; drag of a straight \
             cylinder within 2 % for length over radius of at least 100, and within 4 % of that beside a wall",
-        bounds: &[Bound::at_most(Scale::LengthReynolds, 1.0), Bound::at_least(Scale::Height, NEAREST), STEADY],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::LengthReynolds, 1.0),
+            Bound::at_least(DimensionlessNumber::Height, NEAREST),
+            STEADY,
+        ],
         source: "R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971)",
     },
     reynolds: 0.5,
@@ -28,12 +32,12 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "compared here, in drag and rotation of straight cylinders, with M. M. Tirado, C. López Martínez & J. García de la Torre (1984); growth with inertia: as of cox",
     },
-    reach: Reach::Rod { least_spacing, most_nodes: 257 },
-    takes: Takes::Round,
+    reach: Dependence::Rod { least_spacing, most_nodes: 257 },
+    takes: SectionInput::Round,
     keys: &["height_m"],
     needs: &[],
     resistance: None,
-    slender: Some(|recipe: &Recipe<'_>| recipe.rod.length),
+    slender: Some(|recipe: &LawInputs<'_>| recipe.rod.length),
     build: |recipe| Box::new(Nonlocal::new(&LAW, recipe)),
     parts: None,
 };

@@ -3,7 +3,7 @@
 use wide::f64x2;
 
 use crate::fluid::force::Force;
-use crate::fluid::laws::{DragLaw, Recipe};
+use crate::fluid::laws::{DragLaw, LawInputs};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{Fluid, Key, VISCOSITY};
 use crate::fluid::validity::Validity;
@@ -19,12 +19,12 @@ pub struct Resistance {
 
 impl Resistance {
     /// The force of a `law` whose coefficients are in proportion to the viscosity.
-    pub fn viscous(law: &'static DragLaw, recipe: &Recipe<'_>) -> Box<dyn Force> {
+    pub fn viscous(law: &'static DragLaw, recipe: &LawInputs<'_>) -> Box<dyn Force> {
         Self::scaled(law, recipe, &[VISCOSITY])
     }
 
     /// The same with other parameters beside the viscosity.
-    pub fn scaled(law: &'static DragLaw, recipe: &Recipe<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
+    pub fn scaled(law: &'static DragLaw, recipe: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let of = law.resistance.unwrap_or(|_, _| [0.0; 2]);
         let own = Self { law, viscous: true, parameters };
         Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |halves| {
@@ -34,7 +34,7 @@ impl Resistance {
     }
 
     /// The force of a `law` with the coefficients that the scene gives, whatever the fluid.
-    pub fn given(law: &'static DragLaw, recipe: &Recipe<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
+    pub fn given(law: &'static DragLaw, recipe: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let own = Self { law, viscous: false, parameters };
         let length = recipe.rod.length;
         Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |halves| {

@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, STEADY, Scale, Validity};
-use crate::rod::Half;
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
+use crate::rod::HalfEdge;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -14,7 +14,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory's drag of a prolate spheroid, its local part",
     validity: Validity {
         range: "creeping flow, thin spheroids",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), STEADY],
+        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, CREEPING), STEADY],
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
     reynolds: CREEPING,
@@ -28,8 +28,8 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "that of cox, and what the drag of a cylinder along itself differs by",
     },
-    reach: Reach::Edge,
-    takes: Takes::Round,
+    reach: Dependence::Edge,
+    takes: SectionInput::Round,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
@@ -39,7 +39,7 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let slender = (recipe.slender() / half.radius).ln();
     [2.0 * PI / (slender - 0.5), 4.0 * PI / (slender + 0.5)]
 }

@@ -6,11 +6,11 @@
 use std::f64::consts::PI;
 
 use super::resistance::{RATIO, Resistance};
-use super::{CREEPING, DragLaw, Reach, Recipe, Takes};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::medium::VISCOSITY;
 use crate::fluid::uncertainty::Published;
-use crate::fluid::validity::{Bound, Scale, Validity};
-use crate::rod::Half;
+use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
+use crate::rod::HalfEdge;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -18,13 +18,13 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the source study's: 6πμR per metre of length along the rod, a ratio times that across",
     validity: Validity {
         range: "the source study's own scenes: its coefficients lack 1/m, so it says something else at every size",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING)],
+        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, CREEPING)],
         source: "the source study",
     },
     reynolds: 0.0,
     published: Published::NOTHING,
-    reach: Reach::Edge,
-    takes: Takes::Area,
+    reach: Dependence::Edge,
+    takes: SectionInput::Area,
     keys: &["ratio"],
     needs: &["ratio"],
     resistance: Some(resistance),
@@ -34,7 +34,7 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// ξ∥/μ and ξ⊥/μ, over a metre.
-fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let along = 6.0 * PI * half.equivalent_radius;
     [along, recipe.ratio * along]
 }

@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Reach, Recipe, Takes, cox};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput, cox};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, Scale, Validity};
-use crate::rod::Half;
+use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
+use crate::rod::HalfEdge;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -15,9 +15,9 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity {
         range: "creeping flow, a rod parallel to the wall and moving parallel to it",
         bounds: &[
-            Bound::at_most(Scale::Reynolds, CREEPING),
-            Bound::at_least(Scale::Height, 1.0),
-            Bound::at_most(Scale::HeightInLengths, 1.0 / 3.0),
+            Bound::at_most(DimensionlessNumber::Reynolds, CREEPING),
+            Bound::at_least(DimensionlessNumber::Height, 1.0),
+            Bound::at_most(DimensionlessNumber::HeightInLengths, 1.0 / 3.0),
         ],
         source: "D. J. Jeffrey & Y. Onishi, Q. J. Mech. Appl. Math. 34 (1981); D. F. Katz & J. R. Blake (1975)",
     },
@@ -32,8 +32,8 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "drag of a straight rod against nonlocal theory with Blake's images, height over length 0.03 to 2",
     },
-    reach: Reach::Edge,
-    takes: Takes::Round,
+    reach: Dependence::Edge,
+    takes: SectionInput::Round,
     keys: &["slender_length_m", "height_m"],
     needs: &["height_m"],
     resistance: Some(resistance),
@@ -43,7 +43,7 @@ pub static LAW: DragLaw = DragLaw {
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let near = (recipe.height / half.radius).acosh();
     let [along, across] = cox::resistance(recipe, half);
     [along.max(2.0 * PI / near), across.max(4.0 * PI / near)]

@@ -15,11 +15,11 @@ use std::f64::consts::{FRAC_PI_4, LN_2, PI, TAU};
 
 use wide::f64x2;
 
-use super::{DragLaw, Reach, SLENDER, Takes};
+use super::{Dependence, DragLaw, SLENDER, SectionInput};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::fluid::uncertainty::{Published, Uncertainty};
-use crate::fluid::validity::{Bound, Scale, Validity};
+use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::linear::{Number, Real};
 
 /// What is known of it.
@@ -28,7 +28,10 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory with a length that the fluid's inertia shortens",
     validity: Validity {
         range: "slender rods",
-        bounds: &[Bound::at_most(Scale::Reynolds, 0.5), Bound::at_most(Scale::Swinging, 0.05)],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::Reynolds, 0.5),
+            Bound::at_most(DimensionlessNumber::Swinging, 0.05),
+        ],
         source: "G. G. Stokes (1851); H. Lamb (1911); S. Kaplun, J. Math. Mech. 6 (1957); R. E. Khayat & R. G. Cox, J. Fluid Mech. 209 (1989)",
     },
     reynolds: 0.5,
@@ -36,8 +39,8 @@ pub static LAW: DragLaw = DragLaw {
         table: &[Uncertainty::at(1e-3, [0.101, 0.20, 0.42]), Uncertainty::at(0.5, [0.15, 0.22, 0.44])],
         source: "that of cox, and the measured drag of a cylinder up to a Reynolds number of 1",
     },
-    reach: Reach::Edge,
-    takes: Takes::Round,
+    reach: Dependence::Edge,
+    takes: SectionInput::Round,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: None,

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::reference::Results;
 use super::words::{Report, Row};
 use crate::error::Result;
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::study::trial::{SHOWN, Trial};
@@ -82,7 +82,7 @@ impl Report<'_> {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
-            let (Pace::Fixed(step), Some(errors)) = (row.case.pace, row.time) else { continue };
+            let (StepControl::Fixed(step), Some(errors)) = (row.case.pace, row.time) else { continue };
             if !row.case.recipe.method.implicit || errors[0] > 10.0 {
                 continue;
             }
@@ -151,8 +151,8 @@ impl Report<'_> {
         let line = |row: &Row<'_>| {
             let (trial, recipe) = (row.trial, &row.case.recipe);
             let (step, tolerance) = match row.case.pace {
-                Pace::Fixed(step) => (json!(step), Value::Null),
-                Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
+                StepControl::Fixed(step) => (json!(step), Value::Null),
+                StepControl::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };
             let done = row.time.is_some();
             let found = Results::of(trial).first.into_iter().take(first.columns.len()).chain([trial.work_in]);

@@ -20,7 +20,7 @@ use self::words::Report;
 use super::trial::{Manner, Recipe, Trial};
 use super::{Desk, Studied};
 use crate::error::Result;
-use crate::integrator::{METHODS, Pace};
+use crate::integrator::{METHODS, StepControl};
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Findings;
@@ -103,7 +103,7 @@ fn in_words(quantities: [&Quantity; 3], errors: [String; 3]) -> String {
 #[derive(Debug, Clone, PartialEq)]
 struct Case {
     recipe: Recipe,
-    pace: Pace,
+    pace: StepControl,
     nodes: u64,
     /// Part of the scene's duration.
     part: f64,
@@ -144,7 +144,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Resul
     let finest = FINER * steps.iter().copied().fold(f64::INFINITY, f64::min);
     let reference = |nodes: u64, recipe: &Recipe, step: f64| Case {
         recipe: recipe.clone(),
-        pace: Pace::Fixed(step),
+        pace: StepControl::Fixed(step),
         nodes,
         part: 1.0,
         push: None,
@@ -158,7 +158,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Resul
     let run = |case: &Case| {
         let duration = case.part * scene.solver.duration_s.get();
         let mut scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
-        if let Pace::Fixed(_) = case.pace {
+        if let StepControl::Fixed(_) = case.pace {
             scene = scene.with_newton_tolerance(NEWTON);
         }
         Trial::of(&scene, Manner { push: case.push, ..MANNER }, desk.interrupted)
@@ -227,14 +227,19 @@ fn ladder(
 ) -> Result<(Vec<Case>, Vec<String>)> {
     let mut left_out = Vec::new();
     let asked = |recipe: &Recipe| !without.iter().any(|name| recipe.is(name));
-    let case =
-        |recipe: &Recipe, pace: Pace, nodes: u64| Case { recipe: recipe.clone(), pace, nodes, part: 1.0, push: None };
+    let case = |recipe: &Recipe, pace: StepControl, nodes: u64| Case {
+        recipe: recipe.clone(),
+        pace,
+        nodes,
+        part: 1.0,
+        push: None,
+    };
     let mut cases = Vec::new();
     for nodes in meshes {
         for recipe in Recipe::all(scene).into_iter().filter(asked) {
-            let case = |pace: Pace| case(&recipe, pace, *nodes);
+            let case = |pace: StepControl| case(&recipe, pace, *nodes);
             if recipe.method.implicit {
-                cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
+                cases.extend(steps.iter().map(|step| case(StepControl::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
                 let dear = dearness(steps, limit);
                 if dear > DEAR {
@@ -244,14 +249,14 @@ fn ladder(
                     ));
                     continue;
                 }
-                cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(Pace::Fixed(part * limit))));
+                cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(StepControl::Fixed(part * limit))));
             }
             if recipe.method.adaptive {
-                cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
+                cases.extend(tolerances.iter().map(|tolerance| case(StepControl::Adaptive(*tolerance))));
             }
         }
         for recipe in Recipe::cheaper(scene).into_iter().filter(asked) {
-            let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
+            let case = |tolerance: &f64| case(&recipe, StepControl::Adaptive(*tolerance), *nodes);
             cases.extend(tolerances.iter().map(case));
         }
     }

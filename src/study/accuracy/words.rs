@@ -5,11 +5,11 @@ use serde_json::json;
 use super::reference::{Reference, Results};
 use super::{Case, MANNER, Quantity, in_words, quantities};
 use crate::error::Result;
-use crate::integrator::Pace;
+use crate::integrator::StepControl;
+use crate::number_format::{percent, two_digits};
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
 use crate::study::trial::{Recipe, Trial};
-use crate::words::{percent, two_digits};
 
 /// From this error on, relative, a cheaper model computes another motion.
 const USELESS: f64 = 1.0;
@@ -46,21 +46,21 @@ impl Row<'_> {
         let recipe = &self.case.recipe;
         let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
         match self.case.pace {
-            Pace::Fixed(step) => format!("{by} with steps of {} s", short(step)),
-            Pace::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
+            StepControl::Fixed(step) => format!("{by} with steps of {} s", short(step)),
+            StepControl::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
         }
     }
 
     /// Its step or tolerance.
     fn fineness(&self) -> f64 {
         match self.case.pace {
-            Pace::Fixed(x) | Pace::Adaptive(x) => x,
+            StepControl::Fixed(x) | StepControl::Adaptive(x) => x,
         }
     }
 
     /// Name of the curve it belongs to.
     pub fn curve(&self) -> String {
-        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, Pace::Adaptive(_));
+        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, StepControl::Adaptive(_));
         format!("{}{}", self.case.recipe, if adaptive { ", adaptive" } else { "" })
     }
 }

@@ -2,9 +2,9 @@
 
 use super::swim::{PHASES, Part};
 use super::words::{Report, Row};
+use crate::number_format::percent;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Frame, Motion};
-use crate::words::percent;
 
 /// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
 const LANE: f64 = 1.15;

@@ -5,11 +5,11 @@ use serde_json::{Value, json};
 use super::swim::Swim;
 use super::{Ladder, Rung};
 use crate::cycle::Means;
-use crate::fluid::laws::Reach;
+use crate::fluid::laws::Dependence;
+use crate::number_format::{percent, two_digits};
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 use crate::study::trial::Trial;
-use crate::words::{percent, two_digits};
 
 /// All that is known when every run is made.
 pub struct Report<'a> {
@@ -134,7 +134,7 @@ impl<'a> Report<'a> {
         // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
         // others the simplest: one whose drag is linear in the velocity, then that of the narrowest range, then the surest.
         let order = |a: &&Row<'_>, b: &&Row<'_>| {
-            let dense = |row: &Row<'_>| matches!(row.rung.law.reach, Reach::Rod { .. });
+            let dense = |row: &Row<'_>| matches!(row.rung.law.reach, Dependence::Rod { .. });
             let curved = |row: &Row<'_>| row.rung.law.resistance.is_none();
             (dense(a), a.rung.reactive, curved(a))
                 .cmp(&(dense(b), b.rung.reactive, curved(b)))

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use caudal::fmu::Target;
 use caudal::model::Model;
-use caudal::model::course::HIGHEST_ORDER;
+use caudal::model::input_extrapolation::HIGHEST_ORDER;
 use caudal::stepper::Change;
 use caudal::variable::{Causality, Size, VARIABLES};
 use serde::{Deserialize, Serialize};

@@ -1,13 +1,13 @@
 //! What is summed over a rod in motion: energies, momentum, the power of its actuation. One source for one case and for several.
 
-use super::{Alike, Cell, Edge};
+use super::{Cell, Edge, EdgeValues};
 use crate::linear::{Pair, Real};
 
 /// A rod in motion, one entry per node but for edges and cells.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Moving<'a, T> {
+pub(crate) struct MovingRod<'a, T> {
     /// How each edge resists stretching.
-    pub cells: &'a Alike<Cell<T>>,
+    pub cells: &'a EdgeValues<Cell<T>>,
     /// Its edges.
     pub edges: &'a [Edge<T>],
     /// Mass, kg.
@@ -28,7 +28,7 @@ pub(crate) struct Moving<'a, T> {
 
 /// Sums over a rod in motion.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sums<T: Real = f64> {
+pub(crate) struct RodSums<T: Real = f64> {
     /// Bending energy Σ ½ m (κ − κ̄), J.
     pub bending: T,
     /// Stretching energy, J.
@@ -45,10 +45,10 @@ pub(crate) struct Sums<T: Real = f64> {
     pub strain: T,
 }
 
-impl<T: Real> Sums<T> {
+impl<T: Real> RodSums<T> {
     /// Those of a `rod`, in numbers like `zero`.
     #[inline(always)]
-    pub fn of(rod: &Moving<'_, T>, zero: T) -> Self {
+    pub fn of(rod: &MovingRod<'_, T>, zero: T) -> Self {
         let none = T::Pair::new([zero; 2]);
         let mut sums = Self {
             bending: zero,

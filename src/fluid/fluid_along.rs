@@ -3,11 +3,11 @@
 use std::ops::Range;
 use std::{iter, slice};
 
-use super::medium::{Fluid, Here, Layers};
+use super::medium::{Fluid, Layers, LocalFluid};
 
 /// Edges that follow each other, in one fluid or in fluids that change along each of them.
 #[derive(Debug)]
-struct Run {
+struct FluidRun {
     edges: Range<usize>,
     changes: bool,
     /// The place of what is found at its first node; the only one where nothing changes, else one per node from there on.
@@ -16,12 +16,12 @@ struct Run {
 
 /// What is found along a rod, with room to find it again.
 #[derive(Debug, Default)]
-pub struct Runs {
-    runs: Vec<Run>,
-    found: Vec<Here>,
+pub struct FluidRuns {
+    runs: Vec<FluidRun>,
+    found: Vec<LocalFluid>,
 }
 
-impl Runs {
+impl FluidRuns {
     /// Nothing yet, with room for a rod of `nodes` nodes.
     pub fn with_room(nodes: usize) -> Self {
         // At most a run per edge, and an entry per edge and one for the last node of every run that changes.
@@ -35,7 +35,7 @@ impl Runs {
     }
 
     /// Finds the fluid at all nodes of a rod at `q`, two entries each, where it is `fluid` before the first of `layers`.
-    pub fn find(&mut self, layers: &Layers, fluid: Fluid, q: &[f64]) -> Around<'_> {
+    pub fn find(&mut self, layers: &Layers, fluid: Fluid, q: &[f64]) -> FluidAlong<'_> {
         self.clear();
         let height = |x: &[f64; 2]| layers.height((*x).into());
         let places = q.as_chunks().0;
@@ -61,25 +61,25 @@ impl Runs {
         match self.runs.last_mut() {
             _ if edges.is_empty() => {}
             Some(last) if last.changes && changes => last.edges.end = edges.end,
-            _ => self.runs.push(Run { edges, changes, first: 0 }),
+            _ => self.runs.push(FluidRun { edges, changes, first: 0 }),
         }
     }
 }
 
 /// What was found along a rod, or a part of it; nothing where nobody has looked yet.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Around<'a> {
-    runs: &'a [Run],
-    found: &'a [Here],
+pub struct FluidAlong<'a> {
+    runs: &'a [FluidRun],
+    found: &'a [LocalFluid],
 }
 
-impl<'a> From<&'a Runs> for Around<'a> {
-    fn from(Runs { runs, found }: &'a Runs) -> Self {
+impl<'a> From<&'a FluidRuns> for FluidAlong<'a> {
+    fn from(FluidRuns { runs, found }: &'a FluidRuns) -> Self {
         Self { runs, found }
     }
 }
 
-impl<'a> Around<'a> {
+impl<'a> FluidAlong<'a> {
     /// True where nobody has looked yet.
     #[inline(always)]
     pub fn is_unknown(self) -> bool {
@@ -96,21 +96,21 @@ impl<'a> Around<'a> {
     #[inline(always)]
     pub fn everywhere(self) -> Option<&'a Fluid> {
         match self.runs {
-            [Run { changes: false, first, .. }] => Some(&self.found[*first].fluid),
+            [FluidRun { changes: false, first, .. }] => Some(&self.found[*first].fluid),
             _ => None,
         }
     }
 
     /// What was found at node `k`, if anybody has looked there.
     #[inline(always)]
-    pub fn at(self, k: usize) -> Option<&'a Here> {
+    pub fn at(self, k: usize) -> Option<&'a LocalFluid> {
         let run = self.runs.iter().find(|run| run.edges.start <= k && k <= run.edges.end)?;
         Some(&self.found[run.first + if run.changes { k - run.edges.start } else { 0 }])
     }
 
     /// What was found at the nodes of `edges`, which are of one run along which the fluid changes.
     #[inline(always)]
-    pub fn along(self, edges: Range<usize>) -> &'a [Here] {
+    pub fn along(self, edges: Range<usize>) -> &'a [LocalFluid] {
         match self.runs {
             [run] if run.changes => {
                 &self.found[run.first..][edges.start - run.edges.start..=edges.end - run.edges.start]

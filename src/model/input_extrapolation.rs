@@ -14,7 +14,7 @@ pub const HIGHEST_ORDER: usize = 3;
 /// of its frequency. Viscosity, density and frequency are zero where that would be negative, and their rates are zero there. A
 /// head goes its own way, see [`host`](crate::head::host).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Course {
+pub struct InputExtrapolation {
     /// t₀, s.
     since: f64,
     /// u₀, u₁, u₂, u₃.
@@ -23,7 +23,7 @@ pub struct Course {
     rate: Inputs,
 }
 
-impl Course {
+impl InputExtrapolation {
     /// Inputs that stay as they are.
     pub fn resting(model: &Model, values: &Inputs, since: f64) -> Self {
         let none = || Inputs::none(model);

@@ -11,14 +11,14 @@ use crate::system::State;
 /// A rod bent as `state` says, at the time and under the inputs that `dynamics` was moved to. It borrows both, so neither can
 /// move on while it is looked at.
 #[derive(Debug, Clone, Copy)]
-pub struct Bent<'a> {
+pub struct DeformedRod<'a> {
     /// Model, inputs and what follows from the time.
     pub dynamics: &'a Dynamics,
     /// The state.
     pub state: &'a State,
 }
 
-impl<'a> Bent<'a> {
+impl<'a> DeformedRod<'a> {
     /// Its edges.
     pub fn edges(&self) -> &'a [Edge] {
         &self.dynamics.edges

@@ -6,17 +6,17 @@ use wide::f64x2;
 use crate::linear::{Block, Real, pair};
 
 /// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
-pub const TOGETHER: usize = 32;
+pub const EDGES_PER_BLOCK: usize = 32;
 
 /// What a force opposes the two ends of an edge with, and its derivatives along a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OnEdge<T: Real = f64> {
+pub struct EdgeForce<T: Real = f64> {
     pub(crate) force: [T::Pair; 2],
     pub(crate) own: [Block<T>; 2],
     pub(crate) edge: [Block<T>; 2],
 }
 
-impl<T: Real> OnEdge<T> {
+impl<T: Real> EdgeForce<T> {
     /// The force on end `i`, 0 or 1, as a pair.
     #[inline(always)]
     pub(crate) fn force_lanes(&self, i: usize) -> T::Pair {
@@ -54,7 +54,7 @@ impl<T: Real> OnEdge<T> {
     }
 }
 
-impl OnEdge {
+impl EdgeForce {
     /// Nothing.
     pub const ZERO: Self = Self { force: [f64x2::ZERO; 2], own: [Block::ZERO; 2], edge: [Block::ZERO; 2] };
 

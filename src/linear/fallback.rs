@@ -16,7 +16,7 @@ pub(super) const BACKWARD_ERROR: f64 = 1e-12;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum Choice {
+pub enum SolverChoice {
     /// [`BlockBand`], its solution checked; [`PivotedLu`] for every system that it does not solve to rounding.
     #[default]
     Auto,
@@ -27,7 +27,7 @@ pub enum Choice {
     BlockBand,
 }
 
-impl Choice {
+impl SolverChoice {
     /// True where it solves by [`BlockBand`] first.
     fn is_by_blocks(self) -> bool {
         matches!(self, Self::Auto | Self::BlockBand)
@@ -45,24 +45,24 @@ pub struct Solution {
 
 /// The solver or solvers of a choice, for one system at a time.
 #[derive(Debug)]
-pub struct Chosen {
-    choice: Choice,
+pub struct FallbackSolver {
+    choice: SolverChoice,
     band: BlockBand,
     /// The one that pivots; analysed when it is first needed.
     lu: Option<Box<dyn LinearSolver>>,
     rhs: Vec<f64>,
 }
 
-impl Chosen {
+impl FallbackSolver {
     /// Prepares for every matrix with the pattern of `matrix`.
     ///
     /// # Errors
     /// Those of [`LinearSolver::analyse`].
-    pub fn new(choice: Choice, matrix: &BandMatrix) -> Result<Self> {
+    pub fn new(choice: SolverChoice, matrix: &BandMatrix) -> Result<Self> {
         let lu: Option<Box<dyn LinearSolver>> = match choice {
             #[cfg(feature = "faer")]
-            Choice::FaerLu => Some(Box::new(FaerLu::analyse(matrix)?)),
-            Choice::Auto | Choice::BlockBand => None,
+            SolverChoice::FaerLu => Some(Box::new(FaerLu::analyse(matrix)?)),
+            SolverChoice::Auto | SolverChoice::BlockBand => None,
         };
         Ok(Self { choice, band: BlockBand::analyse(matrix)?, lu, rhs: vec![0.0; matrix.unknowns()] })
     }
@@ -79,7 +79,7 @@ impl Chosen {
             if checked.is_solved() {
                 return Ok(Solution { fallback: false, sizes: Some([checked.x, checked.b]) });
             }
-            if self.choice == Choice::BlockBand {
+            if self.choice == SolverChoice::BlockBand {
                 rhs.fill(f64::NAN);
                 return Ok(Solution { fallback: false, sizes: None });
             }
@@ -94,7 +94,7 @@ impl Chosen {
             none => none.insert(Box::new(PivotedLu::analyse(matrix)?)),
         };
         lu.factor_and_solve(matrix, rhs)?;
-        Ok(Solution { fallback: self.choice == Choice::Auto, sizes: None })
+        Ok(Solution { fallback: self.choice == SolverChoice::Auto, sizes: None })
     }
 
     /// Replaces `rhs` by the solution of the sum of `matrix` and what couples every node with every other, see

@@ -4,20 +4,20 @@ use std::ops::Index;
 
 /// A value for every edge: from some edge on all are the same and kept once.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Alike<T> {
+pub struct EdgeValues<T> {
     own: Vec<T>,
     rest: T,
     edges: usize,
 }
 
-impl<T: Copy> Alike<T> {
+impl<T: Copy> EdgeValues<T> {
     /// The `values` of all edges, of which there is at least one: the `last` of them.
     pub fn all(values: Vec<T>, last: T) -> Self {
         Self { edges: values.len(), own: values, rest: last }
     }
 }
 
-impl<T: PartialEq + Default> From<Vec<T>> for Alike<T> {
+impl<T: PartialEq + Default> From<Vec<T>> for EdgeValues<T> {
     fn from(mut own: Vec<T>) -> Self {
         let edges = own.len();
         let rest = own.pop().unwrap_or_default();
@@ -29,7 +29,7 @@ impl<T: PartialEq + Default> From<Vec<T>> for Alike<T> {
     }
 }
 
-impl<T> Index<usize> for Alike<T> {
+impl<T> Index<usize> for EdgeValues<T> {
     type Output = T;
 
     /// The value of edge `e`.
@@ -39,7 +39,7 @@ impl<T> Index<usize> for Alike<T> {
     }
 }
 
-impl<T> Alike<T> {
+impl<T> EdgeValues<T> {
     /// The value of every edge.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = &T> {
