@@ -1,5 +1,5 @@
 //! What is published or known in closed form of bodies in fluids: swimming sheets, driven tails, falling rods, vibrating and
-//! fluttering plates. DESIGN.md has the table.
+//! fluttering plates. docs/src/notes/fluid-validation.md has the table.
 
 use crate::common;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, LN_2, PI, TAU};
