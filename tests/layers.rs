@@ -1,5 +1,7 @@
 //! The library's layers: each module imports only what stands above it in `src/lib.rs` and in the `mod.rs` of its folder, and no two
 //! files import each other, directly or through others.
+//!
+//! A wing is a folder that `lib.rs` declares without `pub` and re-exports the modules of: their paths do not name it.
 
 #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
 
@@ -9,7 +11,7 @@ use std::path::Path;
 /// An import: the line where it stands, and the module that it takes something from.
 type Imports = Vec<(usize, String)>;
 
-/// Every module of the library by its path, `fluid::laws::cox`, with its imports.
+/// Every module of the library by its path, `fluid::laws::cox`, with its file and its text.
 fn modules() -> BTreeMap<String, (String, String)> {
     fn visit(folder: &Path, module: &str, found: &mut BTreeMap<String, (String, String)>) {
         let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -28,9 +30,24 @@ fn modules() -> BTreeMap<String, (String, String)> {
     }
     let mut found = BTreeMap::new();
     visit(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), "", &mut found);
+    let wings = wings(&found["lib"].1);
+    found = found.into_iter().map(|(name, content)| (without_wing(&name, &wings).to_string(), content)).collect();
     // The command is a program over the library.
     found.retain(|name, _| name != "main" && name != "cli" && !name.starts_with("cli::"));
     found
+}
+
+/// The wings that the text of `lib.rs` declares.
+fn wings(library: &str) -> Vec<String> {
+    code(library).lines().filter_map(|line| Some(line.strip_prefix("mod ")?.strip_suffix(';')?.to_string())).collect()
+}
+
+/// The path of a module as others write it.
+fn without_wing<'a>(name: &'a str, wings: &[String]) -> &'a str {
+    match name.split_once("::") {
+        Some((first, rest)) if wings.iter().any(|wing| wing == first) => rest,
+        _ => name,
+    }
 }
 
 /// The text without comments, and without the tests at its end; lines stay where they are.
@@ -123,7 +140,8 @@ fn imports(module: &str, text: &str, known: &BTreeMap<String, (String, String)>)
 
 /// The modules in the order in which they are declared, from `src/lib.rs` down.
 fn order(known: &BTreeMap<String, (String, String)>) -> Vec<String> {
-    fn visit(module: &str, known: &BTreeMap<String, (String, String)>, order: &mut Vec<String>) {
+    let wings = wings(&known["lib"].1);
+    fn visit(module: &str, wings: &[String], known: &BTreeMap<String, (String, String)>, order: &mut Vec<String>) {
         let key = if module.is_empty() { "lib" } else { module };
         for line in code(&known[key].1).lines() {
             let declared = line
@@ -133,14 +151,15 @@ fn order(known: &BTreeMap<String, (String, String)>) -> Vec<String> {
                 .trim_start_matches("(super)")
                 .trim();
             if let Some(name) = declared.strip_prefix("mod ").and_then(|rest| rest.strip_suffix(';')) {
-                let inner = if module.is_empty() { name.to_string() } else { format!("{module}::{name}") };
+                let is_inner = !module.is_empty() && !wings.iter().any(|wing| wing == module);
+                let inner = if is_inner { format!("{module}::{name}") } else { name.to_string() };
                 order.push(inner.clone());
-                visit(&inner, known, order);
+                visit(&inner, wings, known, order);
             }
         }
     }
     let mut found = Vec::new();
-    visit("", known, &mut found);
+    visit("", &wings, known, &mut found);
     found
 }
 
