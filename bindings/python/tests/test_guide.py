@@ -14,7 +14,7 @@ import caudal
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs/src"
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(DOCS.rglob("*.md"))
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
 
@@ -43,7 +43,7 @@ def test_links_lead_to_files_and_headings_that_are_there():
 
 def test_every_page_is_in_the_summary_and_every_model_that_is_named_exists():
     listed = {link for link in LINK.findall((DOCS / "SUMMARY.md").read_text())}
-    assert listed == {page.name for page in PAGES} - {"SUMMARY.md"}
+    assert listed == {page.relative_to(DOCS).as_posix() for page in PAGES} - {"SUMMARY.md"}
     text = "".join(page.read_text() for page in PAGES)
     assert len(re.findall(r"caudal run models/", text)) >= 12
     for model in set(re.findall(r"models/[\w/-]+\.toml", text)):
@@ -108,18 +108,31 @@ def test_the_other_answers_of_the_gallery():
     assert abs(bar["net_displacement_m"]) < 1e-13 and "nothing moves its centre" in gallery()["spinning-bar"][1]
 
 
-BLOCK = re.compile(r"^```(sh|toml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(sh|toml|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: The name under which a reader saves a block, in its first line.
+SAVED = re.compile(r"# ([\w-]+\.toml)\n")
 #: Packages that snippets need and a machine may lack.
-NEEDED = ["fmpy", "jax", "matplotlib", "xarray"]
+NEEDED = ["distributed", "fmpy", "gymnasium", "jax", "matplotlib", "xarray"]
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if BLOCK.search(page.read_text())], ids=lambda page: page.stem)
-def test_the_snippets_of_a_page_run_as_printed(page, tmp_path, monkeypatch):
-    """In their order, in a folder that has the models, and a swimmer as the first page makes it where that is another."""
-    text = page.read_text()
-    for package in NEEDED:
-        if re.search(rf"import {package}|{package}\(", text):
-            pytest.importorskip(package)
+def blocks_of(page):
+    return [(kind, block) for kind, block in BLOCK.findall(page.read_text())]
+
+
+def reads_as(line, printed):
+    """Whether a line of output is the printed one: `...` stands for anything, and numbers are the same to 1 %."""
+    words = [re.escape(part).replace("\\ ", r"\s+") for part in NUMBER.split(printed)]
+    pattern = f"({NUMBER.pattern})".join(words).replace(r"\.\.\.", ".*")
+    found = re.fullmatch(rf"\s*{pattern}\s*", line)
+    return found is not None and all(
+        float(own) == pytest.approx(float(value), rel=1e-2) for own, value in zip(NUMBER.findall(printed), found.groups(), strict=True)
+    )
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with the models, in which the command is found."""
     command = shutil.which("caudal", path=str(Path(sys.executable).parent))
     if not command:
         pytest.skip("the package is installed without its command: pip install ./bindings/python")
@@ -127,32 +140,80 @@ def test_the_snippets_of_a_page_run_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "models").symlink_to(ROOT / "models")
+    return tmp_path
 
-    def run(script):
-        # Standard input is closed: `new` asks nothing.
-        done = subprocess.run(["sh", "-euc", script], stdin=subprocess.DEVNULL, capture_output=True, text=True)
-        assert done.returncode == 0, (script, done.stdout[-1000:], done.stderr[-1000:])
 
+def run(script):
+    """What a script prints. Standard input is closed: `new` asks nothing."""
+    done = subprocess.run(["sh", "-euc", script], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert done.returncode == 0, (script, done.stdout[-1000:], done.stderr[-1000:])
+    return done.stdout + done.stderr
+
+
+def need_packages_of(text):
+    for package in NEEDED:
+        if re.search(rf"(import|from) {package}|{package}\(|caudal\.{package}", text):
+            pytest.importorskip(package)
+
+
+def read_by_now(page):
+    """The pages that a reader of this one has seen, in the order of the summary."""
+    order = [DOCS / link for link in LINK.findall((DOCS / "SUMMARY.md").read_text())]
+    return order[: order.index(page)]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks_of(page)], ids=lambda page: page.stem)
+def test_the_snippets_of_a_page_run_as_printed(page, folder, capsys):
+    """In their order, in the folder of a reader: it has the models, the swimmer of the first page, and what earlier pages said to save."""
+    need_packages_of(page.read_text())
     if page.stem != "first-swim":
         run("caudal new swimmer.toml")
-    names, done = {}, 0
-    for kind, block in BLOCK.findall(text):
+    for earlier in read_by_now(page):
+        for kind, block in blocks_of(earlier):
+            if kind == "toml" and (saved := SAVED.match(block)):
+                (folder / saved[1]).write_text(block)
+    names, output, done = {}, "", 0
+    for kind, block in blocks_of(page):
         if kind == "sh":
-            run(block)
+            output = run(block)
         elif kind == "python":
             exec(compile(block, str(page), "exec"), names)
-        elif "[axes]" in block:
-            (tmp_path / "sweep.toml").write_text(block)
-            run("caudal sweep sweep.toml")
+            output = capsys.readouterr().out
+        elif kind == "text":
+            lines = output.splitlines()
+            for printed in filter(None, block.splitlines()):
+                assert printed == "..." or any(reads_as(line, printed) for line in lines), (printed, output[-3000:])
         else:
-            name = re.search(r'^name = "(.+)"$', block, re.MULTILINE)[1]
-            (tmp_path / f"{name}.toml").write_text(block)
-            caudal.load(f"{name}.toml")
-            run(f"caudal check {name}.toml")
+            name = saved[1] if (saved := SAVED.match(block)) else re.search(r'^name = "(.+)"$', block, re.MULTILINE)[1] + ".toml"
+            (folder / name).write_text(block)
+            run(f"caudal sweep {name} --dry-run" if "[axes]" in block else f"caudal check {name}")
         done += 1
     assert done > 0
     if page.stem == "design":
-        assert names["modulus"] == pytest.approx(8.16e7, rel=1e-6)
+        assert names["modulus"] == pytest.approx(0.8e6, rel=1e-2)
+
+
+#: Commands of the README that take minutes: the build with a run of the baseline, which other tests run, and all tests, this one among them.
+LONG = ["cargo run --release -- run models/baseline.toml", "sh tests/all.sh"]
+
+
+def test_the_commands_and_the_python_of_the_readme_run_as_printed(folder):
+    readme = ROOT / "README.md"
+    need_packages_of(readme.read_text())
+    run("caudal new swimmer.toml")
+    names = {}
+    for kind, block in blocks_of(readme):
+        if kind == "python":
+            exec(compile(block, str(readme), "exec"), names)
+        elif kind == "toml" and 'length_m' in block:
+            # A scene that the text says to save, else one to read.
+            (folder / "swimmer.toml").write_text(block)
+        elif kind == "sh":
+            for line in block.replace("\\\n", " ").splitlines():
+                line = line.split("#")[0].strip()
+                # What builds the program has been run; a word in capitals stands for a name that is the reader's.
+                if line and line not in LONG and not re.match(r"cargo build|pip install", line) and not re.search(r"\b[A-Z]{3,}\b", line):
+                    run(line.replace("target/release/caudal", "caudal"))
 
 
 def test_the_scenes_of_the_readme_are_taken_as_printed(tmp_path):
