@@ -193,6 +193,17 @@ def test_the_snippets_of_a_page_run_as_printed(page, folder, capsys):
         assert names["modulus"] == pytest.approx(0.8e6, rel=1e-2)
 
 
+@pytest.mark.parametrize("page", [page for page in PAGES if "```c\n" in page.read_text()], ids=lambda page: page.stem)
+def test_the_c_programs_of_a_page_compile(page, tmp_path):
+    """They are not linked here: `bindings/c/tests` builds the library and runs a host."""
+    compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
+    for program in re.findall(r"^```c\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL):
+        source = _written(tmp_path / "host.c", program)
+        options = ["-std=c11", "-Wall", "-Werror", "-fsyntax-only", "-I", ROOT / "bindings/c/include"]
+        compiled = subprocess.run([compiler, *options, source], capture_output=True, text=True)
+        assert compiled.returncode == 0, compiled.stderr
+
+
 #: Commands of the README that take minutes: the build with a run of the baseline, which other tests run, and all tests, this one among them.
 LONG = ["cargo run --release -- run models/baseline.toml", "sh tests/all.sh"]
 
