@@ -47,6 +47,8 @@ def test_every_page_is_in_the_summary_and_every_model_that_is_named_exists():
     text = "".join(page.read_text() for page in PAGES)
     assert len(re.findall(r"caudal run models/", text)) >= 12
     for model in set(re.findall(r"models/[\w/-]+\.toml", text)):
+        if "\n[axes" in (ROOT / model).read_text():
+            continue  # a sweep, which is there
         caudal.load(ROOT / model)
 
 
