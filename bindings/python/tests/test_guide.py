@@ -119,7 +119,8 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def blocks_of(page):
-    return [(kind, block) for kind, block in BLOCK.findall(page.read_text())]
+    """Kind and text of the blocks that are run, in their order."""
+    return BLOCK.findall(page.read_text())
 
 
 def reads_as(line, printed):
@@ -206,8 +207,10 @@ def test_the_c_programs_of_a_page_compile(page, tmp_path):
         assert compiled.returncode == 0, compiled.stderr
 
 
-#: Commands of the README that take minutes: the build with a run of the baseline, which other tests run, and all tests, this one among them.
+#: Commands of the README that take minutes: one builds the program, which these tests have, and the other runs all tests, this one too.
 LONG = ["cargo run --release -- run models/baseline.toml", "sh tests/all.sh"]
+#: Lines that are not run either: other builds, and commands with a word in capitals in place of a name that the reader chooses.
+OTHER = re.compile(r"cargo build|pip install|.*\b[A-Z]{3,}\b")
 
 
 def test_the_commands_and_the_python_of_the_readme_run_as_printed(folder):
@@ -218,15 +221,13 @@ def test_the_commands_and_the_python_of_the_readme_run_as_printed(folder):
     for kind, block in blocks_of(readme):
         if kind == "python":
             exec(compile(block, str(readme), "exec"), names)
-        elif kind == "toml" and 'length_m' in block:
-            # A scene that the text says to save, else one to read.
+        elif kind == "toml" and "length_m" in block:
             (folder / "swimmer.toml").write_text(block)
         elif kind == "sh":
             for line in block.replace("\\\n", " ").splitlines():
-                line = line.split("#")[0].strip()
-                # What builds the program has been run; a word in capitals stands for a name that is the reader's.
-                if line and line not in LONG and not re.match(r"cargo build|pip install", line) and not re.search(r"\b[A-Z]{3,}\b", line):
-                    run(line.replace("target/release/caudal", "caudal"))
+                command = line.split("#")[0].strip()
+                if command and command not in LONG and not OTHER.match(command):
+                    run(command.replace("target/release/caudal", "caudal"))
 
 
 def test_the_scenes_of_the_readme_are_taken_as_printed(tmp_path):
