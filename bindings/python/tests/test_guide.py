@@ -112,20 +112,32 @@ def test_the_other_answers_of_the_gallery():
     assert abs(bar["net_displacement_m"]) < 1e-13 and "nothing moves its centre" in gallery()["spinning-bar"][1]
 
 
-BLOCK = re.compile(r"^```(sh|toml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(sh|toml|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: The name under which a reader saves a block, in its first line.
+SAVED = re.compile(r"# ([\w-]+\.toml)\n")
 #: Packages that snippets need and a machine may lack.
-NEEDED = ["fmpy", "jax", "matplotlib", "xarray"]
+NEEDED = ["distributed", "fmpy", "gymnasium", "jax", "matplotlib", "xarray"]
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES if page != REFERENCE and BLOCK.search(page.read_text())], ids=lambda page: page.stem
-)
-def test_the_snippets_of_a_page_run_as_printed(page, tmp_path, monkeypatch):
-    """In their order, in a folder that has the models, and a swimmer as the first page makes it where that is another."""
-    text = page.read_text()
-    for package in NEEDED:
-        if re.search(rf"import {package}|{package}\(", text):
-            pytest.importorskip(package)
+def blocks_of(page):
+    """Kind and text of the blocks that are run, in their order."""
+    return BLOCK.findall(page.read_text())
+
+
+def reads_as(line, printed):
+    """Whether a line of output is the printed one: `...` stands for anything, and numbers are the same to 1 %."""
+    words = [re.escape(part).replace("\\ ", r"\s+") for part in NUMBER.split(printed)]
+    pattern = f"({NUMBER.pattern})".join(words).replace(r"\.\.\.", ".*")
+    found = re.fullmatch(rf"\s*{pattern}\s*", line)
+    return found is not None and all(
+        float(own) == pytest.approx(float(value), rel=1e-2) for own, value in zip(NUMBER.findall(printed), found.groups(), strict=True)
+    )
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with the models, in which the command is found."""
     command = shutil.which("caudal", path=str(Path(sys.executable).parent))
     if not command:
         pytest.skip("the package is installed without its command: pip install ./bindings/python")
@@ -133,32 +145,72 @@ def test_the_snippets_of_a_page_run_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "models").symlink_to(ROOT / "models")
+    return tmp_path
 
-    def run(script):
-        # Standard input is closed: `new` asks nothing.
-        done = subprocess.run(["sh", "-euc", script], stdin=subprocess.DEVNULL, capture_output=True, text=True)
-        assert done.returncode == 0, (script, done.stdout[-1000:], done.stderr[-1000:])
 
+def run(script):
+    """What a script prints. Standard input is closed: `new` asks nothing."""
+    done = subprocess.run(["sh", "-euc", script], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert done.returncode == 0, (script, done.stdout[-1000:], done.stderr[-1000:])
+    return done.stdout + done.stderr
+
+
+def need_packages_of(text):
+    for package in NEEDED:
+        if re.search(rf"(import|from) {package}|{package}\(|caudal\.{package}", text):
+            pytest.importorskip(package)
+
+
+def read_by_now(page):
+    """The pages that a reader of this one has seen, in the order of the summary."""
+    order = [DOCS / link for link in LINK.findall((DOCS / "SUMMARY.md").read_text())]
+    return order[: order.index(page)]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page != REFERENCE and any(kind != "text" for kind, _ in blocks_of(page))], ids=lambda page: page.stem)
+def test_the_snippets_of_a_page_run_as_printed(page, folder, capsys):
+    """In their order, in the folder of a reader: it has the models, the swimmer of the first page, and what earlier pages said to save."""
+    need_packages_of(page.read_text())
     if page.stem != "first-swim":
         run("caudal new swimmer.toml")
-    names, done = {}, 0
-    for kind, block in BLOCK.findall(text):
+    for earlier in read_by_now(page):
+        for kind, block in blocks_of(earlier):
+            if kind == "toml" and (saved := SAVED.match(block)):
+                (folder / saved[1]).write_text(block)
+    names, output, done = {}, None, 0
+    for kind, block in blocks_of(page):
         if kind == "sh":
-            run(block)
+            output = run(block)
         elif kind == "python":
             exec(compile(block, str(page), "exec"), names)
-        elif "[axes]" in block:
-            (tmp_path / "sweep.toml").write_text(block)
-            run("caudal sweep sweep.toml")
+            output = capsys.readouterr().out
+        elif kind == "text":
+            # What the snippet before it prints, where there is one.
+            if output is not None:
+                lines = output.splitlines()
+                for printed in filter(None, block.splitlines()):
+                    assert any(reads_as(line, printed) for line in lines), (printed, output[-3000:])
+            output = None
         else:
-            name = re.search(r'^name = "(.+)"$', block, re.MULTILINE)[1]
-            (tmp_path / f"{name}.toml").write_text(block)
-            caudal.load(f"{name}.toml")
-            run(f"caudal check {name}.toml")
+            name = saved[1] if (saved := SAVED.match(block)) else re.search(r'^name = "(.+)"$', block, re.MULTILINE)[1] + ".toml"
+            (folder / name).write_text(block)
+            run(f"caudal sweep {name} --dry-run" if "[axes]" in block else f"caudal check {name}")
+            output = None
         done += 1
     assert done > 0
     if page.stem == "design":
-        assert names["modulus"] == pytest.approx(8.16e7, rel=1e-6)
+        assert names["modulus"] == pytest.approx(0.8e6, rel=1e-2)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "```c\n" in page.read_text()], ids=lambda page: page.stem)
+def test_the_c_programs_of_a_page_compile(page, tmp_path):
+    """They are not linked here: `bindings/c/tests` builds the library and runs a host."""
+    compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
+    for program in re.findall(r"^```c\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL):
+        source = _written(tmp_path / "host.c", program)
+        options = ["-std=c11", "-Wall", "-Werror", "-fsyntax-only", "-I", ROOT / "bindings/c/include"]
+        compiled = subprocess.run([compiler, *options, source], capture_output=True, text=True)
+        assert compiled.returncode == 0, compiled.stderr
 
 
 def test_the_scenes_of_the_reference_are_taken_as_printed(tmp_path):
