@@ -9,7 +9,7 @@ use caudal::linear::{ChainMatrix, Riccati, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::Document;
-use caudal::system::{Direction, Form, System};
+use caudal::system::{Form, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 /// The direction of implicit Euler.

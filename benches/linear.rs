@@ -13,7 +13,7 @@ use std::sync::Arc;
 use caudal::linear::{BandMatrix, BlockBand, FaerLu, FallbackSolver, LinearSolver, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::scene::Document;
-use caudal::system::{Direction, Linearisation, System};
+use caudal::system::{Linearisation, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use libloading::Library;
 

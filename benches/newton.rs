@@ -10,7 +10,7 @@ use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Linearisation, System};
+use caudal::system::{Linearisation, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 /// Step size, s.

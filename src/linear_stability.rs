@@ -17,12 +17,12 @@ use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
 use crate::head::Signal;
-use crate::linear::BandMatrix;
+use crate::linear::{BandMatrix, Direction};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
 use crate::rod::node;
 use crate::start::Start;
-use crate::system::{Direction, Linearisation, State, System};
+use crate::system::{Linearisation, State, System};
 
 /// The least part of a way to rest that is gone at once.
 const LEAST_PART: f64 = 1.0 / 4096.0;

@@ -9,12 +9,12 @@ use crate::error::{Error, Result};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
+use crate::fluid::validity::TransverseMotion;
 use crate::fluid::{Fluid, Forces, Kinematics, PowerKind};
 use crate::head::{Row, hermite};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::linear::Real;
 use crate::model::{Dynamics, Mechanics};
-use crate::regime;
 use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -724,12 +724,12 @@ impl RunMetrics {
     }
 
     /// Root mean square of the cross-flow since the start, or None before the first step.
-    pub fn across(&self) -> Option<regime::TransverseMotion> {
+    pub fn across(&self) -> Option<TransverseMotion> {
         let CrossFlowSquares { speed, per_depth, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
         let root = |sum: f64| (sum / elapsed).sqrt();
         let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };
-        Some(regime::TransverseMotion { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
+        Some(TransverseMotion { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
     }
 
     /// Δx of the centre of mass since the start, m.

@@ -23,13 +23,13 @@ use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
 use crate::head::{HeadInput, HeadMotion, HostHead, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
-use crate::linear::{ChainMatrix, Coupling};
+use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
 use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
-use crate::system::{Direction, Form, Linearisation, Link, State, System};
+use crate::system::{Form, Linearisation, Link, State, System};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;

@@ -21,11 +21,11 @@ use nalgebra::Vector2;
 use crate::error::{Error, Result};
 use crate::fluid::{Fluid, Forces, Layers};
 use crate::head::Signal;
-use crate::linear::{BandMatrix, ChainMatrix, Riccati};
+use crate::linear::{BandMatrix, ChainMatrix, Direction, Riccati};
 use crate::model::{Dynamics, Model};
 use crate::rod::Rod;
 use crate::start::Start;
-use crate::system::{Direction, Form, Linearisation, System};
+use crate::system::{Form, Linearisation, System};
 
 /// Up to this many nodes shapes are computed from dense matrices: beyond, vectors lose digits (2e-8 of the first frequency
 /// at 129 nodes), and the iteration needs that many.

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, ChainMatrix, FallbackSolver, Riccati, Solution, SolverChoice};
-use crate::system::{Direction, Form, Linearisation, State, System};
+use crate::linear::{BandMatrix, ChainMatrix, Direction, FallbackSolver, Riccati, Solution, SolverChoice};
+use crate::system::{Form, Linearisation, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
 /// `models/` is 9.

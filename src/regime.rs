@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_4, PI, SQRT_2, TAU};
 use nalgebra::Vector2;
 
 use crate::actuation::{Actuation, Wave};
-use crate::fluid::Fluid;
+use crate::fluid::validity::TransverseMotion;
 use crate::head::Pose;
 use crate::model::Drive;
 use crate::rod::Rod;
@@ -27,20 +27,6 @@ const STABILITY: f64 = 1.0;
 
 /// The follower force, over EI/L², that makes a clamped rod flutter. M. Beck, Z. angew. Math. Phys. 3 (1952).
 pub const BECK: f64 = 20.05;
-
-/// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
-/// time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TransverseMotion {
-    /// Velocity w across it, m/s.
-    pub speed: f64,
-    /// ρw/μ where each node is, 1/m.
-    pub per_depth: f64,
-    /// ρ|V|/μ of a head body, of its velocity V in all directions, 1/m.
-    pub body: f64,
-    /// Density and viscosity where the rod is.
-    pub fluid: Fluid,
-}
 
 /// How a rod moves against the fluid: root mean squares over its nodes and over time, the same in every frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -242,8 +242,7 @@ def sources(tree):
 
     parser = Parser(Language(tree_sitter_rust.language()))
     paths = sorted(tree.glob("src/**/*.rs")) + sorted(tree.glob("bindings/*/src/**/*.rs"))
-    for path in paths:
-        subprocess.run(["git", "-C", str(tree), "checkout", "--quiet", str(path)], check=True)
+    subprocess.run(["git", "-C", str(tree), "checkout", "--quiet", "src", "bindings"], check=True)
     return [Source(path, parser) for path in paths if path.name != "mutant.rs"]
 
 
@@ -295,8 +294,11 @@ def instrument(folder, seed, count):
                 for span in part["spans"]:
                     for number in range(span["line_start"], span["line_end"] + 1):
                         found |= spans.get((span["file_name"], number), set())
-            if not found and message["spans"]:
-                print(message["rendered"], flush=True)
+            if not found:
+                # Within a mutated text of several lines: its switch is the last one before.
+                for span in message["spans"]:
+                    before = [n for file, n in spans if file == span["file_name"] and n <= span["line_start"]]
+                    found |= spans[span["file_name"], max(before)] if before else set()
             bad |= found
         print(f"{len(chosen)} mutants, {len(bad)} of them do not compile", flush=True)
         if built.returncode == 0:

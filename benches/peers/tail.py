@@ -1,9 +1,9 @@
 """The tail of models/baseline.toml, in a vacuum and started by a ramp, in caudal and in other programs: processor time of a simulated second
-beside the error of the tip's path, as a table and as the chart of the README.
+beside the error of the tip's path, as a table and as the chart of the notes (docs/src/notes/other-programs.md).
 
     python -m venv peer && peer/bin/pip install -r benches/peers/requirements.txt
     cargo build --release
-    peer/bin/python benches/peers/tail.py target/release/caudal models/peers.svg
+    peer/bin/python benches/peers/tail.py target/release/caudal docs/src/notes/figures/peers.svg
 
 Without a fluid, as none of the others has caudal's; the elasticity, the mass and the drive are the same. Each program has its own mesh of a
 continuous rod, so the reference is caudal's extrapolated from 129 and 257 nodes; the script prints what that changed against 65 and 129. Where

@@ -16,11 +16,10 @@ use crate::fluid::laws::weak_inertia::WeakInertia;
 use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::reactive::{Accelerating, Reactive, Stored, Wake};
 use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
-use crate::linear::{Number, Pair};
+use crate::linear::{Direction, Number, Pair};
 use crate::model::Model;
 use crate::rod::Edge;
 use crate::rod::edge_force::EdgeForce;
-use crate::system::Direction;
 
 /// All forces on the rods other than a drag that is linear in velocity.
 #[derive(Debug)]

@@ -14,7 +14,7 @@ use crate::fluid::force::{Powers, TipForce};
 use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{StepWeights, changes};
-use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, ResidualSizes, prescribe};
+use crate::linear::{Block, BlockBand, BlockRow, Direction, Number, Pair, ResidualSizes, prescribe};
 use crate::metrics::Measured;
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, Progress};
@@ -25,7 +25,7 @@ use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, Edge, EdgeValues, lengths};
 use crate::stepper::Stepper;
 use crate::stepper::presolved_step::PresolvedStep;
-use crate::system::{Direction, State};
+use crate::system::State;
 
 /// One vector per node, of each case.
 type NodalVectors = Vec<[Lanes; 2]>;
@@ -99,7 +99,7 @@ struct Workspace {
     around: Vec<EdgeForce<Lanes>>,
     /// Totals of each force.
     wholes: Vec<ForceTotals>,
-    tips: Vec<TipForce>,
+    tips: Vec<BatchedTipForce>,
     joints: Vec<Joint<Lanes>>,
     kappa: Vec<Lanes>,
     /// Moments conjugate to the curvatures.
@@ -112,12 +112,12 @@ struct Workspace {
 
 /// A force on the last node, with what it adds to the first three blocks of the last row.
 #[derive(Debug, Clone, Copy)]
-struct TipForce {
+struct BatchedTipForce {
     force: [Lanes; 2],
     blocks: [[Lanes; 4]; 3],
 }
 
-impl TipForce {
+impl BatchedTipForce {
     /// Sets the force of one case.
     fn set(&mut self, lane: usize, tip: &TipForce) {
         for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
@@ -170,7 +170,7 @@ impl Kernel {
             [in_pass.is_some(), others.are_on_edges()].map(|any| if any { nodes - 1 } else { 0 }).into();
         let none = Block::diagonal(zero);
         let nothing = EdgeForce { force: [PairLanes::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
-        let tip = TipForce { force: [zero; 2], blocks: [[zero; 4]; 3] };
+        let tip = BatchedTipForce { force: [zero; 2], blocks: [[zero; 4]; 3] };
         Some(Self {
             simd,
             models: std::array::from_fn(|lane| dynamics(steppers.get(lane).unwrap_or(first)).model.clone()),

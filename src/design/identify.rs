@@ -18,9 +18,10 @@ use super::refit::Refit;
 use super::table::DesignTable;
 use crate::error::{Error, Result};
 use crate::fluid::force::{EdgeForce, TipForce};
+use crate::linear::Direction;
 use crate::model::Dynamics;
 use crate::rod::{add, bend, node};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// A parameter counts as identified if its standard deviation is at most this fraction of it.
 pub(super) const MAX_RELATIVE_DEVIATION: f64 = 0.1;

@@ -17,13 +17,13 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives, Validity};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives};
 use super::laws::CREEPING;
 use super::medium::{DENSITY, Key, VISCOSITY};
-use super::range::{Bound, DimensionlessNumber};
-use crate::linear::Block;
+use super::validity::Validity;
+use super::validity::{Bound, DimensionlessNumber};
+use crate::linear::{Block, Direction};
 use crate::rod::{Spheroid, add, node};
-use crate::system::Direction;
 
 /// The name of its drag.
 pub const DRAG: &str = "head-body drag";

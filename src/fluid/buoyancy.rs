@@ -6,11 +6,11 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives, Validity};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives};
 use super::medium::{DENSITY, Key, LocalFluid, Property};
-use crate::linear::{Block, pair};
+use super::validity::Validity;
+use crate::linear::{Block, Direction, pair};
 use crate::rod::{EdgeValues, Rod, add, node};
-use crate::system::Direction;
 
 /// Buoyancy of a rod in layers.
 #[derive(Debug)]

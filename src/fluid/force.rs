@@ -14,12 +14,11 @@ use wide::f64x2;
 
 use super::fluid_along::{FluidAlong, FluidRuns};
 use super::medium::{DENSITY, Fluid, Key, Layers, LocalFluid, Property};
-use super::range::Bound;
-use crate::linear::{BlockRow, Coupling, Pair, Real, pair};
+use super::validity::Validity;
+use crate::linear::{BlockRow, Coupling, Direction, Pair, Real, pair};
 pub use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
-use crate::system::Direction;
 
 /// How the rod lies and moves, and in which fluid.
 #[derive(Debug, Clone, Copy)]
@@ -222,17 +221,6 @@ pub struct StateDerivatives<'a> {
     pub v: &'a mut [f64],
     /// By accelerations.
     pub a: &'a mut [f64],
-}
-
-/// What is known of how far a force may be believed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Validity {
-    /// Where it holds, so far as no number says it.
-    pub range: &'static str,
-    /// The numbers of the motion between which it holds.
-    pub bounds: &'static [Bound],
-    /// Who says so.
-    pub source: &'static str,
 }
 
 /// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled

@@ -8,11 +8,11 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, Validity};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind};
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, pair};
+use super::validity::Validity;
+use crate::linear::{Block, Direction, pair};
 use crate::rod::{EdgeValues, Rod, add};
-use crate::system::Direction;
 
 /// The pressure of the flow around the rod.
 #[derive(Debug)]

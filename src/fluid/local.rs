@@ -8,14 +8,12 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{
-    EdgeForce, ExternalForces, Force, ForceAccumulator, FusedForce, Kinematics, PowerSums, Powers, Validity,
-};
+use super::force::{EdgeForce, ExternalForces, Force, ForceAccumulator, FusedForce, Kinematics, PowerSums, Powers};
 use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
-use crate::linear::{Block, BlockRow, Pair, Real, pair};
+use super::validity::Validity;
+use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
-use crate::system::Direction;
 
 /// Force per unit length (N/m) that opposes velocities with the components `along` and `across` the rod, on both halves of an
 /// edge.

@@ -11,9 +11,11 @@ pub mod local;
 pub mod medium;
 #[cfg(feature = "faer")]
 pub mod nonlocal;
-pub mod range;
 pub mod reactive;
 pub mod spray;
+pub mod uncertainty;
+pub mod validity;
+pub mod warnings;
 
 pub use buoyancy::Buoyancy;
 pub use fluid_along::{FluidAlong, FluidRuns};

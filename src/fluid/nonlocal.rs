@@ -17,12 +17,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::force::{EdgeForce, Force, ForceAccumulator, GlobalForce, Kinematics, Validity};
+use super::force::{EdgeForce, Force, ForceAccumulator, GlobalForce, Kinematics};
 use super::laws::{DragLaw, LawInputs};
 use super::medium::{Key, VISCOSITY};
-use crate::linear::{BandMatrix, Block, Coupling, DenseLu, pair};
+use super::validity::Validity;
+use crate::linear::{BandMatrix, Block, Coupling, DenseLu, Direction, pair};
 use crate::rod::{Edge, Rod, add, node};
-use crate::system::Direction;
 
 /// Least spacing of nodes over the blob size: M is ill-conditioned below, 8e3 at 0.5 and 2e8 at 0.2.
 const FINEST: f64 = 0.5;

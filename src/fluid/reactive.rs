@@ -14,14 +14,14 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives, TipForce, Validity};
-use super::laws::{Published, Uncertainty};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, StateDerivatives, TipForce};
 use super::local::both;
 use super::medium::{DENSITY, Fluid, Key, LocalFluid, Property};
-use super::range::{Bound, DimensionlessNumber};
-use crate::linear::{Block, Number, Pair, Real, pair};
+use super::uncertainty::{Published, Uncertainty};
+use super::validity::Validity;
+use super::validity::{Bound, DimensionlessNumber};
+use crate::linear::{Block, Direction, Number, Pair, Real, pair};
 use crate::rod::{Edge, EdgeValues, Rod, add, node};
-use crate::system::Direction;
 
 /// The inertia of the water around the rod.
 #[derive(Debug)]

@@ -12,12 +12,12 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind, Validity};
+use super::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind};
 use super::local::both;
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, pair};
+use super::validity::Validity;
+use crate::linear::{Block, Direction, pair};
 use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
-use crate::system::Direction;
 
 /// The spray around the rod.
 #[derive(Debug)]

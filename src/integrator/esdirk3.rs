@@ -6,8 +6,9 @@
 
 use super::{ExplicitPart, Integrator, Method, Stage, StepError};
 use crate::error::Result;
+use crate::linear::Direction;
 use crate::newton::{ConvergenceRate, Newton};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// What is known of it.
 pub static METHOD: Method = Method {

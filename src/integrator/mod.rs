@@ -7,9 +7,9 @@ mod newmark;
 mod symplectic_euler;
 
 use crate::error::{Error, Result};
-use crate::linear::{Number, Real};
+use crate::linear::{Direction, Number, Real};
 use crate::newton::{ConvergencePolicy, ConvergenceRate, Newton};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// All methods; adding one is its file and its line here.
 pub static METHODS: &[&Method] = &[

@@ -3,8 +3,9 @@
 
 use super::{Integrator, Method, StepError, largest_root};
 use crate::error::Result;
+use crate::linear::Direction;
 use crate::newton::Newton;
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// What is known of it.
 pub static METHOD: Method = Method {

@@ -5,6 +5,7 @@ mod block_band;
 mod chain;
 #[cfg(feature = "faer")]
 mod dense_lu;
+mod direction;
 #[cfg(feature = "faer")]
 mod faer_lu;
 mod fallback;
@@ -15,12 +16,12 @@ use nalgebra::Matrix2;
 use wide::f64x2;
 
 use crate::error::Result;
-use crate::system::Direction;
 pub use block::{Block, pair};
 pub use block_band::BlockBand;
 pub use chain::{ChainMatrix, ChainRow, ChainTerms, Riccati};
 #[cfg(feature = "faer")]
 pub use dense_lu::DenseLu;
+pub use direction::Direction;
 #[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
 pub use fallback::{FallbackSolver, Solution, SolverChoice};

@@ -21,9 +21,9 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::{COLLAPSED, Dynamics};
 use crate::error::{Error, Result};
-use crate::linear::{ChainMatrix, ChainRow, ChainTerms};
+use crate::linear::{ChainMatrix, ChainRow, ChainTerms, Direction};
 use crate::rod::{Edge, Rod, bend, node};
-use crate::system::{Direction, Form, Link, State};
+use crate::system::{Form, Link, State};
 
 /// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
 /// and steps agree with the chain form to about 1e-15, moments to 1e-5, and no iteration is lost; from ten times it on

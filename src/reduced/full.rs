@@ -3,9 +3,10 @@
 use super::{ModelKind, ModelStepper};
 use crate::error::Result;
 use crate::integrator::{Integrator, StepError, StepWeights};
+use crate::linear::Direction;
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
-use crate::system::{Direction, State};
+use crate::system::State;
 
 /// Its entry in the table of models.
 pub static MODEL: ModelKind = ModelKind {

@@ -8,9 +8,10 @@ use crate::error::{Error, Result};
 use crate::fluid::Force;
 use crate::integrator::esdirk3::{G, STAGES, TIMES, WEIGHTS, error};
 use crate::integrator::{ExplicitPart, Stage, StepError};
+use crate::linear::Direction;
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::{ConvergenceRate, MAX_ITERATIONS, Newton};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// Its entry in the table of models.
 pub static MODEL: ModelKind = ModelKind {

@@ -11,8 +11,7 @@ use nalgebra::Vector2;
 use super::bend::Joint;
 use super::edge_force::EdgeForce;
 use super::{Cell, Edge, EdgeValues};
-use crate::linear::{Block, BlockRow, Pair, Real, pair};
-use crate::system::Direction;
+use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
 
 /// ∂E/∂(edge vector), N: the force that the edge carries, between joints `start` and `end`.
 #[inline(always)]

@@ -3,8 +3,7 @@
 
 use nalgebra::Vector2;
 
-use crate::linear::{Number, Pair, Real, pair};
-use crate::system::Direction;
+use crate::linear::{Direction, Number, Pair, Real, pair};
 
 /// Moves the nodes beyond the first, given by positions, velocities and accelerations, along `direction` until every edge is as long
 /// as between the `old` positions; the centre of mass of a rod of the `free` mass (kg) stays.

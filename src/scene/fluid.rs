@@ -14,16 +14,16 @@ use super::solver::FormKey;
 use super::value::{self, NotNegative, NumberOrProfile, Positive, SignalValue, VectorSignal};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{
-    self, Dependence, DragLaw, ForcesByCause, LAWS, LawInputs, SLENDER, SectionInput, Uncertainty,
-};
-use crate::fluid::range::{self, FlowConditions};
+use crate::fluid::laws::{self, Dependence, DragLaw, ForcesByCause, LAWS, LawInputs, SLENDER, SectionInput};
 use crate::fluid::reactive::{self, Wake};
+use crate::fluid::uncertainty::Uncertainty;
+use crate::fluid::validity::{FlowConditions, TransverseMotion};
+use crate::fluid::warnings;
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::reduced::fluid_estimates::{ShortRun, ShortRunResult, nodes, simulate};
 use crate::reduced::{FluidChoice, FluidEstimates, MotionAndPower};
-use crate::regime::{Regime, TransverseMotion};
+use crate::regime::Regime;
 use crate::rod::{Rod, Shape};
 use crate::spectrum::Spectrum;
 
@@ -636,7 +636,7 @@ impl Scene {
 
     /// Notes about those of `forces` on its `rod` that a motion takes out of their range of validity.
     pub fn range_notes(&self, forces: &Forces, rod: &Rod, across: TransverseMotion) -> Vec<String> {
-        let mut left = range::left(forces, &self.motion(rod, across), |law| self.without(law));
+        let mut left = warnings::out_of_range(forces, &self.motion(rod, across), |law| self.without(law));
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));
             of_water.for_each(|note| {

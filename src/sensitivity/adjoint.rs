@@ -10,8 +10,9 @@ use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, StepWeights};
+use crate::linear::Direction;
 use crate::model::DeformedRod;
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 impl Problem {
     /// The derivatives by all `parameters` of Σ w y over all times and outputs y of the stored simulation `trajectory` of this problem,

@@ -4,9 +4,9 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::error::Result;
 use crate::fluid::Force;
-use crate::linear::{BandMatrix, BlockBand, BlockRow, HALF_BANDWIDTH, LinearSolver, PivotedLu};
+use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, HALF_BANDWIDTH, LinearSolver, PivotedLu};
 use crate::model::{Dynamics, Model};
-use crate::system::{Direction, Linearisation, State};
+use crate::system::{Linearisation, State};
 
 /// A solution with a larger backward error comes from the pivoted LU instead of the block band's.
 const BACKWARD_ERROR: f64 = 1e-12;

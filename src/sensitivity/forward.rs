@@ -11,8 +11,9 @@ use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
 use crate::integrator::StepWeights;
+use crate::linear::Direction;
 use crate::model::{DeformedRod, Dynamics};
-use crate::system::{Direction, State, System};
+use crate::system::{State, System};
 
 /// The values and derivatives that [`Problem::forward`] computes.
 #[derive(Debug, Clone, Default)]

@@ -16,7 +16,8 @@
 //!
 //! [`value_and_grad`] and [`Simulation`] take outputs and parameters by their names.
 //!
-//! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules: DESIGN.md.
+//! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules:
+//! docs/src/notes/sensitivity.md.
 mod adjoint;
 mod controls;
 mod cycle_means;

@@ -12,11 +12,11 @@ use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, StepControl, StepWeights};
-use crate::linear::SolverChoice;
+use crate::linear::{Direction, SolverChoice};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
-use crate::system::{Direction, Form, State, System};
+use crate::system::{Form, State, System};
 
 /// A differentiable simulation of a scene, with the current values of its parameters.
 #[derive(Debug)]

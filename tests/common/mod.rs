@@ -11,12 +11,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use caudal::integrator::Method;
+use caudal::linear::Direction;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::rod::Rod;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, State, System};
+use caudal::system::{State, System};
 
 /// The study's tail without anything that acts on it.
 const TAIL: &str = r#"

@@ -535,7 +535,7 @@ fn an_interrupted_search_keeps_the_best_so_far() {
     assert!(found.objective >= seen.iter().copied().fold(f64::NEG_INFINITY, f64::max));
 }
 
-/// The shipped searches on a coarser mesh, one start each; figures of the whole are in DESIGN.md.
+/// The shipped searches on a coarser mesh, one start each; figures of the whole are in docs/src/notes/design-searches.md.
 #[test]
 fn searches_end_at_a_stationary_profile_that_holds_in_other_simulations() {
     for name in ["silicone-eel", "driven-head"] {

@@ -5,7 +5,7 @@ use crate::common;
 use std::ops::ControlFlow;
 
 use caudal::assessment::Assessment;
-use caudal::fluid::range::oscillating;
+use caudal::fluid::validity::oscillating;
 use caudal::head::Signal;
 use caudal::reduced::MotionAndPower;
 use caudal::report::Summary;
@@ -378,7 +378,7 @@ fn the_water_that_makes_a_flag_flutter_is_kept() {
 }
 
 /// Root mean square of the velocity across the rod over the run's last `period`s of four, or all of it.
-fn speed_across(scene: &Scene) -> f64 {
+pub fn speed_across(scene: &Scene) -> f64 {
     let period = scene.spectrum().slowest().map(f64::recip);
     let duration = scene.solver.duration_s.get();
     let from = period.map_or(0.0, |period| duration - 4.0_f64.min((duration / period).floor() - 1.0).max(1.0) * period);

@@ -6,7 +6,7 @@ use crate::common;
 use std::cell::RefCell;
 use std::fmt::Write;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use caudal::fluid::laws::DragLaw;
 use caudal::reduced::MotionAndPower;
@@ -138,6 +138,27 @@ fn rows_of(seed: u64) -> Result<Vec<Row>, String> {
     Ok(estimates.laws[..estimates.laws.len() - 1].iter().filter_map(row).collect())
 }
 
+/// How many random scenes to try: what the environment asks for, or `default`.
+fn count(variable: &str, default: u64) -> u64 {
+    std::env::var(variable).ok().and_then(|count| count.parse().ok()).unwrap_or(default)
+}
+
+/// Tries the seeds below `wanted` on all processors.
+fn for_each_seed(wanted: u64, work: impl Fn(u64) + Sync) {
+    let next = AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let seed = next.fetch_add(1, Ordering::Relaxed)
+                    && seed < wanted
+                {
+                    work(seed);
+                }
+            });
+        }
+    });
+}
+
 #[test]
 #[ignore = "looks at one scene"]
 fn one() {
@@ -152,24 +173,14 @@ fn one() {
 
 #[test]
 fn estimates_are_honest_on_random_scenes_and_never_far_off() {
-    let wanted: u64 = std::env::var("CAUDAL_FLUIDS").ok().and_then(|count| count.parse().ok()).unwrap_or(24);
-    let (next, all) = (AtomicUsize::new(0), Mutex::new((Vec::new(), Vec::new())));
-    std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
-            scope.spawn(|| {
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed) as u64;
-                    if seed >= wanted {
-                        break;
-                    }
-                    let found = rows_of(seed);
-                    let mut all = all.lock().unwrap();
-                    match found {
-                        Ok(rows) => all.0.extend(rows),
-                        Err(reason) => all.1.push((seed, reason)),
-                    }
-                }
-            });
+    let wanted = count("CAUDAL_FLUIDS", 24);
+    let all = Mutex::new((Vec::new(), Vec::new()));
+    for_each_seed(wanted, |seed| {
+        let found = rows_of(seed);
+        let mut all = all.lock().unwrap();
+        match found {
+            Ok(rows) => all.0.extend(rows),
+            Err(reason) => all.1.push((seed, reason)),
         }
     });
     let (mut rows, without) = all.into_inner().unwrap();
@@ -232,5 +243,21 @@ fn estimates_are_honest_on_random_scenes_and_never_far_off() {
     }
     assert!(without.len() as u64 * 50 <= wanted, "{without:?}");
     assert!(honest * 100 >= 95 * pairs, "{honest} of {pairs}");
+    assert!(far.is_empty(), "{far:?}");
+}
+
+#[test]
+fn the_regime_of_random_scenes_is_that_of_their_runs() {
+    let wanted = count("CAUDAL_REGIMES", 12);
+    let all = Mutex::new(Vec::new());
+    for_each_seed(wanted, |seed| {
+        let scene = scene_at(seed);
+        let part = scene.regime().map(|regime| regime.across.speed / speed_across(&scene) - 1.0);
+        all.lock().unwrap().push((part.unwrap_or(f64::NAN), seed));
+    });
+    let mut all = all.into_inner().unwrap();
+    all.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
+    println!("{} scenes, the worst: {:?}", all.len(), &all[..all.len().min(8)]);
+    let far: Vec<_> = all.iter().filter(|(part, _)| !(part.abs() <= 0.2)).collect();
     assert!(far.is_empty(), "{far:?}");
 }

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 use caudal::fluid::force::{self, Force};
 use caudal::fluid::laws::{DragLaw, LawInputs, coefficients, cox, gray_hancock, lighthill, nonlocal, wall};
 use caudal::fluid::nonlocal::Segment;
-use caudal::fluid::range::DimensionlessNumber;
+use caudal::fluid::validity::DimensionlessNumber;
 use caudal::fluid::{Fluid, Forces, Kinematics};
 use caudal::rod::{Edge, MassLumping, Material, Rod, Section, Sections, Stiffness, node};
 use caudal::scene::Document;

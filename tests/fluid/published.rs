@@ -1,5 +1,6 @@
 //! What is published, scene by scene: every scene of `models/validation` with the number that it is there for, and the drag of
-//! cylinders and the speeds of fishes over decades of the Reynolds number. The table in DESIGN.md lists them.
+//! cylinders and the speeds of fishes over decades of the Reynolds number.
+//! The table in docs/src/notes/fluid-validation.md lists them.
 
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 

@@ -6,8 +6,7 @@ use crate::common;
 
 use caudal::assessment::Assessment;
 use caudal::fluid::laws::LAWS;
-use caudal::fluid::range::DimensionlessNumber;
-use caudal::regime::TransverseMotion;
+use caudal::fluid::validity::{DimensionlessNumber, TransverseMotion};
 use caudal::report::Summary;
 use caudal::run::{Ending, run as run_scene};
 use caudal::scene::Scene;

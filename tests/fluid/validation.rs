@@ -1,17 +1,17 @@
 //! What is published or known in closed form of bodies in fluids: swimming sheets, driven tails, falling rods, vibrating and
-//! fluttering plates. DESIGN.md has the table.
+//! fluttering plates. docs/src/notes/fluid-validation.md has the table.
 
 use crate::common;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, LN_2, PI, TAU};
 use std::sync::Arc;
 
 use caudal::fluid::{Fluid, Forces, Kinematics};
-use caudal::linear::BandMatrix;
+use caudal::linear::{BandMatrix, Direction};
 use caudal::model::{Dynamics, Model};
 use caudal::modes::Matrices;
 use caudal::rod::{Edge, node};
 use caudal::scene::Scene;
-use caudal::system::{Direction, Linearisation};
+use caudal::system::Linearisation;
 use common::{order, run, run_with, scene_of};
 use nalgebra::{Complex, DMatrix, Matrix3, Matrix4, Rotation2, Vector2, Vector3, Vector4};
 

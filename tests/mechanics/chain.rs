@@ -9,7 +9,7 @@ use caudal::model::{Dynamics, chain};
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Form, Link, State, System};
+use caudal::system::{Form, Link, State, System};
 use common::{DRAG, Dice, GLYCEROL, SILICONE, SOFT, STUDY, WATER, WAVE, largest, run, scene, scene_of, time_step};
 
 /// The static problem.

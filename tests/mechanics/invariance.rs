@@ -13,7 +13,7 @@ use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::rod::node;
 use caudal::scene::{HeadKind, Scene};
-use caudal::system::{Direction, Linearisation, State, System};
+use caudal::system::{Linearisation, State, System};
 use common::{Dice, SOFT, largest, scene_of, time_step};
 use nalgebra::{DMatrix, Matrix2, Vector2};
 use proptest::prelude::*;

@@ -10,7 +10,7 @@ use caudal::rod::bend::{self, Joint};
 use caudal::rod::elastic;
 use caudal::rod::{Cell, Edge, node};
 use caudal::scene::Scene;
-use caudal::system::{Direction, Linearisation, State, System};
+use caudal::system::{Linearisation, State, System};
 use common::{Dice, SOFT, largest, scene_of};
 use nalgebra::{DMatrix, DVector, Vector2};
 

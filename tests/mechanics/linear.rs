@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use caudal::linear::{BandMatrix, BlockBand, FaerLu, FallbackSolver, LinearSolver, PivotedLu, SolverChoice};
 use caudal::model::Dynamics;
-use caudal::system::{Direction, Linearisation, System};
+use caudal::system::{Linearisation, System};
 use common::{Dice, GLYCEROL, SILICONE, SOFT, STUDY, largest, scene_of};
 use nalgebra::{DMatrix, DVector, Matrix2};
 

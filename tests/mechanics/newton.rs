@@ -13,7 +13,7 @@ use caudal::newton::Newton;
 use caudal::rod::node;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Linearisation, State, System};
+use caudal::system::{Linearisation, State, System};
 use common::{SOFT, STUDY, scene_of, stepper_of};
 use nalgebra::Vector2;
 

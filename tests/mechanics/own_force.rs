@@ -6,7 +6,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use caudal::fluid::audit::{audit, audit_parameter};
-use caudal::fluid::force::{EdgeForce, ForceAccumulator, StateDerivatives, Validity};
+use caudal::fluid::force::{EdgeForce, ForceAccumulator, StateDerivatives};
+use caudal::fluid::validity::Validity;
 use caudal::fluid::{Force, Key, Kinematics, PowerKind};
 use caudal::linear::{BandMatrix, Block};
 use caudal::model::{Dynamics, Model};
@@ -16,7 +17,7 @@ use caudal::rod::{add, node};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::{Output, Parameter, Problem};
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Form, Linearisation, State, System};
+use caudal::system::{Form, Linearisation, State, System};
 use common::{Dice, SOFT, largest, scene_of};
 use nalgebra::{Matrix2, Vector2};
 

@@ -9,15 +9,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use caudal::actuation::{Actuation, ActuationInputs, TravellingWave, Wave};
-use caudal::fluid::force::{Force, ForceAccumulator, TipForce, Validity};
+use caudal::fluid::force::{Force, ForceAccumulator, TipForce};
+use caudal::fluid::validity::Validity;
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
+use caudal::linear::Direction;
 use caudal::newton::Newton;
 use caudal::reduced::comparison::{SeriesPoint, TimeSeries};
 use caudal::reduced::{ErrorMeasure, MODELS};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
-use caudal::system::Direction;
 use caudal::verification::Verification;
 use common::{Dice, SOFT, STUDY, distance, largest, order, scene_of};
 
@@ -726,8 +727,8 @@ fn taken(number: u64) -> Option<Taken> {
 
 #[test]
 fn what_auto_takes_is_as_accurate_as_it_says() {
-    // `CAUDAL_SCENES=from..to` asks for others; DESIGN.md has the tables. The margins were tuned on scenes 0..1000, so that these
-    // are none of them.
+    // `CAUDAL_SCENES=from..to` asks for others; docs/src/notes/reduced-models.md has the tables. The margins were tuned on
+    // scenes 0..1000, so that these are none of them.
     let wanted = std::env::var("CAUDAL_SCENES").ok();
     let wanted = wanted.as_deref().and_then(|text| text.split_once("..")).map(|(from, to)| [from, to].map(str::parse));
     let [from, to] = wanted.map_or([1_000_000, 1_000_400_u64], |range| range.map(Result::unwrap));

@@ -6,14 +6,14 @@ use std::f64::consts::PI;
 
 use caudal::error::Error;
 use caudal::integrator::{Integrator, Method};
-use caudal::linear::BandMatrix;
+use caudal::linear::{BandMatrix, Direction};
 use caudal::metrics::Energy;
 use caudal::model::Dynamics;
 use caudal::modes::{Mode, ModeKind, Modes, lowest};
 use caudal::newton::Newton;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
-use caudal::system::{Direction, Linearisation, State, System};
+use caudal::system::{Linearisation, State, System};
 use common::{STUDY, rod, scene, scene_of};
 use faer::{Mat, Side};
 

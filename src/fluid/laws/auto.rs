@@ -1,7 +1,8 @@
 //! The law that fits the flow that a scene makes: slender-body theory where the fluid has no inertia, cross-flow where it has.
 
-use super::{Dependence, DragLaw, LawInputs, Published, SectionInput, cox, cross_flow};
-use crate::fluid::force::Validity;
+use super::{Dependence, DragLaw, LawInputs, SectionInput, cox, cross_flow};
+use crate::fluid::uncertainty::Published;
+use crate::fluid::validity::Validity;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {

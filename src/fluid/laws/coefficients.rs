@@ -1,8 +1,9 @@
 //! Resistance as an experiment gives it: ξ∥ and ξ⊥ along the rod, whatever the fluid.
 
 use super::resistance::{ACROSS, ALONG, Resistance};
-use super::{Dependence, DragLaw, Published, SectionInput};
-use crate::fluid::force::Validity;
+use super::{Dependence, DragLaw, SectionInput};
+use crate::fluid::uncertainty::Published;
+use crate::fluid::validity::Validity;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {

@@ -11,11 +11,12 @@ use std::f64::consts::PI;
 
 use wide::f64x2;
 
-use super::{Dependence, DragLaw, ForcesByCause, LawInputs, Published, SectionInput, Uncertainty};
-use crate::fluid::force::{Force, Validity};
+use super::{Dependence, DragLaw, ForcesByCause, LawInputs, SectionInput};
+use crate::fluid::force::Force;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
-use crate::fluid::range::{Bound, DimensionlessNumber, STEADY};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::linear::{Number, Pair, Real};
 use crate::rod::{HalfEdge, Section};
 

@@ -1,9 +1,9 @@
 //! Nonlocal drag: regularised Stokeslets along the rod, see [`nonlocal`](crate::fluid::nonlocal).
 
-use super::{Dependence, DragLaw, LawInputs, Published, SectionInput, Uncertainty};
-use crate::fluid::force::Validity;
+use super::{Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::nonlocal::{Nonlocal, least_spacing};
-use crate::fluid::range::{Bound, DimensionlessNumber, STEADY};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 
 /// Least height over radius beside a wall: of a long cylinder beside a plane, 2πμ/acosh(h/a) along and twice that across, drag is 1.2 and
 /// 3.2 % low there, 5 and 9 % at 2, 31 and 36 % at 1.2.

@@ -2,10 +2,11 @@
 
 use wide::f64x2;
 
-use crate::fluid::force::{Force, Validity};
+use crate::fluid::force::Force;
 use crate::fluid::laws::{DragLaw, LawInputs};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{Fluid, Key, VISCOSITY};
+use crate::fluid::validity::Validity;
 
 /// A linear law: each half of an edge knows its coefficients ξ∥ and ξ⊥, over the viscosity where they are in proportion to it.
 #[derive(Debug)]

@@ -3,9 +3,9 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, Dependence, DragLaw, LawInputs, Published, SectionInput, Uncertainty};
-use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, DimensionlessNumber, STEADY};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::rod::HalfEdge;
 
 /// What is known of it.

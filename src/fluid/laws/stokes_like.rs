@@ -6,10 +6,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::{RATIO, Resistance};
-use super::{CREEPING, Dependence, DragLaw, LawInputs, Published, SectionInput};
-use crate::fluid::force::Validity;
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
 use crate::fluid::medium::VISCOSITY;
-use crate::fluid::range::{Bound, DimensionlessNumber};
+use crate::fluid::uncertainty::Published;
+use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::rod::HalfEdge;
 
 /// What is known of it.

@@ -3,9 +3,9 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, Dependence, DragLaw, LawInputs, Published, SectionInput, Uncertainty, cox};
-use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, DimensionlessNumber};
+use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput, cox};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::rod::HalfEdge;
 
 /// What is known of it.

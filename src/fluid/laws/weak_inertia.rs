@@ -15,11 +15,11 @@ use std::f64::consts::{FRAC_PI_4, LN_2, PI, TAU};
 
 use wide::f64x2;
 
-use super::{Dependence, DragLaw, Published, SLENDER, SectionInput, Uncertainty};
-use crate::fluid::force::Validity;
+use super::{Dependence, DragLaw, SLENDER, SectionInput};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
-use crate::fluid::range::{Bound, DimensionlessNumber};
+use crate::fluid::uncertainty::{Published, Uncertainty};
+use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::linear::{Number, Real};
 
 /// What is known of it.

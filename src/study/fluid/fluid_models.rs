@@ -3,9 +3,10 @@
 use std::fmt;
 
 use crate::error::Result;
-use crate::fluid::force::Validity;
-use crate::fluid::laws::{DragLaw, LAWS, Uncertainty, auto};
+use crate::fluid::laws::{DragLaw, LAWS, auto};
 use crate::fluid::reactive::COUNTS;
+use crate::fluid::uncertainty::Uncertainty;
+use crate::fluid::validity::Validity;
 use crate::scene::Scene;
 
 /// A drag law, with or without the reactive force (the added mass of the water).

@@ -8,10 +8,22 @@ use std::fmt;
 
 use nalgebra::Complex;
 
-use super::force::{Forces, Validity};
-use super::laws::{DragLaw, LAWS};
-use crate::regime::TransverseMotion;
+use super::medium::Fluid;
 use crate::rod::Rod;
+
+/// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
+/// time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TransverseMotion {
+    /// Velocity w across it, m/s.
+    pub speed: f64,
+    /// ρw/μ where each node is, 1/m.
+    pub per_depth: f64,
+    /// ρ|V|/μ of a head body, of its velocity V in all directions, 1/m.
+    pub body: f64,
+    /// Density and viscosity where the rod is.
+    pub fluid: Fluid,
+}
 
 /// What the numbers of a motion are made from.
 #[derive(Debug, Clone, Copy)]
@@ -216,6 +228,17 @@ fn short(x: f64) -> String {
     }
 }
 
+/// What is known of how far a force may be believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Validity {
+    /// Where it holds, so far as no number says it.
+    pub range: &'static str,
+    /// The numbers of the motion between which it holds.
+    pub bounds: &'static [Bound],
+    /// Who says so.
+    pub source: &'static str,
+}
+
 impl Validity {
     /// Where the force holds, in words.
     pub fn in_words(&self) -> String {
@@ -240,53 +263,5 @@ impl Validity {
             .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()));
         let all: Vec<String> = in_words.collect();
         (!all.is_empty()).then(|| all.join("; "))
-    }
-}
-
-/// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
-/// change where another law is taken; nothing where it cannot be.
-pub fn left(
-    forces: &Forces,
-    motion: &FlowConditions<'_>,
-    without: impl Fn(&'static DragLaw) -> Option<String>,
-) -> Vec<String> {
-    let mut said: Vec<(Vec<&str>, String)> = Vec::new();
-    for force in forces.iter() {
-        let validity = force.validity();
-        let Some(beyond) = validity.beyond(motion) else { continue };
-        let text = format!("{beyond}{}", others(force.name(), validity.bounds, motion, &without));
-        match said.iter_mut().find(|(_, other)| *other == text) {
-            Some((names, _)) => names.push(force.name()),
-            None => said.push((vec![force.name()], text)),
-        }
-    }
-    let in_words = |(names, text): (Vec<&str>, String)| match &names[..] {
-        [name] => format!("{name} is outside its range: {text}"),
-        names => format!("{} are outside their range: {text}", names.join(" and ")),
-    };
-    said.into_iter().map(in_words).collect()
-}
-
-/// What would hold in place of a force: laws of drag, or form drag on the head body.
-fn others(
-    name: &str,
-    bounds: &[Bound],
-    motion: &FlowConditions<'_>,
-    without: impl Fn(&'static DragLaw) -> Option<String>,
-) -> String {
-    if bounds.iter().any(|bound| bound.scale == DimensionlessNumber::BodyReynolds && bound.left(motion).is_some()) {
-        return "; head_body.form_drag_along and head_body.form_drag_across add form drag".to_string();
-    }
-    if !LAWS.iter().any(|law| law.name == name) {
-        return String::new();
-    }
-    let holds =
-        |law: &&&DragLaw| law.name != name && law.is_offered(motion.height.is_some()) && law.validity.holds(motion);
-    let name = |law: &&'static DragLaw| Some(format!("\"{}\"{}", law.name, without(law)?));
-    let names: Vec<String> = LAWS.iter().filter(holds).filter_map(name).collect();
-    match &names[..] {
-        [] => String::new(),
-        [one] => format!("; drag.law = {one} holds there"),
-        [rest @ .., last] => format!("; drag.law = {} or {last} holds there", rest.join(", ")),
     }
 }

@@ -1,0 +1,65 @@
+//! How far results are published to be from the truth, by Reynolds number.
+
+/// What is known of how far results are from the truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Published {
+    /// At rising Reynolds numbers; empty where nothing is known.
+    pub table: &'static [Uncertainty],
+    /// Who says so, or what it was found by.
+    pub source: &'static str,
+}
+
+impl Published {
+    /// Nothing.
+    pub const NOTHING: Self = Self { table: &[], source: "" };
+
+    /// What it says at a Reynolds number, linear in its logarithm; beyond the ends of the table that of the end.
+    pub fn at(&self, reynolds: f64) -> Option<Uncertainty> {
+        let after = self.table.partition_point(|entry| entry.reynolds <= reynolds);
+        let (before, next) = (self.table.get(after.wrapping_sub(1)), self.table.get(after));
+        let (Some(from), Some(to)) = (before, next) else { return before.or(next).copied() };
+        let part = (reynolds / from.reynolds).ln() / (to.reynolds / from.reynolds).ln();
+        let between = |a: f64, b: f64| a + part * (b - a);
+        Some(Uncertainty {
+            reynolds,
+            speed: between(from.speed, to.speed),
+            thrust: between(from.thrust, to.thrust),
+            power: between(from.power, to.power),
+        })
+    }
+}
+
+/// How far results may be from the truth at a Reynolds number, relative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uncertainty {
+    /// Reynolds number of the depth.
+    pub reynolds: f64,
+    /// Of the speed of a free swimmer.
+    pub speed: f64,
+    /// Of the thrust on a held head.
+    pub thrust: f64,
+    /// Of the power that goes into the fluid.
+    pub power: f64,
+}
+
+impl Uncertainty {
+    /// An entry of a table.
+    pub const fn at(reynolds: f64, [speed, thrust, power]: [f64; 3]) -> Self {
+        Self { reynolds, speed, thrust, power }
+    }
+
+    /// That of two independent causes.
+    pub fn with(self, other: Self) -> Self {
+        Self {
+            speed: self.speed.hypot(other.speed),
+            thrust: self.thrust.hypot(other.thrust),
+            power: self.power.hypot(other.power),
+            ..self
+        }
+    }
+
+    /// Of speed or, of a held head, thrust, and of power.
+    pub fn measured(&self, held: bool) -> [f64; 2] {
+        [if held { self.thrust } else { self.speed }, self.power]
+    }
+}

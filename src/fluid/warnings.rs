@@ -1,0 +1,53 @@
+//! What to say of forces that a motion takes out of their range, and which laws of drag hold there.
+
+use super::force::Forces;
+use super::laws::{DragLaw, LAWS};
+use super::validity::{Bound, DimensionlessNumber, FlowConditions};
+
+/// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
+/// change where another law is taken; nothing where it cannot be.
+pub fn out_of_range(
+    forces: &Forces,
+    motion: &FlowConditions<'_>,
+    without: impl Fn(&'static DragLaw) -> Option<String>,
+) -> Vec<String> {
+    let mut said: Vec<(Vec<&str>, String)> = Vec::new();
+    for force in forces.iter() {
+        let validity = force.validity();
+        let Some(beyond) = validity.beyond(motion) else { continue };
+        let text = format!("{beyond}{}", others(force.name(), validity.bounds, motion, &without));
+        match said.iter_mut().find(|(_, other)| *other == text) {
+            Some((names, _)) => names.push(force.name()),
+            None => said.push((vec![force.name()], text)),
+        }
+    }
+    let in_words = |(names, text): (Vec<&str>, String)| match &names[..] {
+        [name] => format!("{name} is outside its range: {text}"),
+        names => format!("{} are outside their range: {text}", names.join(" and ")),
+    };
+    said.into_iter().map(in_words).collect()
+}
+
+/// What would hold in place of a force: laws of drag, or form drag on the head body.
+fn others(
+    name: &str,
+    bounds: &[Bound],
+    motion: &FlowConditions<'_>,
+    without: impl Fn(&'static DragLaw) -> Option<String>,
+) -> String {
+    if bounds.iter().any(|bound| bound.scale == DimensionlessNumber::BodyReynolds && bound.left(motion).is_some()) {
+        return "; head_body.form_drag_along and head_body.form_drag_across add form drag".to_string();
+    }
+    if !LAWS.iter().any(|law| law.name == name) {
+        return String::new();
+    }
+    let holds =
+        |law: &&&DragLaw| law.name != name && law.is_offered(motion.height.is_some()) && law.validity.holds(motion);
+    let name = |law: &&'static DragLaw| Some(format!("\"{}\"{}", law.name, without(law)?));
+    let names: Vec<String> = LAWS.iter().filter(holds).filter_map(name).collect();
+    match &names[..] {
+        [] => String::new(),
+        [one] => format!("; drag.law = {one} holds there"),
+        [rest @ .., last] => format!("; drag.law = {} or {last} holds there", rest.join(", ")),
+    }
+}
