@@ -10,6 +10,7 @@ use std::ffi::{c_char, c_int};
 use std::hint::black_box;
 use std::sync::Arc;
 
+use caudal::linear::Direction;
 use caudal::linear::{BandMatrix, BlockBand, FaerLu, FallbackSolver, LinearSolver, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::scene::Document;

@@ -5,6 +5,7 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
+use caudal::linear::Direction;
 use caudal::linear::{BandMatrix, FallbackSolver, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;

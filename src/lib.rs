@@ -72,49 +72,31 @@
 
 pub use nalgebra;
 
-// From the ground up: each module imports only from those above it.
+// From the ground up: each module imports only from those above it (`tests/layers.rs`). Folders that are no public modules group
+// several, in the order of their `mod.rs`.
+
 pub mod error;
+
 pub mod files;
-pub mod linear;
+
 pub mod number_format;
-pub mod system;
 
-pub mod newton;
+mod numerics;
 
-pub mod rod;
+mod physics;
 
-pub mod actuation;
-pub mod fluid;
-pub mod head;
-pub mod start;
+mod measure;
 
-pub mod model;
-pub mod regime;
-pub mod spectrum;
-
-pub mod integrator;
-pub mod metrics;
-
-pub mod cycle;
 #[cfg(feature = "faer")]
-pub mod linear_stability;
-#[cfg(feature = "faer")]
-pub mod modes;
+mod analysis;
+
 pub mod reduced;
 
 pub mod scene;
 
-pub mod variable;
+mod simulation;
 
-pub mod stepper;
-
-#[cfg(feature = "faer")]
-pub mod assessment;
-#[cfg(feature = "report")]
-pub mod batch;
-#[cfg(feature = "faer")]
-mod diagnostics;
-pub mod verification;
+mod checks;
 
 pub mod sensitivity;
 
@@ -125,18 +107,24 @@ pub mod report;
 
 pub mod fmu;
 
-#[cfg(feature = "report")]
-pub mod distributed;
+mod workflows;
 
-pub mod run;
-
-#[cfg(feature = "report")]
-pub mod study;
-
-#[cfg(feature = "report")]
-pub mod sweep;
-
-#[cfg(feature = "design")]
-pub mod design;
-
+#[cfg(feature = "faer")]
+pub use analysis::{linear_stability, modes};
+#[cfg(feature = "faer")]
+pub use checks::assessment;
+#[cfg(feature = "faer")]
+pub(crate) use checks::diagnostics;
+pub use checks::verification;
 pub use error::{Error, Result};
+pub use measure::{cycle, metrics, regime, spectrum};
+pub use numerics::{integrator, linear, newton, system};
+pub use physics::{actuation, fluid, head, model, rod, start};
+#[cfg(feature = "report")]
+pub use simulation::batch;
+pub use simulation::{stepper, variable};
+#[cfg(feature = "design")]
+pub use workflows::design;
+pub use workflows::run;
+#[cfg(feature = "report")]
+pub use workflows::{distributed, study, sweep};

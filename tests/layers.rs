@@ -182,6 +182,7 @@ fn modules_import_only_what_stands_above_them_in_lib_rs() {
             }
         }
     }
+    wrong.dedup();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 

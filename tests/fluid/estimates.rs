@@ -8,6 +8,7 @@ use std::fmt::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::choices::speed_across;
 use caudal::fluid::laws::DragLaw;
 use caudal::reduced::MotionAndPower;
 use caudal::reduced::fluid_estimates::{FluidEstimate, MIN_ERROR};

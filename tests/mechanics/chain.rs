@@ -4,6 +4,7 @@ use crate::common;
 use std::path::Path;
 use std::sync::Arc;
 
+use caudal::linear::Direction;
 use caudal::linear::{ChainMatrix, PivotedBand, Riccati, SolverChoice};
 use caudal::model::{Dynamics, chain};
 use caudal::newton::Newton;

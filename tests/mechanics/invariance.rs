@@ -8,6 +8,7 @@ use std::sync::Arc;
 use caudal::fluid::laws::LAWS;
 use caudal::head::{HeadMotion, Signal};
 use caudal::linear::BandMatrix;
+use caudal::linear::Direction;
 use caudal::metrics::Measurements;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;

@@ -4,6 +4,7 @@ use crate::common;
 use std::sync::Arc;
 
 use caudal::linear::BandMatrix;
+use caudal::linear::Direction;
 use caudal::metrics::Measurements;
 use caudal::model::{Dynamics, Model};
 use caudal::rod::bend::{self, Joint};

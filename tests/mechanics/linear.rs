@@ -3,6 +3,7 @@
 use crate::common;
 use std::sync::Arc;
 
+use caudal::linear::Direction;
 use caudal::linear::{BandMatrix, BlockBand, FaerLu, FallbackSolver, LinearSolver, PivotedLu, SolverChoice};
 use caudal::model::Dynamics;
 use caudal::system::{Linearisation, System};

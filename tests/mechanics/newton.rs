@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use caudal::error::{Error, Result};
 use caudal::integrator::StepControl;
+use caudal::linear::Direction;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::rod::node;

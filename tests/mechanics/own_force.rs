@@ -9,6 +9,7 @@ use caudal::fluid::audit::{audit, audit_parameter};
 use caudal::fluid::force::{EdgeForce, ForceAccumulator, StateDerivatives};
 use caudal::fluid::validity::Validity;
 use caudal::fluid::{Force, Key, Kinematics, PowerKind};
+use caudal::linear::Direction;
 use caudal::linear::{BandMatrix, Block};
 use caudal::model::{Dynamics, Model};
 use caudal::modes::Matrices;

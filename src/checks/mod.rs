@@ -1,0 +1,9 @@
+//! What is said of a scene before it runs and of a run after its end.
+
+#[cfg(feature = "faer")]
+pub mod assessment;
+
+#[cfg(feature = "faer")]
+pub(crate) mod diagnostics;
+
+pub mod verification;

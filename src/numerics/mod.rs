@@ -1,0 +1,9 @@
+//! Numerical methods, which know no rod: linear solvers, Newton's method, time integration.
+
+pub mod linear;
+
+pub mod system;
+
+pub mod newton;
+
+pub mod integrator;

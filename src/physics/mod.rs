@@ -1,0 +1,13 @@
+//! The rod and all that acts on it, which know no time step; a [`model`] is all of them as one system.
+
+pub mod rod;
+
+pub mod actuation;
+
+pub mod fluid;
+
+pub mod head;
+
+pub mod start;
+
+pub mod model;
