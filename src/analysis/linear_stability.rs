@@ -135,7 +135,7 @@ impl SteadyState {
     /// seen from there.
     ///
     /// # Errors
-    /// [`Unsteady`] where there is no rest, or none is found.
+    /// [`NoSteadyState`] where there is no rest, or none is found.
     pub fn of(model: Model) -> std::result::Result<Self, NoSteadyState> {
         Self::found(model, None)
     }
@@ -143,7 +143,7 @@ impl SteadyState {
     /// The same that is next to `positions` (m, two entries per node).
     ///
     /// # Errors
-    /// [`Unsteady`] where there is no rest, or none is found.
+    /// [`NoSteadyState`] where there is no rest, or none is found.
     pub fn near(model: Model, positions: &[f64]) -> std::result::Result<Self, NoSteadyState> {
         Self::found(model, Some(positions))
     }

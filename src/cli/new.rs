@@ -131,6 +131,11 @@ fn asked<T: Copy>(
     }
 }
 
+/// A number without the rounding error of the product that it is.
+fn short(x: f64) -> String {
+    format!("{:e}", format!("{x:.11e}").parse().unwrap_or(x))
+}
+
 /// The scene, with a word on every key.
 fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, frequency: f64) -> String {
     let [viscosity, density] = fluid.properties();
@@ -143,30 +148,31 @@ fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, freq
         false => (5.1e5 * by_inertia).max(1.3e7 * by_viscosity),
     };
     let depth = 0.1 * length;
-    let (period, profile) = (1.0 / frequency, [0.01, 0.0275, 0.0225, 0.005].map(|part| part * length));
+    let (period, profile) = (1.0 / frequency, [0.01, 0.0275, 0.0225, 0.005].map(|part| short(part * length)));
     let radius = match swims {
         true => format!(
-            "[[0.0, {:e}], [0.1, {:e}], [0.6, {:e}], [1.0, {:e}]]   # a number, or points [xi, value] along it",
+            "[[0.0, {}], [0.1, {}], [0.6, {}], [1.0, {}]]   # a number, or points [xi, value] along it",
             profile[0], profile[1], profile[2], profile[3]
         ),
-        false => format!("{:e}", 0.02 * length),
+        false => short(0.02 * length),
     };
     let actuation = match swims {
         true => format!(
             r#"
 [actuation]                        # the natural curvature that muscles or motors ask for
 kind = "travelling-wave"
-kappa_amp = {:e}                # curvature, 1/m
+kappa_amp = {}                # curvature, 1/m
 frequency_hz = {frequency}
-wavelength_m = {:e}
+wavelength_m = {}
 envelope = [0.3, 0.7]              # grows from 0.3 of it at the head to 1 at the tip
 
 [start]                            # bends from straight over the first period
 kind = "ramp"
-ramp_s = {period:e}
+ramp_s = {}
 "#,
-            5.6 / length,
-            0.8 * length
+            short(5.6 / length),
+            short(0.8 * length),
+            short(period)
         ),
         false => String::new(),
     };
@@ -207,12 +213,12 @@ density_kg_m3 = {density:.1}
 law = "auto"                       # the law that holds for the flow of this motion; `caudal check` says which
 {head}
 [solver]                           # without time_step_s the steps are chosen by their estimated error
-duration_s = {:e}               # ten periods
+duration_s = {}               # ten periods
 
 [record]
-interval_s = {:e}             # a hundredth of a period
+interval_s = {}             # a hundredth of a period
 "#,
-        10.0 * period,
-        0.01 * period
+        short(10.0 * period),
+        short(0.01 * period)
     )
 }

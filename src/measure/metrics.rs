@@ -277,12 +277,15 @@ impl CrossFlowSquares {
             let fluid = dynamics.fluid_at(node(&state.q, 0));
             sums.body = (node(&state.v, 0) - fluid.flow).norm_squared() * (fluid.density / fluid.viscosity).powi(2);
         }
+        // In a uniform medium the ratio is the same at every edge.
+        let with_ratio = |fluid: Fluid| (fluid, (fluid.density / fluid.viscosity).powi(2));
+        let uniform = inputs.layers.is_none().then(|| with_ratio(inputs.fluid));
         for e in edges {
-            let fluid = dynamics.fluid_at(node(&state.q, e));
+            let (fluid, ratio) = uniform.unwrap_or_else(|| with_ratio(dynamics.fluid_at(node(&state.q, e))));
             let velocity = (node(&state.v, e) + node(&state.v, e + 1)) * 0.5 - fluid.flow;
             let square = tangent[e].perp(&velocity).powi(2) * share;
             sums.speed += square;
-            sums.per_depth += square * (fluid.density / fluid.viscosity).powi(2);
+            sums.per_depth += square * ratio;
             sums.density += fluid.density * share;
             sums.viscosity += fluid.viscosity * share;
         }

@@ -108,7 +108,7 @@ impl Newton {
     /// length, of the last iteration or of the next one that its rate of convergence spares.
     ///
     /// # Errors
-    /// Those of [`Chosen::new`].
+    /// Those of [`FallbackSolver::new`].
     pub fn new(nodes: usize, tolerance: f64) -> Result<Self> {
         Self::with(Form::Positions, SolverChoice::default(), nodes, tolerance)
     }
@@ -118,7 +118,7 @@ impl Newton {
     /// directions (rad) counts as well, times the length.
     ///
     /// # Errors
-    /// Those of [`Chosen::new`].
+    /// Those of [`FallbackSolver::new`].
     pub fn with(form: Form, linear: SolverChoice, nodes: usize, tolerance: f64) -> Result<Self> {
         let (equations, unknowns) = match form {
             Form::Positions => {

@@ -354,7 +354,7 @@ impl FluidChoice {
                     highest.name(),
                     estimates.in_words(limits)
                 ),
-                None => "there is no other law to compare it with".to_string(),
+                None => "none of the other laws that it may take holds here".to_string(),
             }
         } else {
             format!(

@@ -88,7 +88,7 @@ impl ChartAxis {
                 let log = f64::from(power) + f64::from(digit).log10();
                 if inside(log) {
                     let shown = high - low < 2.5 && [2, 5].contains(&digit);
-                    let label = if shown { number(f64::from(digit) * 10.0_f64.powi(power)) } else { String::new() };
+                    let label = if shown { tick_label(digit, power) } else { String::new() };
                     ticks.push((place(log), label));
                 }
             }
@@ -184,10 +184,16 @@ fn round_step(step: f64) -> f64 {
 
 /// The label of a power of ten.
 fn power_of_ten(power: i32) -> String {
-    if (-3..=4).contains(&power) {
-        return number(10.0_f64.powi(power));
+    tick_label(1, power)
+}
+
+/// The label of a digit times a power of ten.
+fn tick_label(digit: u32, power: i32) -> String {
+    match digit {
+        _ if (-3..=4).contains(&power) => number(f64::from(digit) * 10.0_f64.powi(power)),
+        1 => format!("10{}", superscript(power)),
+        _ => format!("{digit}·10{}", superscript(power)),
     }
-    format!("10{}", superscript(power))
 }
 
 /// An integer in superscript digits.

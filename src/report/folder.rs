@@ -255,18 +255,23 @@ impl Folder {
         if *claim == Claim::Force {
             return Ok(());
         }
-        let occupied =
-            |holds: String| Err(Error::Occupied { path: self.path.clone(), holds, wanted: owner.to_string() });
+        let occupied = |holds: String, wanted: String| Err(Error::Occupied { path: self.path.clone(), holds, wanted });
         if let Some(other) = other {
             let same_name = (&other.kind, &other.name) == (&owner.kind, &owner.name);
-            let by = if same_name { format!(" by another file, {}", other.source.display()) } else { String::new() };
-            return occupied(format!("{other}{by}"));
+            return match same_name {
+                true => occupied(
+                    format!("{other} by another file, {}", other.source.display()),
+                    format!("by {}", owner.source.display()),
+                ),
+                false => occupied(other.to_string(), owner.to_string()),
+            };
         }
         let foreign: Vec<&str> = certain.iter().copied().filter(|name| there(name) && !manifest.lists(name)).collect();
         match foreign.is_empty() {
             true => Ok(()),
             false => {
-                occupied(format!("{}, which no {MANIFEST} lists (an older caudal wrote none)", foreign.join(", ")))
+                let holds = format!("{}, which no {MANIFEST} lists (an older caudal wrote none)", foreign.join(", "));
+                occupied(holds, owner.to_string())
             }
         }
     }

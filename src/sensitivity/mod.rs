@@ -1,7 +1,7 @@
 //! Exact derivatives of a simulation: of any recorded [`Output`] by stiffness, natural curvature and scalar
 //! [`Parameter`]s.
 //!
-//! A method of one stage solves f(t, q, v, a; p) = 0 with q = q* + A a, v = v* + B a (`Rule`). With J = M + A f_q + B f_v
+//! A method of one stage solves f(t, q, v, a; p) = 0 with q = q* + A a, v = v* + B a (`StepWeights`). With J = M + A f_q + B f_v
 //! and derivatives Q, V, … of q, v, … by p, that is
 //!
 //! J (Q − Q*) = −A (f_q Q* + f_v V* + f_p), of which the derivatives of a and v follow.

@@ -41,7 +41,7 @@ impl ActuationKind {
     }
 }
 
-/// What kinds are made from. What a kind needs is there, by its [`Kind::needs`].
+/// What kinds are made from. What a kind needs is there, by its [`ActuationKind::needs`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActuationInputs<'a> {
     /// Number of nodes.

@@ -272,7 +272,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     fn is_the_same_everywhere(&self) -> bool;
 
     /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one. The fluid
-    /// is known: the same [`everywhere`](Kinematics::everywhere), or what was found [`along`](Around::along) `edges`.
+    /// is known: the same [`everywhere`](Kinematics::everywhere), or what was found [`along`](FluidAlong::along) `edges`.
     fn evaluate(
         &self,
         rod: &Kinematics<'_>,
@@ -448,7 +448,7 @@ impl Forces {
         self.iter().any(Force::is_inertial)
     }
 
-    /// The one that depends on the motion of all nodes at once, see [`Force::whole`].
+    /// The one that depends on the motion of all nodes at once, see [`Force::global`].
     pub fn whole(&self) -> Option<&dyn Force> {
         self.iter().find(|force| force.global().is_some())
     }
@@ -472,7 +472,7 @@ impl Forces {
     }
 
     /// Assembles `rod`, which moves as `moving` says, with all forces, see [`Deformed::assemble`]; `room` has room for
-    /// [`TOGETHER`] edges.
+    /// [`EDGES_PER_BLOCK`] edges.
     pub fn assemble(
         &self,
         rod: Deformed<'_>,
@@ -561,7 +561,7 @@ impl Forces {
     }
 }
 
-/// Forces that act around a rod; their sum is in `room`, which has room for [`TOGETHER`] edges.
+/// Forces that act around a rod; their sum is in `room`, which has room for [`EDGES_PER_BLOCK`] edges.
 #[derive(Debug)]
 pub struct ExternalForces<'a> {
     /// The forces: those before one that is compiled into the pass, and those after it.
@@ -779,7 +779,7 @@ pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], 
     }
 }
 
-/// The transpose of [`add_change`], of a force that is not [`whole`](Force::whole): adds to `by` the derivatives of Σ c·F over the
+/// The transpose of [`add_change`], of a force that is not [`whole`](Force::global): adds to `by` the derivatives of Σ c·F over the
 /// ends of `edges`, c the `cotangent` of a node.
 pub fn add_slopes(
     force: &dyn Force,

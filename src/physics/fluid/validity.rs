@@ -165,7 +165,7 @@ const COX: f64 = 0.1931;
 /// Form drag of a cylinder.
 const FORM: f64 = 1.1;
 
-/// Up to which [`Scale::Unsteady`] laws of steady drag hold.
+/// Up to which [`DimensionlessNumber::Unsteady`] laws of steady drag hold.
 pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 
 /// Between which values of a number of the motion a force holds.

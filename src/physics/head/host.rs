@@ -1,12 +1,13 @@
-//! A head that a host moves. The host says where the head is, and how it moves where it knows; from this and what it said
-//! before follows the motion over the step: the [`Course`](Axis) that the words foretell, and what is left of the last one.
+//! A head that a host moves: the extrapolation of its pose between communication points. The host says where the head is, and how it
+//! moves where it knows. From these samples follows the motion over the step: the [extrapolation](CoordinateExtrapolation) of each
+//! coordinate, and what is left of the last one.
 //!
-//! Every coordinate is on its own, and is the scene's until the host speaks of it. The foretold course is the polynomial
-//! through the last word, with the derivatives that it gave, and through those before it, up to degree 5; of these degrees it
-//! takes the one that would have foretold the last two words best, so a smooth motion is continued at a high order and one
-//! that jumps, or is known with noise, is not carried away: it stays there, or goes on as fast as it was foretold to go before. Where the new course does not start as the head moves now, the
-//! difference dies away in a quintic: value, rate and acceleration go on without a jump. It takes as long as the
-//! host's longest recent step, however short the present one is.
+//! Each coordinate is on its own, and is the scene's until the host sets it. Its extrapolation is the polynomial through the last
+//! sample, with the derivatives that it gave, and through the samples before it, up to degree 5. Of these degrees it takes the one that
+//! would have predicted the last two samples best. So a smooth motion is continued at a high order, and one that jumps, or is known
+//! with noise, is not carried away: it stays, or continues as fast as it was predicted to. Where the new extrapolation does not start
+//! as the head moves now, the difference decays in a quintic: value, rate and acceleration are continuous. The decay takes as long as
+//! the host's longest recent step, however short the present one is.
 
 use serde::{Deserialize, Serialize};
 

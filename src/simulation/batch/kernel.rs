@@ -53,7 +53,7 @@ struct BatchedRods {
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
     /// Lengths of the halves of each edge, and drag coefficients along and across them, see
-    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag. `in_pass` is the index of that drag among the forces.
+    /// [`coefficients`](crate::fluid::force::FusedForce::coefficients); empty without drag. `in_pass` is the index of that drag among the forces.
     drag: Vec<[PairLanes; 3]>,
     in_pass: Option<usize>,
     /// Least and largest length of an edge.

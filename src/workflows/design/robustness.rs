@@ -178,7 +178,10 @@ impl Robustness {
         let gain = self.gain_percent.unwrap_or(f64::NAN);
         match (self.survives, self.least_percent) {
             (true, Some(least)) => {
-                format!("the gain of {gain:.2} % survives: it is {least:.2} % at least, with {}", self.least_in)
+                format!(
+                    "the gain of {gain:.2} % survives: the least that the other simulations find is {least:.2} %, with {}",
+                    self.least_in
+                )
             }
             (_, Some(_)) if gain <= 0.0 => "no gain: the design is no better than what was before".to_string(),
             (_, Some(least)) => {

@@ -52,7 +52,7 @@ pub enum Dependence {
     /// On the edge there and its motion: matrices are banded, and derivatives exact.
     Edge,
     /// On the motion of the whole rod: Newton's matrix is dense, and a step on N nodes costs N³. It takes one fluid all around, and
-    /// has neither a chain form nor derivatives by positions, see [`Force::whole`].
+    /// has neither a chain form nor derivatives by positions, see [`Force::global`].
     Rod {
         /// The least spacing of nodes, m.
         least_spacing: fn(&LawInputs<'_>) -> f64,
