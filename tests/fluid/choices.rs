@@ -697,7 +697,7 @@ fn where_there_is_nothing_to_compare_with_no_error_is_claimed() {
         .replace("name = \"flag\"", "reactive = \"auto\"");
     let choice = scene_of(&flag, &["drag.law=auto"]).fluid_choice().unwrap().clone();
     println!("{}", choice.reason);
-    assert!(choice.errors.is_none() && choice.reason.contains("no other law"), "{choice:?}");
+    assert!(choice.errors.is_none() && choice.reason.contains("none of the other laws"), "{choice:?}");
 }
 
 #[test]

@@ -15,7 +15,7 @@ import caudal
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs/src"
 PAGES = sorted(DOCS.rglob("*.md"))
-REFERENCE = DOCS / "reference.md"
+EXAMPLE = DOCS / "scene-by-example.md"
 OUTSIDE = [ROOT / name for name in ["README.md", "DESIGN.md", "CHANGELOG.md", "CONTRIBUTING.md", "bindings/python/README.md"]]
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -167,7 +167,7 @@ def read_by_now(page):
     return order[: order.index(page)]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page != REFERENCE and any(kind != "text" for kind, _ in blocks_of(page))], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [page for page in PAGES if page != EXAMPLE and any(kind != "text" for kind, _ in blocks_of(page))], ids=lambda page: page.stem)
 def test_the_snippets_of_a_page_run_as_printed(page, folder, capsys):
     """In their order, in the folder of a reader: it has the models, the swimmer of the first page, and what earlier pages said to save."""
     need_packages_of(page.read_text())
@@ -213,8 +213,8 @@ def test_the_c_programs_of_a_page_compile(page, tmp_path):
         assert compiled.returncode == 0, compiled.stderr
 
 
-def test_the_scenes_of_the_reference_are_taken_as_printed(tmp_path):
-    text = REFERENCE.read_text()
+def test_the_scenes_by_example_are_taken_as_printed(tmp_path):
+    text = EXAMPLE.read_text()
     blocks = [block for kind, block in BLOCK.findall(text) if kind == "toml"]
     page = text[text.index("## A scene in one page") :]
     whole = BLOCK.search(page)[2]
