@@ -83,7 +83,7 @@ fn a_step_allocates_nothing_whatever_the_method_the_form_and_the_head() {
 #[test]
 fn a_step_in_water_allocates_nothing_whatever_the_law_of_drag() {
     for law in LAWS.iter().filter(|law| law.needs.is_empty()) {
-        for form in ["positions", "chain"].into_iter().filter(|form| *form == "positions" || !law.is_whole()) {
+        for form in ["positions", "chain"].into_iter().filter(|form| *form == "positions" || !law.is_nonlocal()) {
             let (form, law) = (format!("solver.form={form}"), format!("drag.law={}", law.name));
             let changes = [SILICONE, WAVE, WATER, &law, "reactive.shedding=1.0", "rod.nodes=33", &form];
             let method = Method::named("generalized-alpha").unwrap();

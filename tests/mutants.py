@@ -8,8 +8,8 @@ or a condition lost, x for y, two fields or arguments exchanged. Mutants are dra
 an environment variable turns on, so there is one build. Each test then runs alone once: how long it takes and which switches it passes
 are kept. A mutant is tried by the tests that pass its switch, the short ones first, until one fails or hangs.
 
-Everything is kept in FOLDER (target/mutants): a call with the same seed and count goes on where the last one stopped. The table of
-survivors is FOLDER/survivors.md. Literals in constants, patterns and macros are not changed; uses of numeric constants are.
+Everything is kept in target/mutants/COMMIT-SEED-COUNT: a call for the same commit, seed and count goes on where the last one stopped.
+The table of survivors is survivors.md there. Literals in constants, patterns and macros are not changed; uses of numeric constants are.
 """
 
 import argparse
@@ -195,7 +195,7 @@ class Source:
             for a, b in zip(fields, fields[1:]):
                 a, b = a.child_by_field_name("value"), b.child_by_field_name("value")
                 if self.raw(a) != self.raw(b):
-                    self.sites.append((a, "fields exchanged", (b, self.raw(a), self.raw(b))))
+                    self.add(a, "fields exchanged", (b, self.raw(a), self.raw(b)))
 
     def switched(self, mutants, module):
         """The text with the switches of `mutants`, (id, site) of this file."""
@@ -401,13 +401,13 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=150)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--folder", type=Path, default=ROOT / "target/mutants")
     parser.add_argument("--without-python", action="store_true", help="leave the tests of the Python package out")
     parser.add_argument("--only", type=int, nargs="+", help="try these mutants again")
     options = parser.parse_args()
     needed("tree_sitter")
     needed("tree_sitter_rust")
-    folder = options.folder.resolve()
+    commit = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+    folder = ROOT / f"target/mutants/{commit}-{options.seed}-{options.count}"
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / "mutants.json"
     mutants = json.loads(kept.read_text()) if kept.exists() else instrument(folder, options.seed, options.count)
@@ -436,7 +436,7 @@ def main():
             results_file.write_text(json.dumps(results, indent=1))
             print(f"{mutant['file']}:{mutant['line']} {mutant['kind']}: {result['caught'] or 'SURVIVED'}", flush=True)
     rows = [m for m in mutants if not results[str(m["id"])]["caught"]]
-    lines = [f"{len(mutants) - len(rows)} of {len(mutants)} mutants caught, seed {options.seed}", "",
+    lines = [f"{len(mutants) - len(rows)} of {len(mutants)} mutants caught, commit {commit}, seed {options.seed}", "",
              "| place | was | is | tests that pass it |", "|---|---|---|---|"]
     for m in rows:
         by = len(results[str(m["id"])]["passed by"])

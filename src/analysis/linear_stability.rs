@@ -150,7 +150,7 @@ impl SteadyState {
 
     fn found(mut model: Model, near: Option<&[f64]>) -> std::result::Result<Self, NoSteadyState> {
         let unsteady = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
-        if let Some(law) = model.forces.whole() {
+        if let Some(law) = model.forces.global() {
             let found = law.name();
             let problem = format!(
                 "{found:?} has no matrix of a band, which eigenvalues are found from; allowed here: a law for each edge, as \"cox\""

@@ -158,7 +158,7 @@ impl Matrices {
     /// # Errors
     /// Those of [`System::assemble`].
     pub fn of(rod: &Rod, outside: Option<Surroundings>) -> Result<Self> {
-        let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.whole().is_none());
+        let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.global().is_none());
         let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
         let mut along = |direction: Direction| {

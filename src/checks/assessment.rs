@@ -405,18 +405,19 @@ impl Assessment {
         );
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
         let wave = scene.wavelength();
-        let recipe = LawInputs {
+        let law_inputs = LawInputs {
             wavelength: wave,
             frequency: Spectrum::of_model(model).strongest(),
             height: motion.height.unwrap_or(f64::INFINITY),
             ..LawInputs::plain(rod)
         };
         let radius = rod.sections.largest_radius();
-        let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);
+        let slender =
+            |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&law_inputs) / radius).ln() >= SLENDER);
         let offered = |law: &DragLaw| law.is_offered(motion.height.is_some()) && !own.contains(&law.name);
         let others = LAWS.iter().filter(|law| offered(law) && slender(law) && law.validity.holds(&motion));
         let says = |law: &&DragLaw| {
-            let [t, n] = coefficients(&Forces(vec![(law.build)(&recipe)]))?;
+            let [t, n] = coefficients(&Forces(vec![(law.build)(&law_inputs)]))?;
             let percent = |x: f64, own: f64| signed(100.0 * (x / own - 1.0), 0);
             Some(format!("{} {} % along, {} % across", law.name, percent(t, along), percent(n, across)))
         };
@@ -730,8 +731,8 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     let Model { rod, forces, .. } = model;
     let own = || forces.resistance(rod, fluid);
     let local = || {
-        let recipe = LawInputs { wavelength: scene.wavelength(), ..LawInputs::plain(rod) };
-        Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, fluid)
+        let law_inputs = LawInputs { wavelength: scene.wavelength(), ..LawInputs::plain(rod) };
+        Forces(vec![(laws::DEFAULT.build)(&law_inputs)]).resistance(rod, fluid)
     };
     let [_, across] = if scene.has_nonlocal_drag() { local() } else { own() }?;
     Some(across)

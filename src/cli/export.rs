@@ -19,7 +19,7 @@ use super::{Prepared, SceneArguments, exit, output_folder, print_error, refuse, 
 
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
-pub struct Arguments {
+pub struct ExportArguments {
     /// The folder of a run, or a scene; for --png and --pdf any folder with figures
     run: PathBuf,
     /// The overrides that the run was made with
@@ -66,7 +66,7 @@ pub struct Arguments {
     until: Option<f64>,
 }
 
-impl Arguments {
+impl ExportArguments {
     /// What the figures are turned into.
     fn formats(&self) -> Vec<PictureFormat> {
         let all = [(self.png, PictureFormat::Png), (self.pdf, PictureFormat::Pdf)];
@@ -89,7 +89,7 @@ impl Arguments {
 
 /// Figures are those in the folder. For all else a run is computed again, equal to the bit: its tables hold neither velocities
 /// nor moments.
-pub fn export(arguments: &Arguments) -> Result<ExitCode> {
+pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     if !arguments.run.exists() {
         let reason = "there is no such folder or scene; `caudal run SCENE` makes the folder of a run".to_string();
         return Ok(refuse(&Error::Read { path: arguments.run.clone(), reason }));

@@ -71,7 +71,7 @@ enum Command {
         json: bool,
     },
     /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
-    Sweep(sweep::Arguments),
+    Sweep(sweep::SweepArguments),
     /// Design the stiffness that a scene's [design] asks for: figures, numbers, and a scene with the designed profile
     #[cfg(feature = "design")]
     Design {
@@ -124,9 +124,9 @@ enum Command {
         scene: Option<PathBuf>,
     },
     /// Write a commented scene to begin with; asks what it is not told
-    New(new::Arguments),
+    New(new::NewArguments),
     /// Write a run for other programs: VTK for ParaView (pictures and films: caudal.run(...).plot() and .animate() in Python)
-    Export(export::Arguments),
+    Export(export::ExportArguments),
     /// Print the JSON Schema of scenes, by which editors complete and check them
     Schema {
         /// Of sweeps

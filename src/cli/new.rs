@@ -46,7 +46,7 @@ impl TemplateFluid {
 }
 
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct NewArguments {
     /// The file to write; asks what is not given, where it can
     file: PathBuf,
     /// What swims [default: swimmer]
@@ -70,8 +70,8 @@ pub struct Arguments {
 const LENGTHS: [f64; 2] = [1e-6, 1e3];
 const FREQUENCIES: [f64; 2] = [1e-4, 1e4];
 
-pub fn new(arguments: &Arguments) -> Result<ExitCode> {
-    let Arguments { file, force, .. } = arguments;
+pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
+    let NewArguments { file, force, .. } = arguments;
     if !force && file.exists() {
         print_error(&format!("{}: there already; --force replaces it", file.display()));
         return Ok(ExitCode::from(exit::WRONG_INPUT));

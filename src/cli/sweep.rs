@@ -17,7 +17,7 @@ use super::{exit, print_error, progress_bar_with, refuse, say, say_kept};
 
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct Arguments {
+pub struct SweepArguments {
     #[command(subcommand)]
     merge: Option<SweepAction>,
     #[command(flatten)]
@@ -73,7 +73,7 @@ impl SweepSource {
     }
 }
 
-pub fn sweep(arguments: &Arguments) -> Result<ExitCode> {
+pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode> {
     match (&arguments.merge, &arguments.sweep) {
         (Some(SweepAction::Merge { sweep, journals, partial }), _) => merge(sweep, journals, *partial),
         (None, Some(common)) if arguments.dry_run => list(common, arguments),
@@ -83,14 +83,14 @@ pub fn sweep(arguments: &Arguments) -> Result<ExitCode> {
 }
 
 /// The cases that `arguments` ask for.
-fn wanted(sweep: &Sweep, arguments: &Arguments) -> Vec<usize> {
+fn wanted(sweep: &Sweep, arguments: &SweepArguments) -> Vec<usize> {
     match arguments.shard {
         Some(shard) => shard.indices(sweep.size()),
         None => (0..sweep.size()).collect(),
     }
 }
 
-fn list(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
+fn list(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
     let cases = wanted(&sweep, arguments);
@@ -108,11 +108,11 @@ fn list(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn threads(arguments: &Arguments) -> usize {
+fn threads(arguments: &SweepArguments) -> usize {
     arguments.jobs.map_or_else(cores, usize::from)
 }
 
-fn run(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
+fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
     let mut cases = wanted(&sweep, arguments);

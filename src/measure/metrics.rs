@@ -107,8 +107,8 @@ impl Power {
     ) -> (f64, Vector2<f64>) {
         let (mut stored, mut momentum) = (0.0, Vector2::zeros());
         for force in forces.iter() {
-            self.add_powers(force.sink(), force::powers(force, rod), resultants);
-            if force.sink().is_none() {
+            self.add_powers(force.power_kind(), force::powers(force, rod), resultants);
+            if force.power_kind().is_none() {
                 let (energy, own) = force.stored(rod);
                 stored += energy;
                 momentum += own;
@@ -401,7 +401,7 @@ impl Measurements {
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let (mut stored, mut momentum) = (0.0, Vector2::zeros());
             for (i, force) in dynamics.model.forces.iter().enumerate() {
-                let (sink, (powers, (energy, own))) = (force.sink(), of_force(i, force));
+                let (sink, (powers, (energy, own))) = (force.power_kind(), of_force(i, force));
                 power.add_powers(sink, powers, resultants);
                 if sink.is_none() {
                     stored += energy;

@@ -643,7 +643,7 @@ impl Dynamics {
         let rate = course.rate();
         let keys = by_key(&rate.fluid, rate.layers.as_ref()).filter(|(_, change)| *change != 0.0);
         for (key, change) in keys {
-            for own in self.model.forces.iter().filter(|force| force.sink().is_none()) {
+            for own in self.model.forces.iter().filter(|force| force.power_kind().is_none()) {
                 let [energy, _] = own.add_by_parameter(key, rod, room);
                 power += change * energy;
                 let along = |axis| own.momentum_by_parameter(key, rod, axis);
@@ -675,7 +675,7 @@ impl Dynamics {
 
     /// The energy (J) of the loads that depend on the place `q`.
     fn placed(&self, q: &[f64]) -> f64 {
-        let loads = self.model.forces.iter().filter(|force| force.sink() == Some(PowerKind::Load));
+        let loads = self.model.forces.iter().filter(|force| force.power_kind() == Some(PowerKind::Load));
         loads.map(|load| load.energy(&self.kinematics_of(0.0, &self.edges, [q; 3]), 0.0, None)).sum()
     }
 
@@ -896,7 +896,7 @@ impl System for Dynamics {
     }
 
     fn coupling(&self) -> Option<&dyn Coupling> {
-        self.model.forces.whole().and_then(Force::global).map(|whole| whole as &dyn Coupling)
+        self.model.forces.global().and_then(Force::global).map(|whole| whole as &dyn Coupling)
     }
 
     fn assemble_chain(

@@ -267,9 +267,9 @@ impl DragTable {
             }
         }
         let rod = scene.rod_on(NODES[0] as usize); // sections and length are the same on any mesh
-        let recipe = self.recipe(scene, &rod)?;
+        let law_inputs = self.law_inputs(scene, &rod)?;
         let radius = rod.sections.largest_radius();
-        if let Some(slender) = law.slender.map(|slender| slender(&recipe)).filter(|slender| slender.is_finite()) {
+        if let Some(slender) = law.slender.map(|slender| slender(&law_inputs)).filter(|slender| slender.is_finite()) {
             let logarithm = (slender / radius).ln();
             if logarithm < SLENDER {
                 let allowed = format!("a body with ln(length/radius) of at least {SLENDER}");
@@ -281,12 +281,12 @@ impl DragTable {
         let reach = rod.sections.reach_across();
         if self.height_m.is_some_and(|height| height.get() <= reach) {
             let allowed = format!("above what the rod reaches across the plane of motion, {reach:e} m");
-            return fault("height_m", value::refused(format!("{:e} m", recipe.height), allowed));
+            return fault("height_m", value::refused(format!("{:e} m", law_inputs.height), allowed));
         }
         match law.reach {
             Dependence::Edge => Ok(()),
             Dependence::Rod { least_spacing, most_nodes } => {
-                self.check_nonlocal(scene, law, least_spacing(&recipe), most_nodes)
+                self.check_nonlocal(scene, law, least_spacing(&law_inputs), most_nodes)
             }
         }
     }
@@ -325,7 +325,7 @@ impl DragTable {
         Ok(())
     }
 
-    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<LawInputs<'a>, KeyError> {
+    fn law_inputs<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<LawInputs<'a>, KeyError> {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
         let profile =
             |along: &Option<NumberOrProfile<NotNegative>>| along.as_ref().map_or(0.0.into(), NumberOrProfile::profile);
@@ -385,7 +385,7 @@ impl DragTable {
     }
 
     fn build(&self, scene: &Scene, rod: &Rod) -> Result<Box<dyn Force>, KeyError> {
-        Ok((self.law()?.build)(&self.recipe(scene, rod)?))
+        Ok((self.law()?.build)(&self.law_inputs(scene, rod)?))
     }
 }
 
@@ -406,7 +406,7 @@ fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'
 impl Scene {
     /// True if drag is nonlocal: at each node it depends on the motion of the whole rod.
     pub fn has_nonlocal_drag(&self) -> bool {
-        self.drag.as_ref().and_then(|drag| drag.law().ok()).is_some_and(DragLaw::is_whole)
+        self.drag.as_ref().and_then(|drag| drag.law().ok()).is_some_and(DragLaw::is_nonlocal)
     }
 
     /// The scene in a steady flow of that velocity, m/s. Without effect if there is no medium.
@@ -446,7 +446,7 @@ impl Scene {
     pub fn fluid_model(&self, rod: &Rod) -> (Option<&'static DragLaw>, bool) {
         let law = self.drag.as_ref().and_then(|drag| {
             let law = drag.law().ok()?;
-            if law != &laws::auto::LAW { Some(law) } else { Some(laws::auto::taken(&drag.recipe(self, rod).ok()?)) }
+            if law != &laws::auto::LAW { Some(law) } else { Some(laws::auto::taken(&drag.law_inputs(self, rod).ok()?)) }
         });
         (law, self.reactive_on().is_some())
     }
@@ -460,7 +460,7 @@ impl Scene {
             let mut parts = ForcesByCause::new();
             let mut others = self.forces(rod)?.0;
             if let Some(drag) = &self.drag {
-                parts = drag.law()?.parts(&drag.recipe(self, rod)?);
+                parts = drag.law()?.parts(&drag.law_inputs(self, rod)?);
                 others.remove(0);
             }
             parts.extend(others.into_iter().map(|force| {
@@ -620,13 +620,13 @@ impl Scene {
         let reactive = self.reactive.is_some();
         let rod = self.rod_on(NODES[0] as usize);
         let motion = self.motion(&rod, estimates.regime.across);
-        let counts = reactive::COUNTS.left(&motion).is_none();
+        let counts = reactive::COUNTS.value_outside(&motion).is_none();
         self.fluid_choice = FluidChoice::of(&estimates, |law, with| {
             let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
             let water = if reactive_left { counts || !with } else { with == reactive };
             drag && water && !(with && self.excludes_added_mass())
         });
-        let is_below = LAWS.iter().any(|law| law.is_whole() && law.validity.holds(&motion));
+        let is_below = LAWS.iter().any(|law| law.is_nonlocal() && law.validity.holds(&motion));
         if let Some((law, changes)) = is_below.then(|| self.nonlocal_drag()).flatten()
             && let Some(taken) = &mut self.fluid_choice
         {
@@ -678,7 +678,8 @@ impl Scene {
                 match simulate(&model, span) {
                     Ok(ShortRunResult { means, motion }) => {
                         let regime = regime.get_or_insert_with(|| Regime::of(&model.rod, strongest, &motion));
-                        let counts = !reactive || reactive::COUNTS.left(&self.motion(&rod, regime.across)).is_none();
+                        let counts =
+                            !reactive || reactive::COUNTS.value_outside(&self.motion(&rod, regime.across)).is_none();
                         found.push((law, reactive, means, dropped, known(regime).filter(|_| counts)));
                     }
                     // A law out of its range may fail where the scene's own motion is none of its.
@@ -718,7 +719,7 @@ impl Scene {
         let (own, regime) = coarse.short_run().ok()?;
         let rod = coarse.rod_on(coarse.rod.nodes.get());
         let motion = coarse.motion(&rod, regime.across);
-        let law = LAWS.iter().copied().find(|law| law.is_whole() && law.validity.holds(&motion))?;
+        let law = LAWS.iter().copied().find(|law| law.is_nonlocal() && law.validity.holds(&motion))?;
         let (means, _) = coarse.with_fluid(law, reactive).ok()?.0.short_run().ok()?;
         Some((law, means.differences(&own)))
     }

@@ -461,12 +461,12 @@ impl OutputContext<'_> {
         g.natural[k] -= factor * stiffness;
     }
 
-    /// The energy stored by the forces with that `sink`, J (`rate` 0), or the power that they supply, W (1). Adds `factor` times its
+    /// The energy stored by the forces with that `kind` of power, J (`rate` 0), or the power that they supply, W (1). Adds `factor` times its
     /// derivatives.
-    fn stored(&self, sink: Option<PowerKind>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
+    fn stored(&self, kind: Option<PowerKind>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut sum = 0.0;
-        for force in self.bent.dynamics.model.forces.iter().filter(|force| force.sink() == sink) {
+        for force in self.bent.dynamics.model.forces.iter().filter(|force| force.power_kind() == kind) {
             sum += g.of_force(force, |by| match rate {
                 0 => force.energy(&moving, factor, Some(by)),
                 _ => force.energy_by_time(&moving, factor, Some(by)),
@@ -507,7 +507,7 @@ impl OutputContext<'_> {
         let moving = self.bent.kinematics();
         let mut power = 0.0;
         for of_fluid in [true, false] {
-            let chosen = |force: &dyn Force| force.sink() == Some(sink) && force.is_of_fluid() == of_fluid;
+            let chosen = |force: &dyn Force| force.power_kind() == Some(sink) && force.is_of_fluid() == of_fluid;
             let flow = |k: usize| if of_fluid { moving.flow(k) } else { Vector2::zeros() };
             let against = |k: usize| node(&self.bent.state.v, k) - flow(k);
             power += self.power_along(chosen, against, factor, g);
@@ -730,7 +730,7 @@ impl Quantity {
             }
             Self::HeadMoment => Self::JointMoment(0).add(at, factor, g),
             Self::Resultant(sink, i) => {
-                let chosen = |force: &dyn Force| force.sink() == sink;
+                let chosen = |force: &dyn Force| force.power_kind() == sink;
                 -at.power_along(chosen, |_| axis(i), -factor, g)
             }
             Self::JointMoment(k) => {
@@ -758,7 +758,7 @@ impl Quantity {
             Self::FluidMomentum(i) => {
                 let moving = at.bent.kinematics();
                 let mut momentum = 0.0;
-                for force in dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
+                for force in dynamics.model.forces.iter().filter(|force| force.power_kind().is_none()) {
                     momentum += g.of_force(force, |by| force.momentum(&moving, axis(i), factor, Some(by)));
                     for (key, by) in &mut g.keys {
                         // Linear in the density, and in nothing else.

@@ -81,7 +81,7 @@ impl Problem {
     /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
     pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
         scene.fits(&model)?;
-        let Some(law) = model.forces.whole() else { return Self::without_derivatives(scene, model) };
+        let Some(law) = model.forces.global() else { return Self::without_derivatives(scene, model) };
         let problem = format!(
             "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
             law.name()

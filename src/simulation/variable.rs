@@ -133,8 +133,9 @@ impl FeedthroughCondition {
             Self::InPositions => form != Form::Chain && !shape,
             Self::WithBuoyancy => {
                 let model = &dynamics.model;
-                let in_layers =
-                    |force: &dyn Force| force.sink() == Some(PowerKind::Load) && force.parameters().contains(&DENSITY);
+                let in_layers = |force: &dyn Force| {
+                    force.power_kind() == Some(PowerKind::Load) && force.parameters().contains(&DENSITY)
+                };
                 model.buoyancy.is_some() || model.forces.iter().any(in_layers)
             }
             Self::OfShape => shape,
@@ -631,11 +632,11 @@ fn has_inertial_fluid(model: &Model) -> bool {
 }
 
 fn has_spray(model: &Model) -> bool {
-    model.forces.iter().any(|force| force.sink() == Some(PowerKind::Spray))
+    model.forces.iter().any(|force| force.power_kind() == Some(PowerKind::Spray))
 }
 
 fn has_other_forces(model: &Model) -> bool {
-    model.forces.iter().any(|force| !force.is_of_fluid() && force.sink() != Some(PowerKind::Load))
+    model.forces.iter().any(|force| !force.is_of_fluid() && force.power_kind() != Some(PowerKind::Load))
 }
 
 fn has_body(model: &Model) -> bool {

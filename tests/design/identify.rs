@@ -100,7 +100,7 @@ fn derivatives_by_every_number_of_every_law_are_those_of_whole_simulations() {
     const CURRENT: [&str; 3] =
         ["medium.flow_m_s=[-0.2, 0.6]", "loads={ gravity_m_s2 = [10.0, -40.0] }", "rod.youngs_modulus_pa=1e9"];
     let (mut worst, mut count) = (0.0_f64, 0);
-    for law in LAWS.iter().filter(|law| !law.is_whole()) {
+    for law in LAWS.iter().filter(|law| !law.is_nonlocal()) {
         // The slopes of weak inertia jump where its length stops at its limit, which is far outside its range.
         let viscosities = if law.name == "weak-inertia" { [10.0, 20.0] } else { [1.0, 0.02] };
         let viscosities = viscosities.map(|viscosity| format!("medium.viscosity_pa_s={viscosity}"));
@@ -163,7 +163,7 @@ fn derivatives_by_every_number_of_every_law_are_those_of_whole_simulations() {
         }
     }
     println!("{count} derivatives, worst {worst:.1e}");
-    assert!(count >= 4 * 2 * 2 * LAWS.iter().filter(|law| !law.is_whole()).count());
+    assert!(count >= 4 * 2 * 2 * LAWS.iter().filter(|law| !law.is_nonlocal()).count());
 }
 
 /// What the data are made with, and the unknowns of the scene that does not know it.

@@ -501,7 +501,7 @@ fn what_drag_of_the_whole_rod_would_change_is_said_where_it_holds() {
     let (law, [motion, power]) = sperm.nonlocal_drag().unwrap();
     println!("{}: {motion} {power}", law.name);
     // Of the whole run: 17 %; the coarse motion has 17 nodes.
-    assert!(law.is_whole() && (0.12..0.25).contains(&power), "{power}");
+    assert!(law.is_nonlocal() && (0.12..0.25).contains(&power), "{power}");
     let eel = scene_of(include_str!("../../models/eel.toml"), &[]);
     assert!(eel.nonlocal_drag().is_none());
 }

@@ -42,9 +42,9 @@ fn applied(force: &dyn Force, q: &[f64], v: &[f64]) -> (Vector3<f64>, f64) {
 }
 
 /// Drag of a straight rod along and across itself, at speed one.
-fn straight(law: &DragLaw, recipe: &LawInputs<'_>) -> [f64; 2] {
-    let force = (law.build)(recipe);
-    let q: Vec<f64> = (0..recipe.rod.nodes).flat_map(|k| [recipe.rod.arc_length(k), 0.0]).collect();
+fn straight(law: &DragLaw, law_inputs: &LawInputs<'_>) -> [f64; 2] {
+    let force = (law.build)(law_inputs);
+    let q: Vec<f64> = (0..law_inputs.rod.nodes).flat_map(|k| [law_inputs.rod.arc_length(k), 0.0]).collect();
     [0, 1].map(|axis| {
         let v: Vec<f64> = (0..q.len()).map(|i| f64::from(u8::from(i % 2 == axis))).collect();
         -applied(&*force, &q, &v).0[axis]
@@ -103,8 +103,8 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
     }
     let mut range = [[f64::INFINITY, 0.0_f64]; 2];
     for height in [0.03, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0] {
-        let recipe = LawInputs { height, ..plain.clone() };
-        let [local, whole] = [&wall::LAW, &nonlocal::LAW].map(|law| straight(law, &recipe));
+        let law_inputs = LawInputs { height, ..plain.clone() };
+        let [local, whole] = [&wall::LAW, &nonlocal::LAW].map(|law| straight(law, &law_inputs));
         for i in 0..2 {
             let ratio = local[i] / whole[i];
             range[i] = [range[i][0].min(ratio), range[i][1].max(ratio)];
@@ -113,9 +113,9 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
     println!("law \"wall\" over nonlocal, along and across: {range:.3?}");
     // Where the wall is near, a long cylinder is in two dimensions: 2πμ/acosh(h/a) and twice that, of its middle.
     let middle = |height: f64| {
-        let recipe = LawInputs { height, ..plain.clone() };
+        let law_inputs = LawInputs { height, ..plain.clone() };
         let fluid = Fluid { density: 1.0, viscosity: 1.0, ..Fluid::NONE };
-        let found = Forces(vec![(nonlocal::LAW.build)(&recipe)]).coefficients(&rod, fluid, 1.0).unwrap();
+        let found = Forces(vec![(nonlocal::LAW.build)(&law_inputs)]).coefficients(&rod, fluid, 1.0).unwrap();
         let exact = 2.0 * PI / (height / 0.01).acosh();
         [found[0] / exact - 1.0, found[1] / (2.0 * exact) - 1.0]
     };
@@ -127,7 +127,7 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
             .validity
             .bounds
             .iter()
-            .filter(|bound| bound.scale == DimensionlessNumber::Height)
+            .filter(|bound| bound.number == DimensionlessNumber::Height)
             .all(|b| near >= b.least);
         assert_eq!(holds, off.iter().all(|off| off.abs() < 0.04), "{near}: {off:?}");
     }
@@ -424,16 +424,16 @@ fn local_laws_are_as_far_off_in_speed_and_power_as_the_table_says() {
         let rod = rod(NODES, radius);
         for waves in [1.0, 2.0] {
             let wavelength = 1.0 / waves;
-            let recipe = LawInputs { wavelength: Some(wavelength), ..LawInputs::plain(&rod) };
-            let whole = LawInputs { slender_length: Some(1.0), ..recipe.clone() };
-            let by_arc = [(cox::LAW.build)(&recipe), (cox::LAW.build)(&whole), (lighthill::LAW.build)(&recipe)];
-            let nonlocal = (nonlocal::LAW.build)(&recipe);
+            let law_inputs = LawInputs { wavelength: Some(wavelength), ..LawInputs::plain(&rod) };
+            let whole = LawInputs { slender_length: Some(1.0), ..law_inputs.clone() };
+            let by_arc = [(cox::LAW.build)(&law_inputs), (cox::LAW.build)(&whole), (lighthill::LAW.build)(&law_inputs)];
+            let nonlocal = (nonlocal::LAW.build)(&law_inputs);
             for amplitude in [0.5_f64, 1.0] {
                 // Gray and Hancock's λ is that along the axis: a wavelength of the rod reaches Λ⟨cos θ⟩.
                 let axial = (0..64).map(|i| (amplitude * (TAU * f64::from(i) / 64.0).cos()).cos() / 64.0).sum::<f64>();
                 let [along, across] = brennen_winet(axial * wavelength, radius);
-                let later = LawInputs { along: along.into(), across: across.into(), ..recipe.clone() };
-                let first = LawInputs { slender_length: Some(axial * wavelength), ..recipe.clone() };
+                let later = LawInputs { along: along.into(), across: across.into(), ..law_inputs.clone() };
+                let first = LawInputs { slender_length: Some(axial * wavelength), ..law_inputs.clone() };
                 let by_axis = [(coefficients::LAW.build)(&later), (gray_hancock::LAW.build)(&first)];
                 let of = |law: &dyn Force| {
                     let [bare, power] = swim(law, NODES, amplitude, waves, 0.0);

@@ -125,17 +125,17 @@ const EULER: f64 = 0.577_215_664_901_532_9;
 /// N s/m² along and across a rod of radius 0.01 m and length 1 m by `law`, in a fluid of unit viscosity.
 fn resistance(law: &DragLaw, set: impl FnOnce(&mut LawInputs<'_>)) -> [f64; 2] {
     let rod = rod(&scene(&["rod.length_m=1.0", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
-    let mut recipe = LawInputs::plain(&rod);
-    set(&mut recipe);
+    let mut law_inputs = LawInputs::plain(&rod);
+    set(&mut law_inputs);
     let fluid = Fluid { density: 1000.0, viscosity: 1.0, ..Fluid::NONE };
-    Forces(vec![(law.build)(&recipe)]).coefficients(&rod, fluid, 1e-9).unwrap()
+    Forces(vec![(law.build)(&law_inputs)]).coefficients(&rod, fluid, 1e-9).unwrap()
 }
 
 #[test]
 fn laws_of_creeping_flow_have_the_coefficients_of_their_sources() {
     // Worked out from the papers' formulas with an independent calculator; ℒ/a = 100, Λ/a = 50, h/a = 1.5 and 30.
-    let slender = |length: f64| move |recipe: &mut LawInputs<'_>| recipe.slender_length = Some(length);
-    let beside = |height: f64| move |recipe: &mut LawInputs<'_>| recipe.height = height;
+    let slender = |length: f64| move |law_inputs: &mut LawInputs<'_>| law_inputs.slender_length = Some(length);
+    let beside = |height: f64| move |law_inputs: &mut LawInputs<'_>| law_inputs.height = height;
     let cases: [(&str, [f64; 2], [f64; 2]); 6] = [
         ("cox", resistance(&cox::LAW, slender(1.0)), COX),
         ("lighthill", resistance(&lighthill::LAW, slender(0.5)), LIGHTHILL),
@@ -198,8 +198,8 @@ fn a_cylinder_that_oscillates_along_or_across_itself_has_the_drag_of_stokes() {
     let rod = rod(&scene(&["rod.length_m=1e9", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
     for swinging in [1e-6, 1e-4, 1e-3, 1e-2, 0.05] {
         let frequency = Some(swinging * viscosity / density / (a * a) / TAU);
-        let recipe = LawInputs { slender_length: Some(1e30), frequency, ..LawInputs::plain(&rod) };
-        let forces = Forces(vec![(weak_inertia::LAW.build)(&recipe)]);
+        let law_inputs = LawInputs { slender_length: Some(1e30), frequency, ..LawInputs::plain(&rod) };
+        let forces = Forces(vec![(weak_inertia::LAW.build)(&law_inputs)]);
         let found = forces.coefficients(&rod, Fluid { density, viscosity, ..Fluid::NONE }, 1e-30).unwrap();
         let exact = TAU * viscosity * along_itself(swinging);
         let [along, across] = [found[0] / exact, found[1] / (2.0 * exact)];

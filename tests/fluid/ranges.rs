@@ -114,7 +114,7 @@ fn every_printed_number_of_a_range_is_the_one_that_is_judged() {
     for law in LAWS {
         let words = law.validity.in_words();
         println!("{}: {words}", law.name);
-        let reynolds = law.validity.bounds.iter().find(|bound| bound.scale == DimensionlessNumber::Reynolds);
+        let reynolds = law.validity.bounds.iter().find(|bound| bound.number == DimensionlessNumber::Reynolds);
         for bound in law.validity.bounds {
             assert!(words.contains(&bound.to_string()), "{}: {words}", law.name);
         }

@@ -29,7 +29,7 @@ fn rod() -> Rod {
 
 /// All laws and forces of the program on that rod.
 fn all(rod: &Rod) -> Vec<Box<dyn Force>> {
-    let recipe = LawInputs {
+    let law_inputs = LawInputs {
         wavelength: Some(0.5),
         frequency: Some(1.5),
         head: HeadWeight { weight: 3.0, length: 0.13 },
@@ -40,7 +40,7 @@ fn all(rod: &Rod) -> Vec<Box<dyn Force>> {
         turbulent_friction: Some(0.004),
         ..LawInputs::plain(rod)
     };
-    let mut forces: Vec<Box<dyn Force>> = LAWS.iter().map(|law| (law.build)(&recipe)).collect();
+    let mut forces: Vec<Box<dyn Force>> = LAWS.iter().map(|law| (law.build)(&law_inputs)).collect();
     forces.push(Box::new(Reactive::new(rod)));
     forces.push(Box::new(Wake::new(rod, 0.8)));
     let body = Spheroid { along: 0.1, across: 0.04 };
@@ -76,9 +76,10 @@ impl Case {
     fn in_layers(mut self, force: &dyn Force, dice: &mut Dice) -> Self {
         let angle = dice.between(-3.0, 3.0);
         let down = Vector2::new(0.3, -9.8).normalize();
-        let normal = if force.sink() == Some(PowerKind::Load) { down } else { Vector2::new(angle.cos(), angle.sin()) };
+        let normal =
+            if force.power_kind() == Some(PowerKind::Load) { down } else { Vector2::new(angle.cos(), angle.sin()) };
         let along = Vector2::new(normal.y, -normal.x);
-        let sheared = if force.sink() == Some(PowerKind::Drag) { 1.0 } else { 0.0 };
+        let sheared = if force.power_kind() == Some(PowerKind::Drag) { 1.0 } else { 0.0 };
         let heights: Vec<f64> = (0..NODES).map(|k| normal.dot(&node(&self.parts[0], k))).collect();
         let low = heights.iter().copied().fold(f64::INFINITY, f64::min);
         let size = heights.iter().fold(0.2, |most: f64, h| most.max(h - low));
@@ -276,7 +277,7 @@ fn a_force_changes_with_its_parameters_as_it_says() {
 fn energies_have_the_slopes_that_they_say_and_their_rate_is_the_power_against_the_fluid() {
     // Measured: slopes 5.9e-12 (reactive), rate 6.0e-10.
     worst("energy", 1e-8, |force, case, dice| {
-        if !matches!(force.sink(), None | Some(PowerKind::Load)) {
+        if !matches!(force.power_kind(), None | Some(PowerKind::Load)) {
             return 0.0;
         }
         let change = change(&rod(), dice);
@@ -302,7 +303,7 @@ fn energies_have_the_slopes_that_they_say_and_their_rate_is_the_power_against_th
 fn the_momentum_of_the_fluid_gains_what_opposes_the_rod_and_the_pull_and_its_energy_the_power() {
     // By their exact slopes. Measured: 3.1e-15 (reactive), 6.0e-15 (inertia of a head body).
     worst("momentum and energy", 1e-12, |force, case, _| {
-        if force.sink().is_some() {
+        if force.power_kind().is_some() {
             return 0.0;
         }
         case.with(|rod| {
@@ -330,7 +331,7 @@ fn drag_takes_energy_whatever_the_motion_and_vanishes_with_it() {
     let rod = rod();
     // What acts on the whole rod at once takes energy from motions that the mesh resolves: tests/fluid/nonlocal.rs.
     let forces =
-        all(&rod).into_iter().filter(|force| force.sink() != Some(PowerKind::Load) && force.global().is_none());
+        all(&rod).into_iter().filter(|force| force.power_kind() != Some(PowerKind::Load) && force.global().is_none());
     for force in forces {
         for seed in 0..120 {
             let mut dice = Dice(seed);

@@ -116,7 +116,7 @@ fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
     set("solver.time_step_s", &number(0.004 / frequency, SECOND));
     set("solver.duration_s", &number(0.12 / frequency, SECOND));
     set("solver.newton_tolerance", "1e-12");
-    if dice.between(0.0, 1.0) < 0.5 && !headed && !law.is_whole() {
+    if dice.between(0.0, 1.0) < 0.5 && !headed && !law.is_nonlocal() {
         // A level interface through the rod, and a flow along it.
         let along = dice.between(-0.2, 0.2);
         set("medium.flow_m_s", &both([along * gravity[1], -along * gravity[0]], SPEED));

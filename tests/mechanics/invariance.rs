@@ -130,7 +130,7 @@ fn scenes() -> Vec<Scene> {
         let taken = values.iter().filter(|(key, _)| law.keys.contains(key));
         let mut changes: Vec<String> = taken.map(|(key, value)| format!("drag.{key}={value}")).collect();
         changes.push(format!("drag.law={}", law.name));
-        changes.extend(law.is_whole().then(|| "drag.head_weight=1.0".to_string()));
+        changes.extend(law.is_nonlocal().then(|| "drag.head_weight=1.0".to_string()));
         let water = ["reactive.shedding=0.8", "rod.depth_m=[[0, 0.05], [1, 0.2]]", "loads.buoyancy=true"];
         let around = ["loads.gravity_m_s2=[0.3,-9.8]", "medium.flow_m_s=[0.4,-0.2]"];
         changes.extend(water.iter().chain(&around).map(ToString::to_string));

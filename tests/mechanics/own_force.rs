@@ -131,7 +131,7 @@ impl Force for AddedMass {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         None
     }
 
@@ -255,7 +255,7 @@ impl Force for Spring {
         false
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         None
     }
 
@@ -364,7 +364,7 @@ impl Force for Mistaken {
         self.everywhere
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         None
     }
 

@@ -274,7 +274,8 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
 fn towing(dynamics: &Dynamics, speed: f64) -> (f64, f64, Vec<(Key, f64)>) {
     let model = &dynamics.model;
     force::straight(&model.rod, dynamics.inputs.fluid, [-speed, 0.0], |towed| {
-        let drags = || model.forces.iter().filter(|force| force.sink() == Some(PowerKind::Drag) && force.is_of_fluid());
+        let drags =
+            || model.forces.iter().filter(|force| force.power_kind() == Some(PowerKind::Drag) && force.is_of_fluid());
         let along = |values: &[f64]| values.iter().step_by(2).sum::<f64>();
         let entries = towed.v.len();
         let [mut q, mut v, mut a] = [0, 1, 2].map(|_| vec![0.0; entries]);

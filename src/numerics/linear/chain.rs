@@ -203,14 +203,14 @@ impl Affine {
 
 /// What the part of the rod beyond a cut opposes its motion (x, θ) there with: −F_x, −F_y, −M.
 #[derive(Debug, Clone, Copy, Default)]
-struct TipwardRod {
+struct CondensedRod {
     force: [Affine; 2],
     moment: Affine,
 }
 
 /// The same of the start of an edge, its force along it and across.
 #[derive(Debug, Clone, Copy, Default)]
-struct CarriedByEdge {
+struct CondensedEdge {
     along: Affine,
     across: Affine,
     moment: Affine,
@@ -281,7 +281,7 @@ fn block([xx, xy, yx, yy]: [f64; 4]) -> Matrix2<f64> {
     Matrix2::new(xx, xy, yx, yy)
 }
 
-impl TipwardRod {
+impl CondensedRod {
     /// The last node, seen from the end of the edge before it.
     fn tip(row: &ChainRow, rhs: &[f64], plain: RowCoefficients) -> Self {
         let [xx, xy, yx, yy] = row.own;
@@ -294,7 +294,7 @@ impl TipwardRod {
 
     /// Carried over an edge, from its end to its start.
     #[inline(always)]
-    fn carried(&self, row: &ChainRow, edge: &Edge) -> CarriedByEdge {
+    fn carried(&self, row: &ChainRow, edge: &Edge) -> CondensedEdge {
         let (t, [slip, length]) = (edge.t, row.lever);
         let [x, y] = self.force;
         let [along, across] = [x * t.x + y * t.y, y * t.x - x * t.y].map(|force| force.carried(edge));
@@ -303,11 +303,11 @@ impl TipwardRod {
         let across = across - along * (edge.compliance * across.along(t));
         let moment = self.moment.carried(edge) - along * (edge.compliance * self.moment.along(t));
         let moment = moment + Affine([0.0, 0.0, -row.by_angle, edge.couple]) + along * slip + across * length;
-        CarriedByEdge { along, across, moment }
+        CondensedEdge { along, across, moment }
     }
 }
 
-impl CarriedByEdge {
+impl CondensedEdge {
     /// The moment with the joint before it.
     #[inline(always)]
     fn jointed(&self, joint: &Joint) -> Affine {
@@ -317,7 +317,7 @@ impl CarriedByEdge {
 
     /// With its first node, and the joint there.
     #[inline(always)]
-    fn joined(&self, row: &ChainRow, joint: &Joint, rhs: &[f64; UNKNOWNS_PER_NODE]) -> TipwardRod {
+    fn joined(&self, row: &ChainRow, joint: &Joint, rhs: &[f64; UNKNOWNS_PER_NODE]) -> CondensedRod {
         let moment = self.jointed(joint);
         let theta = Affine([0.0, 0.0, 1.0, joint.turn]) - moment * joint.flexibility; // of the edge beyond
         let [tx, ty] = row.t;
@@ -329,7 +329,7 @@ impl CarriedByEdge {
         let force = force.map(|(Affine([x, y, by_theta, rest]), on_node, after)| {
             Affine(on_node) + Affine([x, y, 0.0, rest]) + theta * (by_theta + after)
         });
-        TipwardRod { force, moment }
+        CondensedRod { force, moment }
     }
 }
 
@@ -345,7 +345,7 @@ impl CarriedByEdge {
 #[derive(Debug)]
 pub struct Riccati {
     /// One an edge: of its start the force, of its end the moment.
-    beyond: Vec<CarriedByEdge>,
+    beyond: Vec<CondensedEdge>,
     /// The band LU, made when it is first needed.
     lu: Option<Box<Band>>,
 }
@@ -353,7 +353,7 @@ pub struct Riccati {
 impl Riccati {
     /// Prepares for matrices of `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
-        Self { beyond: vec![CarriedByEdge::default(); nodes - 1], lu: None }
+        Self { beyond: vec![CondensedEdge::default(); nodes - 1], lu: None }
     }
 
     /// Writes A⁻¹ `rhs` to `x`, values that are not finite where A is singular; true if that took the band LU.
@@ -378,11 +378,11 @@ impl Riccati {
         let ([rows @ .., tip], (rhs, rhs_tip)) = (&matrix.rows[..], rhs.as_chunks::<UNKNOWNS_PER_NODE>()) else {
             return f64::NAN;
         };
-        let mut part = TipwardRod::tip(tip, rhs_tip, plain);
-        let mut first = CarriedByEdge::default();
+        let mut part = CondensedRod::tip(tip, rhs_tip, plain);
+        let mut first = CondensedEdge::default();
         for ((row, rhs), beyond) in rows.iter().zip(rhs).zip(&mut self.beyond).rev() {
             first = part.carried(row, &plain.edge(row, rhs));
-            *beyond = CarriedByEdge { moment: part.moment, ..first };
+            *beyond = CondensedEdge { moment: part.moment, ..first };
             part = first.joined(row, &plain.joint(row, rhs), rhs);
         }
         let ([head, ..], [rhs_head, ..]) = (rows, rhs) else { return f64::NAN };
@@ -396,7 +396,7 @@ impl Riccati {
             moment = plain.moment(head, rhs_head);
             // A joint that lets the moment through, and no edge before it.
             let through = Joint { flexibility: 0.0, turn: 0.0 };
-            let TipwardRod { force: [Affine(x), Affine(y)], moment: Affine(m) } =
+            let CondensedRod { force: [Affine(x), Affine(y)], moment: Affine(m) } =
                 first.joined(head, &through, rhs_head);
             let whole = Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], m[0], m[1], m[2]);
             let Some(motion) = whole.lu().solve(&-Vector3::new(x[3], y[3], m[3] + moment)) else { return f64::NAN };

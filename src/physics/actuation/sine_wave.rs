@@ -15,7 +15,7 @@ pub static KIND: ActuationKind = ActuationKind {
     name: "sine-wave",
     keys: &["wavelength_m", "slope"],
     needs: &["wavelength_m", "slope"],
-    build: |recipe| Box::new(TravellingWave::of(recipe, 1.0, harmonics(recipe.slope, recipe.wavelength).into_iter())),
+    build: |inputs| Box::new(TravellingWave::of(inputs, 1.0, harmonics(inputs.slope, inputs.wavelength).into_iter())),
 };
 
 /// The steepest slope: harmonics up to about the 200th count then.

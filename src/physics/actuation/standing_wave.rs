@@ -9,5 +9,5 @@ pub static KIND: ActuationKind = ActuationKind {
     keys: &["kappa_amp", "kappa_reference_length_m", "harmonics"],
     needs: &["kappa_amp"],
     // A wave that is infinitely long.
-    build: |recipe| Box::new(TravellingWave::new(&ActuationInputs { wavelength: f64::INFINITY, ..*recipe })),
+    build: |inputs| Box::new(TravellingWave::new(&ActuationInputs { wavelength: f64::INFINITY, ..*inputs })),
 };

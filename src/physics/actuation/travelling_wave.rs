@@ -10,7 +10,7 @@ pub static KIND: ActuationKind = ActuationKind {
     name: "travelling-wave",
     keys: &["kappa_amp", "kappa_reference_length_m", "wavelength_m", "harmonics"],
     needs: &["kappa_amp", "wavelength_m"],
-    build: |recipe| Box::new(TravellingWave::new(recipe)),
+    build: |inputs| Box::new(TravellingWave::new(inputs)),
 };
 
 /// A travelling wave of any shape, as a sum of sines, with a linear envelope.
@@ -37,20 +37,20 @@ struct Harmonic {
 }
 
 impl TravellingWave {
-    /// The wave that `recipe` describes.
-    pub fn new(recipe: &ActuationInputs<'_>) -> Self {
-        let orders = std::iter::once(&1.0).chain(recipe.harmonics).zip(1..);
+    /// The wave that `inputs` describes.
+    pub fn new(inputs: &ActuationInputs<'_>) -> Self {
+        let orders = std::iter::once(&1.0).chain(inputs.harmonics).zip(1..);
         let orders = orders.filter(|(size, _)| **size != 0.0).map(|(size, order)| (f64::from(order), *size));
-        Self::of(recipe, recipe.reference_length, orders)
+        Self::of(inputs, inputs.reference_length, orders)
     }
 
-    /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n) with envelope and wavelength of `recipe`.
-    pub fn of(recipe: &ActuationInputs<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
-        let ActuationInputs { nodes, spacing, envelope, wavelength, .. } = *recipe;
+    /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n) with envelope and wavelength of `inputs`.
+    pub fn of(inputs: &ActuationInputs<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
+        let ActuationInputs { nodes, spacing, envelope, wavelength, .. } = *inputs;
         let harmonic = |(order, part): (f64, f64)| {
             let at = |k: usize| {
-                let size = spacing / length * (envelope[0] + envelope[1] * recipe.xi(k)) * part;
-                let (sin, cos) = (order * (TAU * recipe.place(k) * spacing / wavelength)).sin_cos();
+                let size = spacing / length * (envelope[0] + envelope[1] * inputs.xi(k)) * part;
+                let (sin, cos) = (order * (TAU * inputs.place(k) * spacing / wavelength)).sin_cos();
                 [size * cos, size * sin]
             };
             Harmonic { order, size: part, table: (0..nodes).map(at).collect() }

@@ -228,7 +228,7 @@ impl TrialMotion {
         let at = |h: f64| vec![self.moved([dq, dv, da], Vector2::zeros(), h).stored(force)];
         let exact: f64 = by.iter().zip(&change).map(|(by, d)| dot(by, d)).sum();
         found.add("energy(): its slopes", apart(&[exact], &difference(at), stored.abs()));
-        if !matches!(force.sink(), None | Some(PowerKind::Load)) {
+        if !matches!(force.power_kind(), None | Some(PowerKind::Load)) {
             return;
         }
         let (power, given) = self.with(|rod| (powers(force, rod).against_fluid, force.energy_by_time(rod, 0.0, None)));

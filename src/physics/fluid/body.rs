@@ -330,7 +330,7 @@ impl Force for BodyInertia {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         None
     }
 

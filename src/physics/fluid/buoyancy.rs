@@ -51,7 +51,7 @@ impl Force for Buoyancy {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Load)
     }
 

@@ -360,7 +360,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// Where what it takes for good goes: all of its power where it stores no energy. `None`: it takes nothing.
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Drag)
     }
 
@@ -449,7 +449,7 @@ impl Forces {
     }
 
     /// The one that depends on the motion of all nodes at once, see [`Force::global`].
-    pub fn whole(&self) -> Option<&dyn Force> {
+    pub fn global(&self) -> Option<&dyn Force> {
         self.iter().find(|force| force.global().is_some())
     }
 
@@ -557,7 +557,7 @@ impl Forces {
 
     /// Those of a fluid that drag takes power by.
     fn drags(&self) -> impl Iterator<Item = &dyn Force> + Clone {
-        self.iter().filter(|force| force.sink() == Some(PowerKind::Drag) && force.is_of_fluid())
+        self.iter().filter(|force| force.power_kind() == Some(PowerKind::Drag) && force.is_of_fluid())
     }
 }
 

@@ -84,7 +84,7 @@ impl Force for FroudeKrylov {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Flow)
     }
 

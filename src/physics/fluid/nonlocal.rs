@@ -37,8 +37,8 @@ fn blob(radius: f64) -> f64 {
 }
 
 /// The least spacing (m) of nodes on that rod.
-pub fn least_spacing(recipe: &LawInputs<'_>) -> f64 {
-    FINEST * blob(recipe.rod.sections.largest_radius())
+pub fn least_spacing(inputs: &LawInputs<'_>) -> f64 {
+    FINEST * blob(inputs.rod.sections.largest_radius())
 }
 
 /// The force.
@@ -145,9 +145,9 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 impl Nonlocal {
-    /// The force of `law` on the rod of `recipe`.
-    pub fn new(law: &'static DragLaw, recipe: &LawInputs<'_>) -> Self {
-        let Rod { nodes, front, .. } = *recipe.rod;
+    /// The force of `law` on the rod of `inputs`.
+    pub fn new(law: &'static DragLaw, inputs: &LawInputs<'_>) -> Self {
+        let Rod { nodes, front, .. } = *inputs.rod;
         let size = 2 * nodes;
         let radius = |[first, second]: [crate::rod::HalfEdge; 2]| 0.5 * (first.radius + second.radius);
         let flow = Flow {
@@ -168,8 +168,8 @@ impl Nonlocal {
         Self {
             law,
             front,
-            blobs: recipe.rod.halves().map(|halves| blob(radius(halves)).powi(2)).collect(),
-            height: Some(recipe.height).filter(|height| height.is_finite()),
+            blobs: inputs.rod.halves().map(|halves| blob(radius(halves)).powi(2)).collect(),
+            height: Some(inputs.height).filter(|height| height.is_finite()),
             flow: Mutex::new(flow),
         }
     }

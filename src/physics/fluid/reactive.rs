@@ -359,7 +359,7 @@ impl Force for Reactive {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         None
     }
 
@@ -552,7 +552,7 @@ impl Force for Wake {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Wake)
     }
 

@@ -87,7 +87,7 @@ impl Force for Spray {
         true
     }
 
-    fn sink(&self) -> Option<PowerKind> {
+    fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Spray)
     }
 

@@ -172,7 +172,7 @@ pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// The number.
-    pub scale: DimensionlessNumber,
+    pub number: DimensionlessNumber,
     /// Its least value; 0 for none.
     pub least: f64,
     /// Its largest value; infinite for none.
@@ -181,18 +181,18 @@ pub struct Bound {
 
 impl Bound {
     /// Up to `most`.
-    pub const fn at_most(scale: DimensionlessNumber, most: f64) -> Self {
-        Self { scale, least: 0.0, most }
+    pub const fn at_most(number: DimensionlessNumber, most: f64) -> Self {
+        Self { number, least: 0.0, most }
     }
 
     /// From `least` on.
-    pub const fn at_least(scale: DimensionlessNumber, least: f64) -> Self {
-        Self { scale, least, most: f64::INFINITY }
+    pub const fn at_least(number: DimensionlessNumber, least: f64) -> Self {
+        Self { number, least, most: f64::INFINITY }
     }
 
     /// From `least` to `most`.
-    pub const fn between(scale: DimensionlessNumber, least: f64, most: f64) -> Self {
-        Self { scale, least, most }
+    pub const fn between(number: DimensionlessNumber, least: f64, most: f64) -> Self {
+        Self { number, least, most }
     }
 
     /// The values between which it holds, in words.
@@ -206,16 +206,16 @@ impl Bound {
     }
 
     /// The number of a motion that is beyond it.
-    pub fn left(&self, motion: &FlowConditions<'_>) -> Option<f64> {
+    pub fn value_outside(&self, motion: &FlowConditions<'_>) -> Option<f64> {
         // Numbers at the bound itself are rounded.
         let most = self.most * (1.0 + 1e-9);
-        self.scale.of(motion).filter(|number| !(self.least * (1.0 - 1e-9)..=most).contains(number))
+        self.number.of(motion).filter(|number| !(self.least * (1.0 - 1e-9)..=most).contains(number))
     }
 }
 
 impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.scale.words(), self.limits())
+        write!(f, "{} {}", self.number.words(), self.limits())
     }
 }
 
@@ -253,14 +253,14 @@ impl Validity {
 
     /// True where no bound is left by a motion.
     pub fn holds(&self, motion: &FlowConditions<'_>) -> bool {
-        self.bounds.iter().all(|bound| bound.left(motion).is_none())
+        self.bounds.iter().all(|bound| bound.value_outside(motion).is_none())
     }
 
     /// The bounds that a motion leaves, in words; none where it leaves none.
     pub fn beyond(&self, motion: &FlowConditions<'_>) -> Option<String> {
-        let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.left(motion)?)));
+        let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.value_outside(motion)?)));
         let in_words = left
-            .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()));
+            .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.number.words(), bound.limits()));
         let all: Vec<String> = in_words.collect();
         (!all.is_empty()).then(|| all.join("; "))
     }

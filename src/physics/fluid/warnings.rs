@@ -35,7 +35,10 @@ fn others(
     motion: &FlowConditions<'_>,
     without: impl Fn(&'static DragLaw) -> Option<String>,
 ) -> String {
-    if bounds.iter().any(|bound| bound.scale == DimensionlessNumber::BodyReynolds && bound.left(motion).is_some()) {
+    if bounds
+        .iter()
+        .any(|bound| bound.number == DimensionlessNumber::BodyReynolds && bound.value_outside(motion).is_some())
+    {
         return "; head_body.form_drag_along and head_body.form_drag_across add form drag".to_string();
     }
     if !LAWS.iter().any(|law| law.name == name) {

@@ -152,7 +152,7 @@ impl Kernel {
             let model = model(lane);
             let (i, drag) = model.forces.in_pass()?;
             // Its powers are those of a drag.
-            let takes = model.forces.0[i].sink().is_some() && model.forces.0[i].is_of_fluid();
+            let takes = model.forces.0[i].power_kind().is_some() && model.forces.0[i].is_of_fluid();
             drag.coefficients(model.fluid, e).filter(|_| takes)
         };
         if in_pass.is_some() && (0..WIDTH).any(|lane| coefficients(lane, 0).is_none()) {

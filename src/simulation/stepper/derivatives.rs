@@ -199,8 +199,8 @@ impl StateTangent {
             }
             on_head[1] += node(opposing, 0);
             applied.iter_mut().zip(&*opposing).for_each(|(sum, own)| *sum += own);
-            *now.resultants.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
-            match own.sink() {
+            *now.resultants.from(own.power_kind()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
+            match own.power_kind() {
                 Some(PowerKind::Drag) => power.viscous += taken,
                 Some(PowerKind::Wake) => power.wake += taken,
                 Some(PowerKind::Flow) => power.flow -= taken,

@@ -204,7 +204,7 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
         let water = ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]);
         return if scene.reactive.is_none() { vec![water] } else { Vec::new() };
     }
-    if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_whole() {
+    if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_nonlocal() {
         return Vec::new();
     }
     let cheap = |law: &&DragLaw| match law.reach {

@@ -166,7 +166,7 @@ impl Design {
         let mut evidence = Evidence { numbers: dimensionless(&scene), ..Evidence::default() };
         let (mut answer, profile) = match table.goal {
             Goal::Identify if !table.is_searched() => {
-                if let Some(law) = dynamics.model.forces.whole() {
+                if let Some(law) = dynamics.model.forces.global() {
                     let problem = format!(
                         "{:?} found, whose drag at a node depends on all of the rod, and noise with it; allowed here: a law for each edge, as \"cox\"",
                         law.name()

@@ -188,7 +188,7 @@ fn apart(run: &StudyRun, reference: &StudyRun) -> f64 {
 
 #[derive(Debug)]
 struct MapRun {
-    recipe: SimulationMethod,
+    simulation: SimulationMethod,
     value: f64,
     step: f64,
     halving: bool,
@@ -215,23 +215,28 @@ pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRu
     }
     let typical = scene.typical_step();
     let steps = geometric_sequence(asked.steps.unwrap_or([0.01 * typical, 4.0 * typical]), asked.points);
-    let recipes = SimulationMethod::all(scene);
+    let simulations = SimulationMethod::all(scene);
     let references: Vec<_> = ["esdirk3", "generalized-alpha"].into_iter().filter_map(SimulationMethod::named).collect();
     let finest = REFERENCE_STEP * steps.first().copied().unwrap_or(typical);
     let mut cases = Vec::new();
     for value in &values {
-        let reference =
-            |recipe: &SimulationMethod| MapRun { recipe: recipe.clone(), value: *value, step: finest, halving: true };
+        let reference = |simulation: &SimulationMethod| MapRun {
+            simulation: simulation.clone(),
+            value: *value,
+            step: finest,
+            halving: true,
+        };
         cases.extend(references.iter().map(reference));
     }
-    for recipe in &recipes {
+    for simulation in &simulations {
         for value in &values {
-            let case = |step: &f64| MapRun { recipe: recipe.clone(), value: *value, step: *step, halving: false };
+            let case =
+                |step: &f64| MapRun { simulation: simulation.clone(), value: *value, step: *step, halving: false };
             cases.extend(steps.iter().map(case));
         }
     }
     let run = |case: &MapRun| {
-        let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(StepControl::Fixed(case.step));
+        let scene = case.simulation.of(&asked.vary.set(scene, case.value)).with_pace(StepControl::Fixed(case.step));
         let options = RunOptions { samples: SAMPLES, push: None, halving: case.halving, timed: false };
         StudyRun::of(&scene, options, runner.interrupted)
     };
@@ -258,7 +263,7 @@ pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRu
         asked,
         values: &values,
         steps: &steps,
-        recipes: &recipes,
+        simulations: &simulations,
         cases,
         runs,
         outcomes: &outcomes,
@@ -271,7 +276,7 @@ struct StabilityReport<'a> {
     asked: &'a StabilityOptions,
     values: &'a [f64],
     steps: &'a [f64],
-    recipes: &'a [SimulationMethod],
+    simulations: &'a [SimulationMethod],
     cases: &'a [MapRun],
     runs: &'a [StudyRun],
     outcomes: &'a [StepOutcome],
@@ -279,14 +284,14 @@ struct StabilityReport<'a> {
 
 impl StabilityReport<'_> {
     /// The outcomes of a method: for each value one per step.
-    fn of(&self, recipe: usize) -> impl Iterator<Item = &[StepOutcome]> {
+    fn of(&self, simulation: usize) -> impl Iterator<Item = &[StepOutcome]> {
         let cells = self.values.len() * self.steps.len();
-        self.outcomes[recipe * cells..(recipe + 1) * cells].chunks(self.steps.len())
+        self.outcomes[simulation * cells..(simulation + 1) * cells].chunks(self.steps.len())
     }
 
     /// The theoretical stability limit of a method at each value, if it has one and the modes are computed.
-    fn boundary(&self, recipe: &SimulationMethod) -> Result<Vec<(f64, f64)>> {
-        let method = (recipe.method.build)(&recipe.values);
+    fn boundary(&self, simulation: &SimulationMethod) -> Result<Vec<(f64, f64)>> {
+        let method = (simulation.method.build)(&simulation.values);
         let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
         let mut points = Vec::new();
         for value in self.values {
@@ -302,15 +307,15 @@ impl StabilityReport<'_> {
         let mut findings = Findings { subject: "stability", ..Findings::default() };
         let mut panels = Vec::new();
         let mut limits = BTreeMap::new();
-        for (i, recipe) in self.recipes.iter().enumerate() {
-            let boundary = self.boundary(recipe)?;
-            findings.answers.push(self.in_words(i, recipe, &boundary));
+        for (i, simulation) in self.simulations.iter().enumerate() {
+            let boundary = self.boundary(simulation)?;
+            findings.answers.push(self.in_words(i, simulation, &boundary));
             if let Some(last) = boundary.last() {
-                limits.insert(recipe.to_string(), json!({ "value": last.0, "step_s": last.1 }));
+                limits.insert(simulation.to_string(), json!({ "value": last.0, "step_s": last.1 }));
             }
             let index = |outcome: &StepOutcome| StepOutcome::ALL.iter().position(|other| other == outcome).unwrap_or(0);
             let cells = self.of(i).map(|column| column.iter().map(index).collect()).collect();
-            panels.push(Panel { title: recipe.to_string(), cells, boundary });
+            panels.push(Panel { title: simulation.to_string(), cells, boundary });
         }
         if self.outcomes.contains(&StepOutcome::Unjudged) {
             findings.answers.push(
@@ -335,8 +340,8 @@ impl StabilityReport<'_> {
     }
 
     /// A sentence on the outcomes of a method from small to large steps, over all values.
-    fn in_words(&self, recipe: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
-        let columns: Vec<_> = self.of(recipe).collect();
+    fn in_words(&self, simulation: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
+        let columns: Vec<_> = self.of(simulation).collect();
         // Largest step up to which the predicate holds, at every value.
         let up_to = |holds: &dyn Fn(StepOutcome) -> bool| {
             let counts = columns.iter().map(|column| column.iter().take_while(|outcome| holds(**outcome)).count());
@@ -377,7 +382,7 @@ impl StabilityReport<'_> {
         let rows = self.cases.iter().zip(self.runs).zip(self.outcomes).map(|((case, run), outcome)| {
             let failed = run.failure.as_ref();
             vec![
-                json!(case.recipe.to_string()),
+                json!(case.simulation.to_string()),
                 json!(case.value),
                 json!(case.step),
                 json!(outcome.category().label),

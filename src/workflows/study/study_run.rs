@@ -37,7 +37,7 @@ const EXTRA_PARAMETERS: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 #[derive(Clone, PartialEq)]
 pub struct SimulationMethod {
     /// The kind of model.
-    pub rung: &'static ModelKind,
+    pub kind: &'static ModelKind,
     /// The integrator; cheaper models have their own.
     pub method: &'static Method,
     /// Values of its parameters, in order.
@@ -58,8 +58,8 @@ impl PartialEq for ModelKind {
 
 impl fmt::Display for SimulationMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if !self.is_whole() {
-            return f.write_str(self.rung.name);
+        if !self.is_full() {
+            return f.write_str(self.kind.name);
         }
         f.write_str(self.method.name)?;
         let values: Vec<_> = self.values.iter().map(f64::to_string).collect();
@@ -76,7 +76,7 @@ impl fmt::Debug for SimulationMethod {
 impl SimulationMethod {
     /// The full model with an integrator.
     pub fn whole(method: &'static Method, values: Vec<f64>) -> Self {
-        Self { rung: &FULL, method, values }
+        Self { kind: &FULL, method, values }
     }
 
     /// The full model with the integrator `name` and its default parameters.
@@ -87,7 +87,7 @@ impl SimulationMethod {
     /// The model and integrator of `scene`.
     pub fn own(scene: &Scene) -> Option<Self> {
         let (method, values) = scene.method().ok()?;
-        Some(Self { rung: scene.choice().ok()?.kind, method, values })
+        Some(Self { kind: scene.choice().ok()?.kind, method, values })
     }
 
     /// The full model with each integrator and its default parameters, other parameters to compare, and those of `scene`.
@@ -110,23 +110,23 @@ impl SimulationMethod {
     /// The cheaper models of `scene`.
     pub fn cheaper(scene: &Scene) -> Vec<Self> {
         let Ok((method, values)) = scene.method() else { return Vec::new() };
-        let rungs = MODELS.iter().filter(|rung| rung.method.is_some() && (scene.drag.is_some() || !rung.needs_drag));
-        rungs.map(|rung| Self { rung, method, values: values.clone() }).collect()
+        let kinds = MODELS.iter().filter(|kind| kind.method.is_some() && (scene.drag.is_some() || !kind.needs_drag));
+        kinds.map(|kind| Self { kind, method, values: values.clone() }).collect()
     }
 
     /// True if `name` is that of its integrator or, for a cheaper model, of the model.
     pub fn is(&self, name: &str) -> bool {
-        name == if self.is_whole() { self.method.name } else { self.rung.name }
+        name == if self.is_full() { self.method.name } else { self.kind.name }
     }
 
     /// True for the full model.
-    pub fn is_whole(&self) -> bool {
-        *self.rung == FULL
+    pub fn is_full(&self) -> bool {
+        *self.kind == FULL
     }
 
     /// `scene` with this model and integrator.
     pub fn of(&self, scene: &Scene) -> Scene {
-        scene.with_method(self.method, &self.values).with_model(self.rung)
+        scene.with_method(self.method, &self.values).with_model(self.kind)
     }
 }
 

@@ -16,15 +16,15 @@ pub static LAW: DragLaw = DragLaw {
     keys: cross_flow::LAW.keys,
     needs: &[],
     resistance: None,
-    slender: Some(|recipe| recipe.slender()),
-    build: |recipe| (taken(recipe).build)(recipe),
-    parts: Some(|recipe| taken(recipe).parts(recipe)),
+    slender: Some(|inputs| inputs.slender()),
+    build: |inputs| (taken(inputs).build)(inputs),
+    parts: Some(|inputs| taken(inputs).parts(inputs)),
 };
 
 /// The laws that it takes one of, the cheapest first.
 pub static CANDIDATES: [&DragLaw; 2] = [&cox::LAW, &cross_flow::LAW];
 
 /// The law that the scene's own motion was found to need, or the highest where that is not known: it holds at every Reynolds number.
-pub fn taken(recipe: &LawInputs<'_>) -> &'static DragLaw {
-    recipe.taken.unwrap_or(&cross_flow::LAW)
+pub fn taken(inputs: &LawInputs<'_>) -> &'static DragLaw {
+    inputs.taken.unwrap_or(&cross_flow::LAW)
 }

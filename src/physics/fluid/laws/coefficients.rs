@@ -18,6 +18,6 @@ pub static LAW: DragLaw = DragLaw {
     needs: &["along_n_s_m2", "across_n_s_m2"],
     resistance: None,
     slender: None,
-    build: |recipe| Resistance::given(&LAW, recipe, &[ALONG, ACROSS]),
+    build: |inputs| Resistance::given(&LAW, inputs, &[ALONG, ACROSS]),
     parts: None,
 };

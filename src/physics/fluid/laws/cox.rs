@@ -37,13 +37,13 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
-    slender: Some(|recipe| recipe.slender()),
-    build: |recipe| Resistance::viscous(&LAW, recipe),
+    slender: Some(|inputs| inputs.slender()),
+    build: |inputs| Resistance::viscous(&LAW, inputs),
     parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
-    let slender = (recipe.slender() / half.radius).ln();
+pub(super) fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
+    let slender = (inputs.slender() / half.radius).ln();
     [2.0 * PI / (slender - 1.5 + LN_2), 4.0 * PI / (slender - (1.0 - half.slender_across) + LN_2)]
 }

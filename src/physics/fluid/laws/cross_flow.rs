@@ -43,17 +43,17 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["slender_length_m", "viscous", "form_drag", "thinning", "skin_friction", "turbulent_friction"],
     needs: &[],
     resistance: None,
-    slender: Some(|recipe| recipe.viscous.slender.map_or(f64::INFINITY, |slender| slender(recipe))),
-    build: |recipe| {
-        Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |halves| Coefficients::of(recipe, halves)))
+    slender: Some(|inputs| inputs.viscous.slender.map_or(f64::INFINITY, |slender| slender(inputs))),
+    build: |inputs| {
+        Box::new(LocalDrag::new(CrossFlow, inputs.rod, inputs.head, |halves| Coefficients::of(inputs, halves)))
     },
     parts: Some(parts),
 };
 
 /// The law as three of its kind: each has what one cause does, and nothing of the others.
-fn parts(recipe: &LawInputs<'_>) -> ForcesByCause {
+fn parts(inputs: &LawInputs<'_>) -> ForcesByCause {
     let only = |keep: fn(Coefficients) -> Coefficients| -> Box<dyn Force> {
-        Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |halves| keep(Coefficients::of(recipe, halves))))
+        Box::new(LocalDrag::new(CrossFlow, inputs.rod, inputs.head, |halves| keep(Coefficients::of(inputs, halves))))
     };
     vec![
         ("viscous", only(|c| Coefficients { viscous: c.viscous, ..Coefficients::default() })),
@@ -103,24 +103,24 @@ pub(crate) struct Coefficients<P = f64x2> {
 }
 
 impl Coefficients {
-    fn of(recipe: &LawInputs<'_>, halves: &[HalfEdge; 2]) -> Self {
+    fn of(inputs: &LawInputs<'_>, halves: &[HalfEdge; 2]) -> Self {
         let of = |quantity: fn(&Section) -> f64| both(halves, |half| quantity(&half.section()));
         let (depth, perimeter, slim) = (of(|section| section.depth), of(Section::perimeter), of(Section::slim));
         let form_unit = depth * 0.5;
         let side = of(|section| section.depth.max(2.0 * section.outer));
         let layer_along_unit = perimeter * 0.5 / (side.sqrt() * PI);
         let viscous =
-            recipe.viscous.resistance.map_or([[0.0; 2]; 2], |of| halves.each_ref().map(|half| of(recipe, half)));
-        let thinning = recipe.thinning.map_or(slim, f64x2::from);
-        let sweeping = side * (BLASIUS / recipe.rod.length);
+            inputs.viscous.resistance.map_or([[0.0; 2]; 2], |of| halves.each_ref().map(|half| of(inputs, half)));
+        let thinning = inputs.thinning.map_or(slim, f64x2::from);
+        let sweeping = side * (BLASIUS / inputs.rod.length);
         Self {
             viscous: [both(&viscous, |xi| xi[0]), both(&viscous, |xi| xi[1])],
             layer_across: depth.sqrt() * 2.0,
-            form: form_unit * recipe.form_drag.map_or_else(|| of(Section::form_drag), f64x2::from),
+            form: form_unit * inputs.form_drag.map_or_else(|| of(Section::form_drag), f64x2::from),
             form_unit,
-            layer_along: layer_along_unit * recipe.skin_friction.unwrap_or(FRICTION),
+            layer_along: layer_along_unit * inputs.skin_friction.unwrap_or(FRICTION),
             layer_along_unit,
-            turbulent: perimeter * 0.5 * recipe.turbulent_friction.unwrap_or(0.0),
+            turbulent: perimeter * 0.5 * inputs.turbulent_friction.unwrap_or(0.0),
             thinning: thinning * thinning,
             blasius: sweeping * sweeping,
         }

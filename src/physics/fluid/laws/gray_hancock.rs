@@ -33,13 +33,13 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
-    slender: Some(|recipe| 2.0 * recipe.slender()),
-    build: |recipe| Resistance::viscous(&LAW, recipe),
+    slender: Some(|inputs| 2.0 * inputs.slender()),
+    build: |inputs| Resistance::viscous(&LAW, inputs),
     parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
-    let along = 2.0 * PI / ((2.0 * recipe.slender() / half.radius).ln() - 0.5);
+pub(super) fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
+    let along = 2.0 * PI / ((2.0 * inputs.slender() / half.radius).ln() - 0.5);
     [along, 2.0 * along]
 }

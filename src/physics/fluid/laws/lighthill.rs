@@ -38,18 +38,18 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
-    slender: Some(|recipe| 0.18 * wave(recipe)),
-    build: |recipe| Resistance::viscous(&LAW, recipe),
+    slender: Some(|inputs| 0.18 * wave(inputs)),
+    build: |inputs| Resistance::viscous(&LAW, inputs),
     parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
-    let slender = (0.18 * wave(recipe) / half.radius).ln();
+pub(super) fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
+    let slender = (0.18 * wave(inputs) / half.radius).ln();
     [2.0 * PI / slender, 4.0 * PI / (slender + half.slender_across)]
 }
 
 /// Λ, m: the one that the scene names, else the actuation's, else the rod's length.
-fn wave(recipe: &LawInputs<'_>) -> f64 {
-    recipe.slender_length.or(recipe.wavelength).unwrap_or(recipe.rod.length)
+fn wave(inputs: &LawInputs<'_>) -> f64 {
+    inputs.slender_length.or(inputs.wavelength).unwrap_or(inputs.rod.length)
 }

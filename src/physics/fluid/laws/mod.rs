@@ -159,10 +159,10 @@ impl DragLaw {
     }
 
     /// Forces whose sum it is, by what they come from.
-    pub fn parts(&self, recipe: &LawInputs<'_>) -> ForcesByCause {
+    pub fn parts(&self, inputs: &LawInputs<'_>) -> ForcesByCause {
         match self.parts {
-            Some(parts) => parts(recipe),
-            None => vec![("viscous", (self.build)(recipe))],
+            Some(parts) => parts(inputs),
+            None => vec![("viscous", (self.build)(inputs))],
         }
     }
 
@@ -174,7 +174,7 @@ impl DragLaw {
     }
 
     /// True where the force at a place depends on the motion of the whole rod.
-    pub fn is_whole(&self) -> bool {
+    pub fn is_nonlocal(&self) -> bool {
         matches!(self.reach, Dependence::Rod { .. })
     }
 }

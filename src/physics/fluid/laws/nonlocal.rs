@@ -37,7 +37,7 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["height_m"],
     needs: &[],
     resistance: None,
-    slender: Some(|recipe: &LawInputs<'_>| recipe.rod.length),
-    build: |recipe| Box::new(Nonlocal::new(&LAW, recipe)),
+    slender: Some(|inputs: &LawInputs<'_>| inputs.rod.length),
+    build: |inputs| Box::new(Nonlocal::new(&LAW, inputs)),
     parts: None,
 };

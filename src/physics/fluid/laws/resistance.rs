@@ -19,26 +19,26 @@ pub struct Resistance {
 
 impl Resistance {
     /// The force of a `law` whose coefficients are in proportion to the viscosity.
-    pub fn viscous(law: &'static DragLaw, recipe: &LawInputs<'_>) -> Box<dyn Force> {
-        Self::scaled(law, recipe, &[VISCOSITY])
+    pub fn viscous(law: &'static DragLaw, inputs: &LawInputs<'_>) -> Box<dyn Force> {
+        Self::scaled(law, inputs, &[VISCOSITY])
     }
 
     /// The same with other parameters beside the viscosity.
-    pub fn scaled(law: &'static DragLaw, recipe: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
+    pub fn scaled(law: &'static DragLaw, inputs: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let of = law.resistance.unwrap_or(|_, _| [0.0; 2]);
         let own = Self { law, viscous: true, parameters };
-        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |halves| {
-            let of = halves.each_ref().map(|half| of(recipe, half));
+        Box::new(LocalDrag::new(own, inputs.rod, inputs.head, |halves| {
+            let of = halves.each_ref().map(|half| of(inputs, half));
             [both(&of, |xi| xi[0]), both(&of, |xi| xi[1])]
         }))
     }
 
     /// The force of a `law` with the coefficients that the scene gives, whatever the fluid.
-    pub fn given(law: &'static DragLaw, recipe: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
+    pub fn given(law: &'static DragLaw, inputs: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let own = Self { law, viscous: false, parameters };
-        let length = recipe.rod.length;
-        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |halves| {
-            [&recipe.along, &recipe.across].map(|profile| both(halves, |half| profile.at(half.middle / length)))
+        let length = inputs.rod.length;
+        Box::new(LocalDrag::new(own, inputs.rod, inputs.head, |halves| {
+            [&inputs.along, &inputs.across].map(|profile| both(halves, |half| profile.at(half.middle / length)))
         }))
     }
 }

@@ -29,12 +29,12 @@ pub static LAW: DragLaw = DragLaw {
     needs: &["ratio"],
     resistance: Some(resistance),
     slender: None,
-    build: |recipe| Resistance::scaled(&LAW, recipe, &[VISCOSITY, RATIO]),
+    build: |inputs| Resistance::scaled(&LAW, inputs, &[VISCOSITY, RATIO]),
     parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ, over a metre.
-fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
+fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let along = 6.0 * PI * half.equivalent_radius;
-    [along, recipe.ratio * along]
+    [along, inputs.ratio * along]
 }

@@ -37,14 +37,14 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["slender_length_m", "height_m"],
     needs: &["height_m"],
     resistance: Some(resistance),
-    slender: Some(|recipe| recipe.slender()),
-    build: |recipe| Resistance::viscous(&LAW, recipe),
+    slender: Some(|inputs| inputs.slender()),
+    build: |inputs| Resistance::viscous(&LAW, inputs),
     parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.
-pub(super) fn resistance(recipe: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
-    let near = (recipe.height / half.radius).acosh();
-    let [along, across] = cox::resistance(recipe, half);
+pub(super) fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
+    let near = (inputs.height / half.radius).acosh();
+    let [along, across] = cox::resistance(inputs, half);
     [along.max(2.0 * PI / near), across.max(4.0 * PI / near)]
 }

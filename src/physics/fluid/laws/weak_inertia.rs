@@ -44,11 +44,11 @@ pub static LAW: DragLaw = DragLaw {
     keys: &["slender_length_m"],
     needs: &[],
     resistance: None,
-    slender: Some(|recipe| recipe.slender()),
-    build: |recipe| {
-        let law = WeakInertia { root_omega: recipe.frequency.map_or(0.0, |frequency| (TAU * frequency).sqrt()) };
-        let per_length = 1.0 / recipe.slender();
-        Box::new(LocalDrag::new(law, recipe.rod, recipe.head, |halves| {
+    slender: Some(|inputs| inputs.slender()),
+    build: |inputs| {
+        let law = WeakInertia { root_omega: inputs.frequency.map_or(0.0, |frequency| (TAU * frequency).sqrt()) };
+        let per_length = 1.0 / inputs.slender();
+        Box::new(LocalDrag::new(law, inputs.rod, inputs.head, |halves| {
             [both(halves, |half| half.radius), both(halves, |_| per_length)]
         }))
     },

@@ -44,8 +44,8 @@ pub struct AccuracyRow<'a> {
 
 impl AccuracyRow<'_> {
     fn setting(&self) -> String {
-        let recipe = &self.case.recipe;
-        let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
+        let simulation = &self.case.simulation;
+        let by = if simulation.is_full() { simulation.to_string() } else { format!("model = \"{simulation}\"") };
         match self.case.pace {
             StepControl::Fixed(step) => format!("{by} with steps of {} s", short(step)),
             StepControl::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
@@ -61,8 +61,8 @@ impl AccuracyRow<'_> {
 
     /// Name of the curve it belongs to.
     pub fn curve(&self) -> String {
-        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, StepControl::Adaptive(_));
-        format!("{}{}", self.case.recipe, if adaptive { ", adaptive" } else { "" })
+        let adaptive = self.case.simulation.is_full() && matches!(self.case.pace, StepControl::Adaptive(_));
+        format!("{}{}", self.case.simulation, if adaptive { ", adaptive" } else { "" })
     }
 }
 
@@ -171,7 +171,7 @@ impl AccuracyReport<'_> {
     fn own_setting(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let Some(own) = SimulationMethod::own(self.scene) else { return };
         let (pace, nodes) = (self.scene.pace(), self.nodes());
-        let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
+        let row = self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.pace == pace);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
@@ -205,7 +205,7 @@ impl AccuracyReport<'_> {
         );
         let own = SimulationMethod::own(self.scene).and_then(|own| {
             let (pace, nodes) = (self.scene.pace(), self.nodes());
-            self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace)?.time
+            self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.pace == pace)?.time
         });
         findings.answers.push(match own {
             Some([step, ..]) if step < law => {
@@ -224,9 +224,9 @@ impl AccuracyReport<'_> {
     /// For each cheaper model, the run with the finest tolerance on the scene's own mesh, and its errors: the modelling errors.
     pub fn settled<'r, 's>(&self, rows: &'r [AccuracyRow<'s>]) -> Vec<(&'r AccuracyRow<'s>, [f64; 3])> {
         let mut settled: Vec<(&AccuracyRow<'_>, [f64; 3])> = Vec::new();
-        for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
+        for row in self.on(rows, self.nodes()).filter(|row| !row.case.simulation.is_full()) {
             let Some(errors) = row.time else { continue };
-            match settled.iter_mut().find(|(other, _)| other.case.recipe == row.case.recipe) {
+            match settled.iter_mut().find(|(other, _)| other.case.simulation == row.case.simulation) {
                 Some(best) if row.fineness() < best.0.fineness() => *best = (row, errors),
                 Some(_) => {}
                 None => settled.push((row, errors)),
@@ -242,14 +242,14 @@ impl AccuracyReport<'_> {
         let what = self.quantities()[0];
         let own_method = self.scene.method().ok().map(|(method, values)| SimulationMethod::whole(method, values));
         for (finest, errors) in self.settled(rows) {
-            let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
+            let model = on_mesh().filter(|row| row.case.simulation == finest.case.simulation);
             let Some(row) = self.cheapest(model, first, CONVERGED * errors[0]) else { continue };
-            let (name, seconds) = (row.case.recipe.rung.name, row.run.processor_s);
+            let (name, seconds) = (row.case.simulation.kind.name, row.run.processor_s);
             let mut numbers = json!({ "processor_s": seconds });
             for (quantity, error) in self.quantities().iter().zip(errors) {
                 numbers[format!("{}_error", quantity.key)] = json!(error);
             }
-            let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
+            let mut text = format!("The model \"{name}\" ({})", row.case.simulation.kind.meaning);
             if errors[0] >= MEANINGLESS_ERROR {
                 text += &format!(" leaves out what decides this motion: its {} is another.", what.name);
                 findings.answers.push(text);
@@ -262,10 +262,10 @@ impl AccuracyReport<'_> {
                 milliseconds(seconds)
             );
             // The scene's own method with steps that still err more, so that it is not made dearer than it is.
-            let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
+            let own = on_mesh().filter(|row| Some(&row.case.simulation) == own_method.as_ref());
             let own = own.filter(|row| first(row).is_some_and(|e| e >= errors[0]));
             let own = own.max_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s));
-            let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
+            let whole = on_mesh().filter(|row| row.case.simulation.is_full());
             let best = self.cheapest(whole, first, errors[0]);
             for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
                 let Some((other, error)) = other.and_then(|other| Some((other, first(other)?))) else {

@@ -43,7 +43,7 @@ impl AccuracyReport<'_> {
                     }
                 }
                 let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < 10.0);
-                let lines = lines.map(|(row, e)| (format!("model error of {}", row.case.recipe), e[i]));
+                let lines = lines.map(|(row, e)| (format!("model error of {}", row.case.simulation), e[i]));
                 let lines = level_lines(lines.chain(self.law_level(i)), &series);
                 series.extend(order_lines(&series));
                 series.extend(lines);
@@ -83,7 +83,7 @@ impl AccuracyReport<'_> {
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
             let (StepControl::Fixed(step), Some(errors)) = (row.case.pace, row.time) else { continue };
-            if !row.case.recipe.method.implicit || errors[0] > 10.0 {
+            if !row.case.simulation.method.implicit || errors[0] > 10.0 {
                 continue;
             }
             match series.iter_mut().find(|series| series.label == row.curve()) {
@@ -149,7 +149,7 @@ impl AccuracyReport<'_> {
             .chain(["failure".to_string()])
             .collect();
         let line = |row: &AccuracyRow<'_>| {
-            let (run, recipe) = (row.run, &row.case.recipe);
+            let (run, simulation) = (row.run, &row.case.simulation);
             let (step, tolerance) = match row.case.pace {
                 StepControl::Fixed(step) => (json!(step), Value::Null),
                 StepControl::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
@@ -165,8 +165,8 @@ impl AccuracyReport<'_> {
                 None => json!("its energy grew without bound"),
             };
             let mut line = vec![
-                json!(recipe.rung.name),
-                json!(recipe.rung.method.map_or_else(|| recipe.to_string(), str::to_string)),
+                json!(simulation.kind.name),
+                json!(simulation.kind.method.map_or_else(|| simulation.to_string(), str::to_string)),
                 step,
                 tolerance,
                 json!(row.case.nodes),

@@ -81,8 +81,8 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
     let Some((esdirk, alpha)) = esdirk().zip(alpha()) else { return Ok(StudyOutcome::Complete(Findings::default())) };
 
     let finest = REFERENCE_STEP * steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let reference = |nodes: u64, recipe: &SimulationMethod, step: f64| PlannedRun {
-        recipe: recipe.clone(),
+    let reference = |nodes: u64, simulation: &SimulationMethod, step: f64| PlannedRun {
+        simulation: simulation.clone(),
         pace: StepControl::Fixed(step),
         nodes,
         part: 1.0,
@@ -90,13 +90,13 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
     };
     let mut cases: Vec<PlannedRun> = Vec::new();
     for nodes in &meshes {
-        for recipe in [&esdirk, &alpha] {
-            cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, recipe, step)));
+        for simulation in [&esdirk, &alpha] {
+            cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, simulation, step)));
         }
     }
     let run = |case: &PlannedRun| {
         let duration = case.part * scene.solver.duration_s.get();
-        let mut scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
+        let mut scene = case.simulation.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
         if let StepControl::Fixed(_) = case.pace {
             scene = scene.with_newton_tolerance(NEWTON_TOLERANCE);
         }
@@ -116,16 +116,20 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
                 // Pairs of runs, one of each pushed, over times from the whole duration to a thousandth: by the method that
                 // damps nothing, where its limit is known.
                 let explicit = match (SimulationMethod::named("symplectic-euler"), limit_step(scene, *nodes)?) {
-                    (Some(recipe), Some(limit))
+                    (Some(simulation), Some(limit))
                         if scene.solver.duration_s.get() <= MAX_EXPLICIT_STEPS * BELOW_LIMIT * limit =>
                     {
-                        Some((recipe, BELOW_LIMIT * limit))
+                        Some((simulation, BELOW_LIMIT * limit))
                     }
                     _ => None,
                 };
-                let (recipe, step) = explicit.unwrap_or((alpha.clone(), finest));
+                let (simulation, step) = explicit.unwrap_or((alpha.clone(), finest));
                 let pair = |part: f64| {
-                    [0.0, PUSH].map(|push| PlannedRun { part, push: Some(push), ..reference(*nodes, &recipe, step) })
+                    [0.0, PUSH].map(|push| PlannedRun {
+                        part,
+                        push: Some(push),
+                        ..reference(*nodes, &simulation, step)
+                    })
                 };
                 let pairs: Vec<PlannedRun> = WINDOWS.into_iter().flat_map(pair).collect();
                 let pairs = match runner.run_all("pairs", scene, &pairs, jobs::cores(), run)? {

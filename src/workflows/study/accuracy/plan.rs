@@ -19,7 +19,7 @@ const MAX_RELATIVE_COST: f64 = 3.0;
 /// A run of the study: a method with a step or tolerance on a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedRun {
-    pub recipe: SimulationMethod,
+    pub simulation: SimulationMethod,
     pub pace: StepControl,
     pub nodes: u64,
     /// Fraction of the scene's duration.
@@ -47,9 +47,9 @@ pub fn plan(
     without: &[String],
 ) -> Result<(Vec<PlannedRun>, Vec<String>)> {
     let mut left_out = Vec::new();
-    let asked = |recipe: &SimulationMethod| !without.iter().any(|name| recipe.is(name));
-    let case = |recipe: &SimulationMethod, pace: StepControl, nodes: u64| PlannedRun {
-        recipe: recipe.clone(),
+    let asked = |simulation: &SimulationMethod| !without.iter().any(|name| simulation.is(name));
+    let case = |simulation: &SimulationMethod, pace: StepControl, nodes: u64| PlannedRun {
+        simulation: simulation.clone(),
         pace,
         nodes,
         part: 1.0,
@@ -57,27 +57,27 @@ pub fn plan(
     };
     let mut cases = Vec::new();
     for nodes in meshes {
-        for recipe in SimulationMethod::all(scene).into_iter().filter(asked) {
-            let case = |pace: StepControl| case(&recipe, pace, *nodes);
-            if recipe.method.implicit {
+        for simulation in SimulationMethod::all(scene).into_iter().filter(asked) {
+            let case = |pace: StepControl| case(&simulation, pace, *nodes);
+            if simulation.method.implicit {
                 cases.extend(steps.iter().map(|step| case(StepControl::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
                 let dear = relative_cost(steps, limit);
                 if dear > MAX_RELATIVE_COST {
                     left_out.push(format!(
-                        "{recipe} on {nodes} nodes, whose limit of {limit:.1e} s makes {:.1e} steps: foreseen to cost {dear:.1} times all implicit runs together",
+                        "{simulation} on {nodes} nodes, whose limit of {limit:.1e} s makes {:.1e} steps: foreseen to cost {dear:.1} times all implicit runs together",
                         3.0 * scene.solver.duration_s.get() / (BELOW_LIMIT * limit)
                     ));
                     continue;
                 }
                 cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(StepControl::Fixed(part * limit))));
             }
-            if recipe.method.adaptive {
+            if simulation.method.adaptive {
                 cases.extend(tolerances.iter().map(|tolerance| case(StepControl::Adaptive(*tolerance))));
             }
         }
-        for recipe in SimulationMethod::cheaper(scene).into_iter().filter(asked) {
-            let case = |tolerance: &f64| case(&recipe, StepControl::Adaptive(*tolerance), *nodes);
+        for simulation in SimulationMethod::cheaper(scene).into_iter().filter(asked) {
+            let case = |tolerance: &f64| case(&simulation, StepControl::Adaptive(*tolerance), *nodes);
             cases.extend(tolerances.iter().map(case));
         }
     }
