@@ -207,8 +207,7 @@ fn interrupted_runs_end_with_130_and_valid_files() {
         std::thread::sleep(Duration::from_millis(20));
     }
     std::thread::sleep(Duration::from_millis(300));
-    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(signalled.success());
+    crate::interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130));
     assert!(text(&output.stderr).contains("interrupted"), "{}", text(&output.stderr));
@@ -261,6 +260,9 @@ fn the_variables_of_a_scene_are_listed_with_their_sizes() {
 #[cfg(feature = "pictures")]
 #[test]
 fn films_and_positions_go_to_folders_that_are_made_for_them() {
+    if !crate::has_font("films and positions in folders of their own") {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("films/of/today");
     let more = ["--set", "solver.duration_s=0.2", "--gif", "--vtk", "--out", out.to_str().unwrap()];
@@ -281,6 +283,9 @@ fn pictures(file: &std::path::Path) -> usize {
 #[cfg(feature = "pictures")]
 #[test]
 fn a_film_shows_the_part_of_the_run_that_is_asked_for() {
+    if !crate::has_font("films of a part of a run") {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let film = |more: &[&str]| {
         let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.4", "--gif", "--force", "--out"];
@@ -343,8 +348,7 @@ fn an_interrupted_design_ends_with_130_and_keeps_the_best_so_far() {
     // Ctrl-C after five iterations.
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     assert!(lines.by_ref().take(5).all(|line| line.unwrap().starts_with("start 1 iteration")));
-    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(signalled.success());
+    crate::interrupt(&child);
     let rest: Vec<String> = lines.map(Result::unwrap).collect();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{rest:?}");

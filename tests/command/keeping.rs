@@ -126,7 +126,7 @@ fn ctrl_c_ends_a_run_at_once_however_many_rows_a_step_has() {
     }
     std::thread::sleep(Duration::from_millis(500));
     assert!(child.try_wait().unwrap().is_none());
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    crate::interrupt(&child);
     let pressed = Instant::now();
     assert_eq!(child.wait().unwrap().code(), Some(130));
     // Measured: 0.1 s.

@@ -3,9 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-#[path = "../common/skip.rs"]
-mod skip;
-
 /// A Chromium on this machine. Without one, says that the page was not opened.
 fn chromium() -> Option<PathBuf> {
     let folders = std::env::var_os("PATH")?;
@@ -14,7 +11,7 @@ fn chromium() -> Option<PathBuf> {
         .flat_map(|folder| names.map(|name| folder.join(name)))
         .find(|candidate| candidate.is_file());
     if found.is_none() {
-        skip::skip("the report in a browser", "install Chromium (Debian: apt-get install chromium)");
+        crate::skip::skip("the report in a browser", "install Chromium (Debian: apt-get install chromium)");
     }
     found
 }

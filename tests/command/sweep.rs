@@ -324,7 +324,7 @@ fn an_interrupted_sweep_ends_with_130_and_goes_on_with_the_same_command() {
         false => "another program is at work on it".to_string(),
     };
     assert!(text(&second.stderr).contains(&holder), "{}", text(&second.stderr));
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    crate::interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("the same command goes on"), "{}", text(&output.stderr));
