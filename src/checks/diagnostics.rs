@@ -38,11 +38,22 @@ pub(crate) fn rounding_energy(rod: &Rod, positions: &[f64]) -> f64 {
 /// A note on an energy balance that does not close beyond `rounding` (J): a sign of steps that are too large, or of a wrong root of
 /// the equations.
 fn balance_note(metrics: &RunMetrics, rounding: f64, pace: StepControl) -> Option<String> {
-    let Power { actuation, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
-    let scale =
-        [metrics.first_energy, metrics.now.energy.total(), actuation, viscous, wake, spray, load, head, flow, other]
-            .into_iter()
-            .fold(0.0, |max: f64, x| max.max(x.abs()));
+    let Power { actuation, material, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
+    let scale = [
+        metrics.first_energy,
+        metrics.now.energy.total(),
+        actuation,
+        material,
+        viscous,
+        wake,
+        spray,
+        load,
+        head,
+        flow,
+        other,
+    ]
+    .into_iter()
+    .fold(0.0, |max: f64, x| max.max(x.abs()));
     let defect = metrics.numerical_dissipation();
     (defect.abs() > MAX_BALANCE_DEFECT * scale && defect.abs() > rounding).then(|| {
         let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };

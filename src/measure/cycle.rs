@@ -45,7 +45,7 @@ const MAX_STEP_RATIO: f64 = 4.0;
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
 
-/// Indices of the integrals in [`Integrals`]: vectors have two entries, work has eight.
+/// Indices of the integrals in [`Integrals`]: vectors have two entries, work has nine.
 mod index {
     pub(super) const POSITION: usize = 0;
     pub(super) const FLOW: usize = 2;
@@ -58,7 +58,7 @@ mod index {
     pub(super) const DRAG: usize = 12;
     pub(super) const REACTIVE: usize = 14;
     pub(super) const WORK: usize = 16;
-    pub(super) const ALL: usize = 24;
+    pub(super) const ALL: usize = 25;
 }
 
 /// Integrals over time since the start, or their rates.
@@ -72,8 +72,8 @@ fn set_vector(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
     (of[at], of[at + 1]) = (vector.x, vector.y);
 }
 
-fn set_work(of: &mut Integrals, Power { actuation, viscous, wake, spray, load, head, flow, other }: Power) {
-    for (i, part) in [actuation, viscous, load, head, flow, wake, other, spray].into_iter().enumerate() {
+fn set_work(of: &mut Integrals, Power { actuation, material, viscous, wake, spray, load, head, flow, other }: Power) {
+    for (i, part) in [actuation, viscous, load, head, flow, wake, other, spray, material].into_iter().enumerate() {
         of[index::WORK + i] = part;
     }
 }
@@ -535,6 +535,14 @@ measure!(
     |c, _| Some(c.power(0))
 );
 measure!(
+    MATERIAL_POWER,
+    "material_power",
+    "_w",
+    "W",
+    "mean power taken by the damped material over the last whole cycles",
+    |c, d| d.model.rod.damping.as_ref().map(|_| c.power(8))
+);
+measure!(
     VISCOUS_POWER,
     "viscous_power",
     "_w",
@@ -582,7 +590,7 @@ measure!(
 );
 
 /// All measures, in the order of display.
-pub const MEASURES: [CycleMeasure; 21] = [
+pub const MEASURES: [CycleMeasure; 22] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
@@ -597,6 +605,7 @@ pub const MEASURES: [CycleMeasure; 21] = [
     HEAD_FORCE_Y,
     HEAD_MOMENT,
     ACTUATION_POWER,
+    MATERIAL_POWER,
     VISCOUS_POWER,
     WAKE_POWER,
     LOAD_POWER,

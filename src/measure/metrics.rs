@@ -15,8 +15,9 @@ use crate::head::{Row, hermite};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::linear::Real;
 use crate::model::{Dynamics, Mechanics};
+use crate::rod::damping::Damped;
 use crate::rod::energies::{MovingRod, RodSums};
-use crate::rod::{Cell, Edge, bend, node};
+use crate::rod::{Cell, DampedRate, Edge, Rod, bend, node};
 use crate::system::{Link, State, System};
 
 /// What a batched step measured: the sums over a rod, of one case or of all lanes.
@@ -56,11 +57,13 @@ impl Energy {
     }
 }
 
-/// Powers (W), or work (J): dE/dt = actuation − viscous − wake − spray + load + head + flow + other.
+/// Powers (W), or work (J): dE/dt = actuation − material − viscous − wake − spray + load + head + flow + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Power {
     /// Supplied by the change of natural curvature: −Σ m_k dκ̄_k/dt.
     pub actuation: f64,
+    /// Dissipated in the rod's material, see [`Damping`](crate::rod::Damping).
+    pub material: f64,
     /// Dissipated by drag: F·(v − u) ≥ 0.
     pub viscous: f64,
     /// Dissipated in the wake that the tail sheds.
@@ -80,7 +83,11 @@ pub struct Power {
 impl Power {
     /// The net power into the rod.
     pub fn net(&self) -> f64 {
-        self.actuation - self.viscous - self.wake - self.spray + self.load + self.head + self.flow + self.other
+        self.actuation - self.material - self.viscous - self.wake - self.spray
+            + self.load
+            + self.head
+            + self.flow
+            + self.other
     }
 
     /// Computes each part by `value`, which gets the accessor of the part.
@@ -88,6 +95,7 @@ impl Power {
     fn by_part(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
         Self {
             actuation: value(|power| power.actuation),
+            material: value(|power| power.material),
             viscous: value(|power| power.viscous),
             wake: value(|power| power.wake),
             spray: value(|power| power.spray),
@@ -233,8 +241,12 @@ pub struct Measurements {
     head_push: Vector2<f64>,
     /// Curvature κ_k, dimensionless, one entry per node.
     pub kappa: Vec<f64>,
-    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry per node.
+    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, with what a damped material resists its rate with; one entry per node.
     pub moment: Vec<f64>,
+    /// The elastic part of it, N m, of a damped material; else empty.
+    elastic: Vec<f64>,
+    /// True where the moving natural curvature works against all of the moments, else against the elastic part.
+    drives_all: bool,
     /// Largest |ℓ/ΔL − 1| of an edge.
     pub strain: f64,
     /// κ̄_k, or κ_k for the shape model, which prescribes it.
@@ -311,12 +323,13 @@ impl Measurements {
 
     /// Copies `other`, without allocating if capacities suffice.
     pub(crate) fn copy_from(&mut self, other: &Self) {
-        let Self { mut kappa, mut moment, mut natural, mut tangent, .. } = std::mem::take(self);
+        let Self { mut kappa, mut moment, mut elastic, mut natural, mut tangent, .. } = std::mem::take(self);
         kappa.clone_from(&other.kappa);
         moment.clone_from(&other.moment);
+        elastic.clone_from(&other.elastic);
         natural.clone_from(&other.natural);
         tangent.clone_from(&other.tangent);
-        *self = Self { kappa, moment, natural, tangent, ..*other };
+        *self = Self { kappa, moment, elastic, natural, tangent, ..*other };
     }
 
     /// The number of nodes; zero if the lengths of its arrays are inconsistent.
@@ -361,12 +374,17 @@ impl Measurements {
         };
         let mut sums = RodSums::of(&moving, 0.0);
         if !state.links.is_empty() {
-            let stored = |((edge, link), cell): ((&Edge, &Link), &Cell)| {
-                let tension = edge.t.dot(&Vector2::from(link.force));
+            let resisted = |e: usize| dynamics.damped().map_or(0.0, |damped| damped.tension_of_rate(rod, e));
+            let stored = |(e, ((edge, link), cell)): (usize, ((&Edge, &Link), &Cell))| {
+                let tension = edge.t.dot(&Vector2::from(link.force)) - resisted(e);
                 0.5 * tension * tension / cell.axial
             };
-            sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
+            sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).enumerate().map(stored).sum();
         }
+        let material = match dynamics.damped() {
+            None => 0.0,
+            Some(damped) => self.resist(damped, rod, &dynamics.natural_rate, taken, &mut sums.actuation),
+        };
         let held = || holding.unwrap_or_else(|| bent.reaction());
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let moving = bent.kinematics();
@@ -379,7 +397,36 @@ impl Measurements {
             }
             stored
         };
-        self.assemble(dynamics, state, &sums, forces, held)
+        self.assemble(dynamics, state, &sums, material, forces, held)
+    }
+
+    /// Adds what a `damped` material resists the rates of its strains with to the moments, unless these are `all` that balance asks
+    /// for, and its share of the power of the `actuation`; returns the power that it takes, W.
+    #[inline(never)] // most rods are elastic
+    fn resist(&mut self, damped: Damped<'_>, rod: &Rod, natural_rate: &[f64], all: bool, actuation: &mut f64) -> f64 {
+        let Damped { damping, rates } = damped;
+        let whole = damping.rate == DampedRate::Whole;
+        self.drives_all = !whole;
+        self.elastic.clone_from(&self.moment);
+        for k in rod.joints() {
+            let resisting = damped.moment_of_rate(rod, k);
+            // Balance gives all of the moment, the curvature its elastic part; the power so far is that against what was given.
+            if all {
+                self.elastic[k] -= resisting;
+            } else {
+                self.moment[k] += resisting;
+            }
+            if all == whole {
+                let sign = if all { 1.0 } else { -1.0 };
+                *actuation += sign * resisting * natural_rate[k];
+            }
+        }
+        damping.power(rod, rates)
+    }
+
+    /// The moments that the natural curvature works against, N m: where it `jumps`, the elastic part of them.
+    fn driven(&self, jumps: bool) -> &[f64] {
+        if self.elastic.is_empty() || (self.drives_all && !jumps) { &self.moment } else { &self.elastic }
     }
 
     /// The same for a `state` that was `measured` in a batch. `of_force` returns the powers of the force with that index, and the energy
@@ -410,7 +457,7 @@ impl Measurements {
             }
             (stored, momentum)
         };
-        self.assemble(dynamics, state, &measured.sums, forces, || measured.held)
+        self.assemble(dynamics, state, &measured.sums, 0.0, forces, || measured.held)
     }
 
     /// Assembles the measurements from the `sums` of `state`, after curvatures, moments and tangents. `forces` adds the powers and
@@ -421,6 +468,7 @@ impl Measurements {
         dynamics: &Dynamics,
         state: &State,
         sums: &RodSums,
+        material: f64,
         forces: impl FnOnce(&mut Power, &mut Resultants) -> (f64, Vector2<f64>),
         held: impl FnOnce() -> Vector2<f64>,
     ) -> Result<()> {
@@ -435,7 +483,7 @@ impl Measurements {
             energy.kinetic = 0.0;
             momentum.rod = Vector2::zeros();
         }
-        let (mut power, mut resultants) = (Power { actuation, ..Power::default() }, Resultants::default());
+        let (mut power, mut resultants) = (Power { actuation, material, ..Power::default() }, Resultants::default());
         if dynamics.is_loaded() {
             (power.load, resultants.load) = dynamics.loads_along(|k| node(&state.v, k));
         }
@@ -501,7 +549,7 @@ impl Measurements {
         let half_time = 0.5 * (self.time - before.time);
         let trapezoid = |of: fn(&Power) -> f64| half_time * (of(&self.power) + of(&before.power));
         let actuation = (self.natural.iter().zip(&before.natural))
-            .zip(self.moment.iter().zip(&before.moment))
+            .zip(self.driven(half_time == 0.0).iter().zip(before.driven(half_time == 0.0)))
             .map(|((now, old), (m_now, m_old))| -0.5 * (m_now + m_old) * (now - old))
             .sum();
         let translation = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));

@@ -25,6 +25,7 @@ use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Laye
 use crate::head::{HeadInput, HeadMotion, HostHead, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
+use crate::rod::damping::{Damped, StrainRates};
 use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
@@ -258,6 +259,8 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
+    /// Rates of strain of the rod as it was last deformed; `None` of an elastic one.
+    rates: Option<StrainRates>,
     /// The fluid along the rod as it was last deformed; nothing in a uniform medium.
     runs: FluidRuns,
     /// Room for forces and loads.
@@ -282,6 +285,7 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
+            rates: model.rod.damping.as_ref().map(|_| StrainRates::with_room(nodes)),
             runs: FluidRuns::with_room(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
             unused: Vec::new(),
@@ -473,11 +477,44 @@ impl Dynamics {
         self.look_around(&state.q);
         if state.links.is_empty() {
             self.shape_edges(&state.q, state.t)?;
-            return self.shape_joints(state.t);
+            self.shape_joints(state.t)?;
+        } else {
+            self.shape_edges_of(state, None)?;
+            self.kappa.iter_mut().zip(&state.links).for_each(|(kappa, link)| *kappa = link.curvature);
         }
-        self.shape_edges_of(&state.links, state.t)?;
-        self.kappa.iter_mut().zip(&state.links).for_each(|(kappa, link)| *kappa = link.curvature);
+        if self.rates.is_some() {
+            self.strain(state);
+        }
         Ok(())
+    }
+
+    /// Finds the rates of strain of the rod as it was just deformed, and what its joints resist them with.
+    #[inline(never)] // most rods are elastic
+    fn strain(&mut self, state: &State) {
+        let Self { model, edges, joints, kappa, natural, natural_rate, rates, held, .. } = self;
+        let rod = &model.rod;
+        let (Some(rates), Some(damping)) = (rates, &rod.damping) else { return };
+        let wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
+        if state.links.is_empty() {
+            rates.read_edges(edges, state.v.as_chunks().0);
+            rates.read_joints(rod, damping, wall, kappa, natural_rate);
+            for k in rod.joints() {
+                joints[k] = damping.damped(rod, k, joints[k], kappa[k], rates.joints[k], natural_rate[k]);
+            }
+            return;
+        }
+        // Of the links' moments, what resists the rates bends nothing.
+        rates.read_joints(rod, damping, wall, kappa, natural_rate);
+        for k in rod.joints() {
+            let resisting = damping.moment(rod, k, rates.joints[k]) * bend::curvature_per_turning(kappa[k]);
+            kappa[k] = chain::from_moment(state.links[k].moment - resisting, rod.joint[k], natural[k], kappa[k]);
+        }
+        rates.read_joints(rod, damping, wall, kappa, natural_rate);
+    }
+
+    /// The damping of the rod with its rates of strain as it was last deformed; `None` of an elastic one.
+    pub fn damped(&self) -> Option<Damped<'_>> {
+        Some(Damped { damping: self.model.rod.damping.as_ref()?, rates: self.rates.as_ref()? })
     }
 
     /// Finds the fluid along a rod at `q`.
@@ -830,9 +867,10 @@ impl Dynamics {
         jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.bend(state)?;
-        let Self { model, edges, joints, inputs, room, runs, .. } = self;
+        let Self { model, edges, joints, inputs, room, runs, rates, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
+        let damped = rod.damping.as_ref().zip(rates.as_ref()).map(|(damping, rates)| Damped { damping, rates });
         let moving = Kinematics {
             t: *t,
             edges,
@@ -845,7 +883,7 @@ impl Dynamics {
         };
         let deformed = Deformed { cells: &rod.cells, mass: &rod.mass, edges, joints, a: a.as_chunks().0 };
         let jacobian = jacobian.map(|Linearisation { matrix, direction }| (matrix.rows_mut(), direction));
-        forces.assemble(deformed, moving, room, residual.as_chunks_mut().0, jacobian);
+        forces.assemble(deformed, damped, moving, room, residual.as_chunks_mut().0, jacobian);
         self.subtract_loads(residual);
         Ok(())
     }

@@ -119,6 +119,7 @@ pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
         ("motion", "kinetic_energy_j", -1.0),
         ("motion of the water", "fluid_energy_j", -1.0),
         ("numerical dissipation", "numerical_dissipation_j", -1.0),
+        ("material", "material_work_j", -1.0),
     ];
     let since_start = |(label, variable, sign): (&str, &str, f64)| {
         let points = record.curve("time_s", variable);
@@ -177,9 +178,12 @@ mod tests {
             let found = |label: &str| {
                 parts.iter().find(|part| part.label == label).map_or(0.0, |part| part.points.last().unwrap().1)
             };
-            for (label, variable) in
-                [("viscosity", "viscous_work_j"), ("wake", "wake_work_j"), ("spray", "spray_work_j")]
-            {
+            for (label, variable) in [
+                ("material", "material_work_j"),
+                ("viscosity", "viscous_work_j"),
+                ("wake", "wake_work_j"),
+                ("spray", "spray_work_j"),
+            ] {
                 let taken = stepper.get_scalar(variable).unwrap_or(0.0);
                 assert!((found(label) + taken).abs() <= 1e-12 * taken.abs(), "{model}: {label}");
             }

@@ -483,10 +483,12 @@ impl Scene {
         law?.uncertainty(reynolds, reactive)
     }
 
-    /// The scene with the density of the rod multiplied by `factor`.
+    /// The scene with the mass of the rod multiplied by `factor`.
     pub fn with_rod_density(&self, factor: f64) -> Self {
         let mut scene = self.clone();
-        scene.rod.density_kg_m3 = self.rod.density_kg_m3.times(factor);
+        for mass in [&mut scene.rod.density_kg_m3, &mut scene.rod.mass_per_length_kg_m] {
+            *mass = mass.as_ref().map(|mass| mass.times(factor));
+        }
         scene
     }
 

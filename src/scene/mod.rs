@@ -11,6 +11,7 @@ mod head_body;
 mod key_error;
 pub mod layers;
 mod loads;
+mod material;
 mod override_layers;
 pub mod parameter;
 mod placeholders;
@@ -38,6 +39,7 @@ pub use head_body::HeadBodyTable;
 pub use key_error::KeyError;
 pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
+pub use material::DampingTime;
 #[cfg(feature = "report")]
 pub(crate) use override_layers::exclusive_keys;
 pub use record::{NodesTable, RecordTable};
@@ -146,6 +148,8 @@ impl Scene {
         self.loads.as_ref().map_or(Ok(()), |loads| loads.check(nodes))?;
         self.record.check_nodes(nodes)?;
         self.head.check()?;
+        self.check_loss_factor()?;
+        self.check_radius()?;
         self.rod.check_sizes(self.head.kind != HeadKind::Free || self.head_body.is_some())?;
         let duration = self.solver.duration_s.get();
         self.solver.check_steps()?;

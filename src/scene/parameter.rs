@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::Scene;
+use super::material::DampingTime;
 use super::value::{Finite, Gradient, NotNegative, NumberOrProfile, Positive, Share, Tolerance};
 
 /// A scalar value of a scene.
@@ -31,7 +32,12 @@ impl ScalarParameter {
     /// True if it may change between steps while the state stays, see [`Stepper::change_parameters`](crate::stepper::Stepper::change_parameters).
     /// Drive and medium do too, as inputs.
     pub fn is_tunable(&self) -> bool {
-        self.key == "rod.youngs_modulus_pa" || self.key == "reactive.shedding" || self.key.starts_with("drag.")
+        self.is_of_material() || self.key == "reactive.shedding" || self.key.starts_with("drag.")
+    }
+
+    /// True if it is a stiffness or the damping of the rod.
+    pub fn is_of_material(&self) -> bool {
+        MATERIAL.contains(&self.key.as_str())
     }
 }
 
@@ -45,6 +51,13 @@ pub struct ProfileParameter {
     /// Points [ξ, value].
     pub points: Vec<[f64; 2]>,
 }
+
+/// The key of the material's damping.
+const DAMPING_TIME: &str = "rod.damping_time_s";
+
+/// The keys of the material's stiffness and damping.
+pub(crate) const MATERIAL: [&str; 4] =
+    ["rod.youngs_modulus_pa", "rod.axial_stiffness_n", "rod.bending_stiffness_n_m2", DAMPING_TIME];
 
 /// A number type with a range.
 pub(super) trait Ranged {
@@ -91,6 +104,19 @@ impl ParameterList {
         }
     }
 
+    /// The same of a value that may be absent.
+    fn optional<T: Ranged + Copy>(
+        &mut self,
+        key: &str,
+        unit: &'static str,
+        description: &str,
+        value: &Option<NumberOrProfile<T>>,
+    ) {
+        if let Some(value) = value {
+            self.along(key, unit, description, value);
+        }
+    }
+
     fn pair<T: Ranged>(&mut self, key: &str, unit: &'static str, descriptions: [&str; 2], values: [T; 2]) {
         for (i, (value, description)) in values.iter().zip(descriptions).enumerate() {
             self.push(key, Some(i), unit, description, value);
@@ -117,13 +143,23 @@ impl Scene {
         let mut list = ParameterList::default();
         let rod = &self.rod;
         list.add("rod.length_m", "m", "length of the rod", rod.length_m);
-        list.along("rod.outer_radius_m", "m", "outer radius", &rod.outer_radius_m);
+        list.optional("rod.outer_radius_m", "m", "outer radius", &rod.outer_radius_m);
         list.along("rod.inner_radius_m", "m", "inner radius; 0 is a solid rod", &rod.inner_radius_m);
-        if let Some(depth) = &rod.depth_m {
-            list.along("rod.depth_m", "m", "depth across the plane of motion", depth);
+        list.optional("rod.depth_m", "m", "depth across the plane of motion", &rod.depth_m);
+        if let Some(modulus) = rod.youngs_modulus_pa {
+            list.add("rod.youngs_modulus_pa", "Pa", "Young's modulus", modulus);
         }
-        list.add("rod.youngs_modulus_pa", "Pa", "Young's modulus", rod.youngs_modulus_pa);
-        list.along("rod.density_kg_m3", "kg/m^3", "density of the rod", &rod.density_kg_m3);
+        list.optional("rod.density_kg_m3", "kg/m^3", "density of the rod", &rod.density_kg_m3);
+        list.optional("rod.axial_stiffness_n", "N", "axial stiffness EA", &rod.axial_stiffness_n);
+        list.optional("rod.bending_stiffness_n_m2", "N m^2", "bending stiffness EI", &rod.bending_stiffness_n_m2);
+        list.optional("rod.mass_per_length_kg_m", "kg/m", "mass per length", &rod.mass_per_length_kg_m);
+        if let Some(time) = rod.damping_time_s.as_ref().and_then(DampingTime::number) {
+            list.add(DAMPING_TIME, "s", "damping time of the material, eta/E", time);
+        }
+        list.optional("rod.loss_factor", "1", "loss factor of the material at its frequency", &rod.loss_factor);
+        if let Some(frequency) = rod.loss_frequency_hz {
+            list.add("rod.loss_frequency_hz", "Hz", "frequency of the loss factor", frequency);
+        }
         if rod.stiffness_profile.is_none() {
             let gradient = rod.stiffness_gradient.unwrap_or(Gradient::constant(0.0));
             list.add("rod.stiffness_gradient", "1", "a in the bending stiffness EI(1 + a(1 - xi))", gradient);
@@ -277,8 +313,16 @@ impl Scene {
                 *value = Some(one);
             }
         }
-        self.rod.youngs_modulus_pa = one;
+        set(&mut self.rod.youngs_modulus_pa, one);
+        for stiffness in [&mut self.rod.axial_stiffness_n, &mut self.rod.bending_stiffness_n_m2] {
+            if stiffness.as_ref().is_some_and(|stiffness| stiffness.number().is_some()) {
+                *stiffness = Some(NumberOrProfile::<Positive>::constant(1.0));
+            }
+        }
         let factor = NotNegative::constant(1.0);
+        if self.rod.damping_time_s.as_ref().is_some_and(|time| time.number().is_some()) {
+            self.rod.damping_time_s = Some(DampingTime::constant(1.0));
+        }
         if let Some(drag) = &mut self.drag {
             for value in [&mut drag.ratio, &mut drag.slender_length_m, &mut drag.height_m, &mut drag.head_length_m] {
                 set(value, one);
@@ -311,11 +355,16 @@ impl Scene {
         let factors = self.actuation.as_ref().and_then(|actuation| actuation.amplitude_profile.as_ref());
         let amplitude = factors.map(|points| points.iter().map(|point| point.map(NotNegative::get)).collect());
         [
-            ("rod.outer_radius_m", "m", points(&rod.outer_radius_m)),
+            ("rod.outer_radius_m", "m", rod.outer_radius_m.as_ref().and_then(points)),
             ("rod.inner_radius_m", "m", points(&rod.inner_radius_m)),
             ("rod.depth_m", "m", rod.depth_m.as_ref().and_then(points)),
-            ("rod.density_kg_m3", "kg/m^3", points(&rod.density_kg_m3)),
+            ("rod.density_kg_m3", "kg/m^3", rod.density_kg_m3.as_ref().and_then(points)),
+            ("rod.axial_stiffness_n", "N", rod.axial_stiffness_n.as_ref().and_then(points)),
+            ("rod.bending_stiffness_n_m2", "N m^2", rod.bending_stiffness_n_m2.as_ref().and_then(points)),
+            ("rod.mass_per_length_kg_m", "kg/m", rod.mass_per_length_kg_m.as_ref().and_then(points)),
             ("rod.mass_profile", "1", rod.mass_profile.as_ref().and_then(points)),
+            (DAMPING_TIME, "s", rod.damping_time_s.as_ref().and_then(DampingTime::points).map(<[_]>::to_vec)),
+            ("rod.loss_factor", "1", rod.loss_factor.as_ref().and_then(points)),
             ("actuation.amplitude_profile", "1", amplitude),
             ("drag.along_n_s_m2", "N s/m^2", drag.and_then(|drag| drag.along_n_s_m2.as_ref()).and_then(points)),
             ("drag.across_n_s_m2", "N s/m^2", drag.and_then(|drag| drag.across_n_s_m2.as_ref()).and_then(points)),

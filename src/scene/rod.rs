@@ -2,12 +2,15 @@
 
 use std::ops::RangeInclusive;
 
+use std::f64::consts::PI;
+
 use serde::Deserialize;
 
 use super::key_error::KeyError;
+use super::material::DampingTime;
 use super::value::{self, BoundedInteger, Gradient, NotNegative, NumberOrProfile, Positive};
 use super::{HeadKind, NODES, Scene};
-use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Shape, Stiffness};
+use crate::rod::{DampedRate, MassLumping, Material, Measured, Profile, Rod, Sections, Shape, Stiffness};
 
 /// `[rod]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -22,16 +25,25 @@ pub struct RodTable {
     /// differs from the diameter is a round core with a thin membrane: only the fluid feels the membrane.
     pub section: Option<Shape>,
     /// Outer radius, or half the thickness in the plane of motion, m.
-    pub outer_radius_m: NumberOrProfile<Positive>,
+    ///
+    /// It may be absent where stiffness and mass are given as measured and no force of a fluid asks for it; the rod then counts as
+    /// round, of the radius 2√(EI/EA).
+    pub outer_radius_m: Option<NumberOrProfile<Positive>>,
     /// Inner radius, or half the thickness of a hole of the same shape, m. By default 0: a solid rod.
     #[serde(default = "solid")]
     pub inner_radius_m: NumberOrProfile<NotNegative>,
     /// Depth perpendicular to the plane of motion, m. By default, twice the outer radius.
     pub depth_m: Option<NumberOrProfile<NotNegative>>,
-    /// Young's modulus, Pa.
-    pub youngs_modulus_pa: Positive,
-    /// Density of the material, kg/m³.
-    pub density_kg_m3: NumberOrProfile<Positive>,
+    /// Young's modulus, Pa. Without it the stiffness is given by `axial_stiffness_n` and `bending_stiffness_n_m2`.
+    pub youngs_modulus_pa: Option<Positive>,
+    /// Density of the material, kg/m³. Without it the mass is given by `mass_per_length_kg_m`.
+    pub density_kg_m3: Option<NumberOrProfile<Positive>>,
+    /// Axial stiffness EA as measured, N, in place of Young's modulus times the area.
+    pub axial_stiffness_n: Option<NumberOrProfile<Positive>>,
+    /// Bending stiffness EI as measured, N m², in place of Young's modulus times the second moment of area.
+    pub bending_stiffness_n_m2: Option<NumberOrProfile<Positive>>,
+    /// Mass per length as measured, kg/m, in place of density times the area.
+    pub mass_per_length_kg_m: Option<NumberOrProfile<Positive>>,
     /// Factor of the mass along the rod.
     pub mass_profile: Option<NumberOrProfile<NotNegative>>,
     /// Linear taper of the stiffness: a in EI(1 + a(1 − ξ)). By default 0.
@@ -39,6 +51,16 @@ pub struct RodTable {
     /// Factor of EI along the rod, as points [ξ, factor]: linear between them, constant beyond.
     #[serde(default, deserialize_with = "value::optional_pairs")]
     pub stiffness_profile: Option<Vec<[NotNegative; 2]>>,
+    /// Kelvin-Voigt damping: the time τ = η/E, s, in the moment EI (κ + τ dκ/dt) and the tension EA (ε + τ dε/dt), as a number, as
+    /// points [ξ, τ], or as { stretching, bending }.
+    pub damping_time_s: Option<DampingTime>,
+    /// Loss factor tan δ of the material at `loss_frequency_hz`, in place of `damping_time_s`: τ = tan δ/(2πf).
+    pub loss_factor: Option<NumberOrProfile<NotNegative>>,
+    /// Frequency of the loss factor, Hz. By default, that of the actuation or of the head's motion.
+    pub loss_frequency_hz: Option<Positive>,
+    /// The rate of curvature that is damped. By default `whole`, as passive material lies beside what drives the rod; `elastic`
+    /// leaves out the rate of the natural curvature.
+    pub damping_of: Option<DampedRate>,
     /// How the mass of an edge is lumped at nodes. By default `tributary`.
     #[serde(default)]
     pub mass_lumping: MassLumping,
@@ -54,7 +76,9 @@ fn solid() -> NumberOrProfile<NotNegative> {
 impl RodTable {
     /// Checks profiles.
     pub(super) fn check(&self) -> Result<(), KeyError> {
+        self.check_measured()?;
         self.check_sections()?;
+        self.check_damping()?;
         let Some(profile) = &self.stiffness_profile else { return Ok(()) };
         let key = "rod.stiffness_profile";
         if self.stiffness_gradient.is_some() {
@@ -71,12 +95,24 @@ impl RodTable {
     }
 
     fn sections(&self) -> Sections {
+        let outer =
+            self.outer_radius_m.as_ref().map_or_else(|| self.equivalent_radius().into(), NumberOrProfile::profile);
+        let measured = Measured {
+            axial: self.axial_stiffness_n.as_ref().map(NumberOrProfile::profile),
+            bending: self.bending_stiffness_n_m2.as_ref().map(NumberOrProfile::profile),
+            mass: self.mass_per_length_kg_m.as_ref().map(NumberOrProfile::profile),
+        };
+        let mean_density = || {
+            let mass = measured.mass.as_ref().map_or(1.0, |mass| mass.at(0.5));
+            mass / (PI * outer.at(0.5).powi(2))
+        };
         Sections {
             shape: self.shape(),
-            outer: self.outer_radius_m.profile(),
+            density: self.density_kg_m3.as_ref().map_or_else(|| mean_density().into(), NumberOrProfile::profile),
+            outer,
             inner: self.inner_radius_m.profile(),
             depth: self.depth_m.as_ref().map(NumberOrProfile::profile),
-            density: self.density_kg_m3.profile(),
+            measured,
             mass_factor: self.mass_profile.as_ref().map_or(1.0.into(), NumberOrProfile::profile),
         }
     }
@@ -84,12 +120,18 @@ impl RodTable {
     /// Checks profiles and the thickness of the wall.
     fn check_sections(&self) -> Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: format!("rod.{key}"), problem });
+        fn of<T: Copy>(value: &Option<NumberOrProfile<T>>) -> Option<String> {
+            value.as_ref().and_then(NumberOrProfile::disorder)
+        }
         let disorders = [
-            ("outer_radius_m", self.outer_radius_m.disorder()),
+            ("outer_radius_m", of(&self.outer_radius_m)),
             ("inner_radius_m", self.inner_radius_m.disorder()),
-            ("depth_m", self.depth_m.as_ref().and_then(NumberOrProfile::disorder)),
-            ("density_kg_m3", self.density_kg_m3.disorder()),
-            ("mass_profile", self.mass_profile.as_ref().and_then(NumberOrProfile::disorder)),
+            ("depth_m", of(&self.depth_m)),
+            ("density_kg_m3", of(&self.density_kg_m3)),
+            ("axial_stiffness_n", of(&self.axial_stiffness_n)),
+            ("bending_stiffness_n_m2", of(&self.bending_stiffness_n_m2)),
+            ("mass_per_length_kg_m", of(&self.mass_per_length_kg_m)),
+            ("mass_profile", of(&self.mass_profile)),
         ];
         for (key, disorder) in disorders {
             if let Some(found) = disorder {
@@ -139,7 +181,7 @@ impl RodTable {
     pub(super) fn check_sizes(&self, held_head: bool) -> Result<(), KeyError> {
         let (sections, stiffness) = (self.sections(), self.stiffness());
         let part = 1.0 / (self.nodes.get() - 1) as f64;
-        let (spacing, youngs) = (self.length_m.get() * part, self.youngs_modulus_pa.get());
+        let (spacing, youngs) = (self.length_m.get() * part, self.youngs_modulus());
         // The first and the last place of what nodes, edges and joints are made from: profiles may vanish beyond them.
         let nodes = match self.mass_lumping {
             MassLumping::Uniform => [0.0, 1.0],
@@ -154,8 +196,8 @@ impl RodTable {
         for place in places {
             let at = |[first, last]: [f64; 2]| place.clamp(first, last);
             let (inertia, mass) = (sections.at(at(joints)).inertia(), sections.line_density(at(nodes)) * spacing);
-            let bending = youngs * inertia * stiffness.factor(at(joints)) / spacing;
-            let stretching = youngs * sections.at(at(edges)).area() / spacing;
+            let bending = sections.bending_stiffness(youngs, at(joints)) * stiffness.factor(at(joints)) / spacing;
+            let stretching = sections.axial_stiffness_at(youngs, at(edges)) / spacing;
             // The second moment vanishes with either, and where the depth does it is that which a user has to change.
             let (side, size) = match sections.at(at(joints)) {
                 section if section.depth < section.outer && section.shape != Shape::Round => ("depth_m", section.depth),
@@ -219,8 +261,9 @@ impl Scene {
         let table = &self.rod;
         let material = Material {
             sections: table.sections(),
-            youngs: table.youngs_modulus_pa.get(),
+            youngs: table.youngs_modulus(),
             stiffness: table.stiffness(),
+            damping: self.damping(),
         };
         let held = self.head.kind != HeadKind::Free;
         self.behind_body(Rod::new(nodes, table.length_m.get(), &material, table.mass_lumping, held))

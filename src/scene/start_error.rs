@@ -1,7 +1,7 @@
 //! Errors at the start of a run, such as a rod that folds over, with the key of the scene that most likely causes them.
 
 use super::Scene;
-use super::value::Positive;
+use super::value::{NumberOrProfile, Positive};
 use crate::error::Error;
 
 impl Scene {
@@ -42,11 +42,15 @@ impl Scene {
     fn most_extreme_key(&self) -> &'static str {
         let rod = &self.rod;
         let (actuation, medium) = (self.actuation.as_ref(), self.medium.as_ref());
+        let largest = |value: &Option<NumberOrProfile<Positive>>| Some(value.as_ref()?.profile().largest());
         let numbers = [
-            ("rod.youngs_modulus_pa", Some(rod.youngs_modulus_pa.get())),
-            ("rod.density_kg_m3", Some(rod.density_kg_m3.profile().largest())),
+            ("rod.axial_stiffness_n", largest(&rod.axial_stiffness_n)),
+            ("rod.bending_stiffness_n_m2", largest(&rod.bending_stiffness_n_m2)),
+            ("rod.mass_per_length_kg_m", largest(&rod.mass_per_length_kg_m)),
+            ("rod.youngs_modulus_pa", rod.youngs_modulus_pa.map(Positive::get)),
+            ("rod.density_kg_m3", largest(&rod.density_kg_m3)),
             ("rod.length_m", Some(rod.length_m.get())),
-            ("rod.outer_radius_m", Some(rod.outer_radius_m.profile().largest())),
+            ("rod.outer_radius_m", largest(&rod.outer_radius_m)),
             (self.amplitude_key(), actuation.map(|table| table.slope.map_or(table.amplitude().abs(), Positive::get))),
             ("actuation.frequency_hz", actuation.map(|table| table.frequency_hz.get())),
             ("medium.viscosity_pa_s", medium.map(|table| table.viscosity_pa_s.get())),

@@ -326,6 +326,11 @@ impl NumberOrProfile<Positive> {
             number: self.number.map(|number| Positive::constant(number.get() * factor)),
         }
     }
+
+    /// A constant for comparisons; not checked.
+    pub(super) fn constant(number: f64) -> Self {
+        Self { points: vec![[0.0, number]], number: Some(Positive(number)) }
+    }
 }
 
 impl<T: Copy> NumberOrProfile<T> {

@@ -118,10 +118,14 @@ impl Scene {
         self.with_pace(pace).with_model(choice.kind).with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE)
     }
 
-    /// The scene with Young's modulus multiplied by `factor`.
+    /// The scene with Young's modulus, or the measured stiffness, multiplied by `factor`.
     pub fn with_modulus(&self, factor: f64) -> Self {
         let mut scene = self.clone();
-        scene.rod.youngs_modulus_pa = Positive::constant(self.rod.youngs_modulus_pa.get() * factor);
+        let rod = &mut scene.rod;
+        rod.youngs_modulus_pa = rod.youngs_modulus_pa.map(|modulus| Positive::constant(modulus.get() * factor));
+        for stiffness in [&mut rod.axial_stiffness_n, &mut rod.bending_stiffness_n_m2] {
+            *stiffness = stiffness.as_ref().map(|stiffness| stiffness.times(factor));
+        }
         scene
     }
 

@@ -247,8 +247,10 @@ fn parameter_force_along(
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
     for k in effect.joints.clone() {
-        let deviation = kappa[k] - dynamics.natural[k];
-        let size = effect.stiffness * deviation - rod.joint[k] * effect.natural(shape, k);
+        let deviation = kappa[k] - dynamics.natural[k] + at.bent.resisted_curvature(k);
+        let size = effect.stiffness * deviation
+            - rod.joint[k] * effect.natural(shape, k)
+            - at.bent.resisted_natural_rate(k) * effect.rate(shape, k);
         sum += size * at.point.gather(k, force);
     }
     sum

@@ -19,7 +19,7 @@ pub(super) struct Equations {
     matrix: BandMatrix,
     /// J of a held head.
     held: Option<BandMatrix>,
-    /// ∂f/∂v, where any force acts.
+    /// ∂f/∂v, where any force acts or the material is damped.
     damping: Option<BandMatrix>,
     /// ∂f/∂a, if it differs from the lumped mass.
     inertia: Option<BandMatrix>,
@@ -42,7 +42,7 @@ impl Equations {
         Ok(Self {
             direction: Direction::POSITIONS,
             held: of(model.head.is_some()),
-            damping: of(!model.forces.is_empty()),
+            damping: of(!model.forces.is_empty() || model.rod.damping.is_some()),
             inertia: of(model.forces.are_inertial()),
             place: (!everywhere).then(|| vec![Matrix2::zeros(); nodes]),
             band: BlockBand::analyse(&matrix)?,
@@ -131,7 +131,7 @@ impl Equations {
         }
     }
 
-    /// f_v x, or its transpose; zero without forces.
+    /// f_v x, or its transpose; zero without forces and damping.
     pub(super) fn damp(&mut self, x: &[f64], transposed: bool) -> &[f64] {
         match &self.damping {
             Some(damping) => damping.multiply(x, &mut self.product, transposed),

@@ -254,8 +254,10 @@ fn add_parameter_force(
         force.iter_mut().zip(at.point.by_key(key)).for_each(|(f, by)| *f += factor * by);
     }
     for k in effect.joints.clone() {
-        let deviation = kappa[k] - dynamics.natural[k];
-        let size = effect.stiffness * deviation - rod.joint[k] * effect.natural(shape, k);
+        let deviation = kappa[k] - dynamics.natural[k] + at.bent.resisted_curvature(k);
+        let size = effect.stiffness * deviation
+            - rod.joint[k] * effect.natural(shape, k)
+            - at.bent.resisted_natural_rate(k) * effect.rate(shape, k);
         at.point.scatter(k, factor * size, force);
     }
 }

@@ -8,9 +8,10 @@ use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::Property;
 use crate::fluid::{DENSITY, Force, Key, PowerKind};
 use crate::head::Pose;
+use crate::linear::{Block, Direction};
 use crate::model::{DeformedRod, Dynamics, Model};
-use crate::rod::bend;
-use crate::rod::{add, elastic, node};
+use crate::rod::damping::{Damped, Viscosity};
+use crate::rod::{add, bend, elastic, node};
 use crate::system::State;
 use crate::variable;
 
@@ -37,6 +38,8 @@ pub enum Quantity {
     Kinetic,
     /// Power of the moving natural curvature, W.
     ActuationPower,
+    /// Power dissipated in the material, W.
+    MaterialPower,
     /// Power dissipated by drag, W.
     ViscousPower,
     /// Power dissipated in the wake, W.
@@ -76,6 +79,8 @@ pub enum Quantity {
 pub enum Work {
     /// Of the moving natural curvature.
     Actuation,
+    /// Dissipated in the material.
+    Material,
     /// Dissipated by drag.
     Viscous,
     /// Dissipated in the wake.
@@ -116,7 +121,7 @@ impl From<Work> for Output {
 }
 
 /// The names of the outputs in the table of variables.
-const NAMES: [&str; 48] = [
+const NAMES: [&str; 50] = [
     "x_com_m",
     "y_com_m",
     "stretching_energy_j",
@@ -124,6 +129,7 @@ const NAMES: [&str; 48] = [
     "kinetic_energy_j",
     "actuation_power_w",
     "fluid_energy_j",
+    "material_power_w",
     "viscous_power_w",
     "wake_power_w",
     "spray_power_w",
@@ -157,6 +163,7 @@ const NAMES: [&str; 48] = [
     "fluid_momentum_y_n_s",
     "net_displacement_m",
     "actuation_work_j",
+    "material_work_j",
     "viscous_work_j",
     "wake_work_j",
     "spray_work_j",
@@ -221,6 +228,7 @@ impl Output {
             "kinetic_energy_j" => Q::Kinetic.into(),
             "actuation_power_w" => Q::ActuationPower.into(),
             "fluid_energy_j" => Q::Fluid.into(),
+            "material_power_w" => Q::MaterialPower.into(),
             "viscous_power_w" => Q::ViscousPower.into(),
             "wake_power_w" => Q::WakePower.into(),
             "spray_power_w" => Q::SprayPower.into(),
@@ -255,6 +263,7 @@ impl Output {
             "fluid_momentum_y_n_s" => Q::FluidMomentum(1).into(),
             "net_displacement_m" => Self::from(Q::CentreOfMass(0)).since_start(),
             "actuation_work_j" => Work::Actuation.into(),
+            "material_work_j" => Work::Material.into(),
             "viscous_work_j" => Work::Viscous.into(),
             "wake_work_j" => Work::Wake.into(),
             "spray_work_j" => Work::Spray.into(),
@@ -267,6 +276,7 @@ impl Output {
                 let now = energy.map(|(_, quantity)| (-1.0, quantity)).to_vec();
                 let mut work = vec![
                     (1.0, Work::Actuation),
+                    (-1.0, Work::Material),
                     (-1.0, Work::Viscous),
                     (-1.0, Work::Wake),
                     (-1.0, Work::Spray),
@@ -382,6 +392,8 @@ pub(super) struct StepInterval {
 pub(super) struct LocalDerivatives {
     /// ∇κ_k by the nodes k−1, k, k+1.
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
+    /// Of a damped rod ∇Ω_k by the positions of the same nodes, Ω the rate of the turning at the joint; else empty.
+    spins: Vec<[Vector2<f64>; 3]>,
     /// ∂f/∂p of the parameters of forces, two entries per node.
     keys: Vec<(Key, Vec<f64>)>,
 }
@@ -390,6 +402,7 @@ impl LocalDerivatives {
     pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
         Self {
             slopes: vec![[Vector2::zeros(); 3]; nodes],
+            spins: Vec::new(),
             keys: keys.iter().map(|key| (*key, vec![0.0; 2 * nodes])).collect(),
         }
     }
@@ -409,6 +422,16 @@ impl LocalDerivatives {
             let after = across(k);
             self.slopes[k] = [before, -before - after, after];
         }
+        self.spins.clear();
+        if let Some(Damped { rates, .. }) = dynamics.damped() {
+            self.spins.resize(self.slopes.len(), [Vector2::zeros(); 3]);
+            let slope = |e: usize| rates.edges[e].spin_slope(&edges[e], Direction::POSITIONS);
+            for k in dynamics.model.rod.joints() {
+                let before = if k == 0 { Vector2::zeros() } else { slope(k - 1) };
+                let after = slope(k);
+                self.spins[k] = [before, -before - after, after];
+            }
+        }
         let moving = bent.kinematics();
         for (key, by) in &mut self.keys {
             by.fill(0.0);
@@ -422,7 +445,16 @@ impl LocalDerivatives {
     /// Adds `factor`·∇κ_k to `q`.
     #[inline]
     pub(super) fn scatter(&self, k: usize, factor: f64, q: &mut [f64]) {
-        let [before, here, after] = self.slopes[k];
+        Self::scatter_slopes(self.slopes[k], k, factor, q);
+    }
+
+    /// Adds `factor`·∇Ω_k by positions to `q`.
+    fn scatter_spin(&self, k: usize, factor: f64, q: &mut [f64]) {
+        Self::scatter_slopes(self.spins[k], k, factor, q);
+    }
+
+    #[inline]
+    fn scatter_slopes([before, here, after]: [Vector2<f64>; 3], k: usize, factor: f64, q: &mut [f64]) {
         if k > 0 {
             add(q, k - 1, before * factor);
         }
@@ -447,18 +479,35 @@ pub(super) struct OutputContext<'a> {
 }
 
 impl OutputContext<'_> {
-    /// m_k = B_k(κ_k − κ̄_k), and κ_k − κ̄_k.
+    /// B_k(κ_k − κ̄_k), the elastic part of m_k, and κ_k − κ̄_k.
     fn moment(&self, k: usize) -> [f64; 2] {
         let deviation = self.bent.kappa()[k] - self.bent.dynamics.natural[k];
         [self.bent.dynamics.model.rod.joint[k] * deviation, deviation]
     }
 
-    /// Adds `factor`·∇m_k.
-    fn add_moment(&self, k: usize, factor: f64, g: &mut Gradient) {
+    /// Adds `factor` times the gradient of the part of m_k that the moving natural curvature works against.
+    fn add_driven(&self, k: usize, factor: f64, g: &mut Gradient) {
         let stiffness = self.bent.dynamics.model.rod.joint[k];
         self.point.scatter(k, factor * stiffness, &mut g.q);
         g.stiffness[k] += factor * self.moment(k)[1];
         g.natural[k] -= factor * stiffness;
+        if self.bent.resisted_natural_rate(k) != 0.0 {
+            self.add_resisting(k, factor, g);
+        }
+    }
+
+    /// Adds `factor` times the gradient of the part of m_k that resists the rate r = s Ω − κ̄′: ∇r = ½κΩ ∇κ + s ∇Ω by positions, ∇κ by
+    /// velocities.
+    fn add_resisting(&self, k: usize, factor: f64, g: &mut Gradient) {
+        let Some(Damped { damping, rates }) = self.bent.dynamics.damped() else { return };
+        let (rod, kappa) = (&self.bent.dynamics.model.rod, self.bent.kappa()[k]);
+        let (s, size) = (bend::curvature_per_turning(kappa), factor * damping.moment(rod, k, 1.0));
+        let spin = self.bent.spin(k);
+        self.point.scatter(k, size * 0.5 * kappa * spin, &mut g.q);
+        self.point.scatter_spin(k, size * s, &mut g.q);
+        self.point.scatter(k, size, &mut g.v);
+        g.stiffness[k] += factor * damping.bending[k] * rates.joints[k];
+        g.natural_rate[k] -= factor * self.bent.resisted_natural_rate(k);
     }
 
     /// The energy stored by the forces with that `kind` of power, J (`rate` 0), or the power that they supply, W (1). Adds `factor` times its
@@ -583,24 +632,39 @@ impl OutputContext<'_> {
         let (dynamics, rod) = (self.bent.dynamics, &self.bent.dynamics.model.rod);
         let edges = self.bent.edges();
         let joints = [0, 1].map(|k| self.bent.joint(k));
-        let tension = rod.cells[0].tension(&edges[0]);
+        let tension = self.bent.tension(0);
         let mut force = -elastic::force(&edges[0], tension, &joints[0], &joints[1]) - dynamics.load(0);
-        // By the vectors of edges 0 and 1.
+        // By the vectors of edges 0 and 1, and by their rates.
         let joints_of_edge = [&joints[0], &joints[1]];
         let next = elastic::stiffness(&edges[0], rod.cells[0].axial, tension, joints_of_edge, -factor);
-        let slope = Matrix2::from(next.transpose()) * along;
-        add(&mut g.q, 0, -slope);
-        add(&mut g.q, 1, slope);
-        if rod.joints().contains(&1) {
-            let coupling = elastic::coupling(&edges[0], &edges[1], &joints[1], -factor);
-            let slope = Matrix2::from(coupling.transpose()) * along;
-            add(&mut g.q, 1, -slope);
-            add(&mut g.q, 2, slope);
+        let coupling = rod.joints().contains(&1).then(|| elastic::coupling(&edges[0], &edges[1], &joints[1], -factor));
+        let mut add_slopes = |next: Block, coupling: Option<Block>, by: fn(&mut Gradient) -> &mut [f64]| {
+            let blocks = [Some(next), coupling].into_iter().enumerate();
+            for (e, block) in blocks.filter_map(|(e, block)| Some((e, block?))) {
+                let slope = Matrix2::from(block.transpose()) * along;
+                add(by(g), e, -slope);
+                add(by(g), e + 1, slope);
+            }
+        };
+        match dynamics.damped() {
+            None => add_slopes(next, coupling, |g| &mut g.q),
+            Some(damped) => {
+                let (cell, ends) = (&rod.cells[0], [&edges[0], &edges[1]]);
+                let direction = Direction { q: factor, v: 0.0, a: 0.0 };
+                let next = damped.own(0, &edges[0], cell, next, direction);
+                let coupling = coupling.map(|coupling| damped.couplings(1, ends, coupling, direction)[0]);
+                add_slopes(next, coupling, |g| &mut g.q);
+                let direction = Direction { q: 0.0, v: factor, a: 0.0 };
+                let next = damped.own(0, &edges[0], cell, Block::ZERO, direction);
+                let coupling = coupling.map(|_| damped.couplings(1, ends, Block::ZERO, direction)[0]);
+                add_slopes(next, coupling, |g| &mut g.v);
+            }
         }
         for k in [0, 1].into_iter().filter(|k| rod.joints().contains(k)) {
             let size = factor * self.point.slopes[k][1 - k].dot(&along);
-            g.stiffness[k] += size * self.moment(k)[1];
+            g.stiffness[k] += size * (self.moment(k)[1] + self.bent.resisted_curvature(k));
             g.natural[k] -= size * rod.joint[k];
+            g.natural_rate[k] -= size * self.bent.resisted_natural_rate(k);
         }
         let moving = self.bent.kinematics();
         let on_head = |k: usize| if k == 0 { along * factor } else { Vector2::zeros() };
@@ -702,12 +766,30 @@ impl Quantity {
             Self::ActuationPower => {
                 let mut power = 0.0;
                 for k in rod.joints() {
-                    let (moment, rate) = (at.moment(k)[0], dynamics.natural_rate[k]);
-                    at.add_moment(k, -factor * rate, g);
+                    let (moment, rate) = (at.bent.driven_moment(k), dynamics.natural_rate[k]);
+                    at.add_driven(k, -factor * rate, g);
                     g.natural_rate[k] -= factor * moment;
                     power -= moment * rate;
                 }
                 power
+            }
+            Self::MaterialPower => {
+                let Some(Damped { damping, rates }) = dynamics.damped() else { return 0.0 };
+                for k in rod.joints() {
+                    // P = Bτr²: the gradient of Bτr, and of the other r.
+                    let rate = rates.joints[k];
+                    at.add_resisting(k, 2.0 * factor * rate, g);
+                    g.stiffness[k] -= factor * damping.bending[k] * rate * rate;
+                }
+                for (e, (edge, rate)) in at.bent.edges().iter().zip(&rates.edges).enumerate() {
+                    let size = 2.0 * factor * damping.tension(rod, e, rate.stretching);
+                    for (by, direction) in [(&mut g.q, Direction::POSITIONS), (&mut g.v, Direction::VELOCITIES)] {
+                        let slope = rate.stretching_slope(edge, direction) * size;
+                        add(by, e, -slope);
+                        add(by, e + 1, slope);
+                    }
+                }
+                damping.power(rod, rates)
             }
             Self::ViscousPower => at.power_to(PowerKind::Drag, factor, g),
             Self::WakePower => at.power_to(PowerKind::Wake, factor, g),
@@ -737,8 +819,14 @@ impl Quantity {
                 let (moment, joint) = (at.moment(k), at.bent.joint(k));
                 let s = bend::curvature_per_turning(at.bent.kappa()[k]);
                 at.point.scatter(k, factor * joint.stiffness / s, &mut g.q);
-                g.stiffness[k] += factor * s * moment[1];
+                g.stiffness[k] += factor * s * (moment[1] + at.bent.resisted_curvature(k));
                 g.natural[k] -= factor * s * rod.joint[k];
+                if let Some(Damped { rates, .. }) = dynamics.damped() {
+                    let viscosity = factor * rates.viscosity[k];
+                    at.point.scatter_spin(k, viscosity, &mut g.q);
+                    at.point.scatter(k, viscosity / s, &mut g.v);
+                    g.natural_rate[k] -= factor * s * at.bent.resisted_natural_rate(k);
+                }
                 joint.couple
             }
             Self::JointStrain(k) => {
@@ -792,6 +880,7 @@ impl Work {
         let half = 0.5 * span.h;
         let rod = &at.bent.dynamics.model.rod;
         match self {
+            Self::Material => half * Quantity::MaterialPower.add(at, half * factor, g),
             Self::Viscous => half * Quantity::ViscousPower.add(at, half * factor, g),
             Self::Wake => half * Quantity::WakePower.add(at, half * factor, g),
             Self::Spray => half * Quantity::SprayPower.add(at, half * factor, g),
@@ -816,8 +905,8 @@ impl Work {
             Self::Actuation => {
                 let mut work = 0.0;
                 for k in rod.joints() {
-                    let moment = at.moment(k)[0];
-                    at.add_moment(k, -0.5 * factor * span.natural[k], g);
+                    let moment = at.bent.driven_moment(k);
+                    at.add_driven(k, -0.5 * factor * span.natural[k], g);
                     g.natural_step[k] -= 0.5 * factor * moment;
                     work -= 0.5 * moment * span.natural[k];
                 }

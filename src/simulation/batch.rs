@@ -26,7 +26,7 @@ pub struct Batch {
 
 impl Batch {
     /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, the integrator, nodal positions as unknowns, and the local
-    /// drag law, with or without the reactive force, in a uniform medium or none. `None` for others, for fewer than two steppers, and on
+    /// drag law, with or without the reactive force, in a uniform medium or none, and an elastic material. `None` for others, for fewer than two steppers, and on
     /// a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]

@@ -10,7 +10,8 @@ use crate::fluid::{DENSITY, Force, Layer, Layers, PowerKind};
 use crate::metrics::RunMetrics;
 use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::Work;
-use crate::rod::{bend, node};
+use crate::rod::{DampedRate, bend, node};
+use crate::scene::parameter::MATERIAL;
 use crate::system::{Form, State};
 
 /// What determines the value of a variable.
@@ -123,6 +124,8 @@ pub enum FeedthroughCondition {
     OfShape,
     /// Any other model, where moments follow from the curvature.
     OfElasticity,
+    /// Such a model of a rod whose material resists the rate of its elastic curvature alone: moments follow the rate of the natural one.
+    OfElasticDamping,
 }
 
 impl FeedthroughCondition {
@@ -140,6 +143,10 @@ impl FeedthroughCondition {
             }
             Self::OfShape => shape,
             Self::OfElasticity => !shape,
+            Self::OfElasticDamping => {
+                let damping = &dynamics.model.rod.damping;
+                !shape && damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Elastic)
+            }
         }
     }
 }
@@ -169,6 +176,10 @@ const fn with_buoyancy(input: &'static str) -> DirectFeedthrough {
 
 const fn elastic(input: &'static str, entries: FeedthroughEntries) -> DirectFeedthrough {
     DirectFeedthrough { input, entries, condition: FeedthroughCondition::OfElasticity }
+}
+
+const fn elastically_damped(input: &'static str) -> DirectFeedthrough {
+    DirectFeedthrough { input, entries: FeedthroughEntries::All, condition: FeedthroughCondition::OfElasticDamping }
 }
 
 /// The same feedthrough for the shape model.
@@ -231,10 +242,13 @@ const NATURAL_RATE: [DirectFeedthrough; 22] = join(
         NATURAL[2],
     ],
 );
-const OWN_NATURAL: [DirectFeedthrough; 21] =
-    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::Own)]);
-const HEAD_NATURAL: [DirectFeedthrough; 21] =
-    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::First(1))]);
+const QUICKER: DirectFeedthrough = elastically_damped("actuation_frequency_hz");
+const MATERIAL_POWER: [DirectFeedthrough; 3] =
+    [elastically_damped("actuation_amplitude"), elastically_damped("actuation_phase_rad"), QUICKER];
+const OWN_NATURAL: [DirectFeedthrough; 22] =
+    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::Own), QUICKER]);
+const HEAD_NATURAL: [DirectFeedthrough; 22] =
+    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::First(1)), QUICKER]);
 const LOADS: [DirectFeedthrough; 11] = join(
     &[
         with_buoyancy("density_kg_m3"),
@@ -249,17 +263,18 @@ const LOADS: [DirectFeedthrough; 11] = join(
     ],
     FORCES,
 );
-const HEAD: [DirectFeedthrough; 19] = join(
+const HEAD: [DirectFeedthrough; 20] = join(
     &FLUID,
     &[
         in_positions("actuation_amplitude", FeedthroughEntries::All),
         in_positions("actuation_phase_rad", FeedthroughEntries::All),
         in_positions("natural_curvature_1_m", FeedthroughEntries::First(2)),
+        QUICKER,
     ],
 );
-const HEAD_X: [DirectFeedthrough; 21] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
-const HEAD_Y: [DirectFeedthrough; 21] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
-const HEAD_POWER: [DirectFeedthrough; 24] = join(
+const HEAD_X: [DirectFeedthrough; 22] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
+const HEAD_Y: [DirectFeedthrough; 22] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
+const HEAD_POWER: [DirectFeedthrough; 25] = join(
     &FLUID,
     &[
         WAVE[0],
@@ -270,6 +285,7 @@ const HEAD_POWER: [DirectFeedthrough; 24] = join(
         always("force_y_n", FeedthroughEntries::First(1)),
         BALANCE[16],
         BALANCE[17],
+        QUICKER,
     ],
 );
 
@@ -423,7 +439,7 @@ impl Variable {
     /// [`is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable): moments on the stiffness, forces of the fluid on their coefficients.
     pub fn follows_parameter(&self, key: &str, dynamics: &Dynamics, form: Form) -> bool {
         match key {
-            "rod.youngs_modulus_pa" => self.elastic || self.is_fed_by("natural_curvature_1_m", dynamics, form),
+            _ if MATERIAL.contains(&key) => self.elastic || self.is_fed_by("natural_curvature_1_m", dynamics, form),
             _ => self.is_fed_by("viscosity_pa_s", dynamics, form),
         }
     }
@@ -583,6 +599,8 @@ const HELD_HEAD: Requirement =
 const INERTIAL_FLUID: Requirement =
     Requirement { met: has_inertial_fluid, what: "a fluid that the rod accelerates: [reactive]" };
 const OTHER_FORCES: Requirement = Requirement { met: has_other_forces, what: "a force of your own" };
+const DAMPED: Requirement =
+    Requirement { met: is_damped, what: "a damped material: rod.damping_time_s or rod.loss_factor" };
 const SPRAY: Requirement = Requirement { met: has_spray, what: "[reactive] and a medium with interfaces" };
 const FREE: Requirement = Requirement { met: is_free, what: "a free head" };
 const FLOW_X: Requirement = Requirement { met: has_flow::<0>, what: "a [medium] that may flow along this axis" };
@@ -629,6 +647,10 @@ fn has_dense_fluid(model: &Model) -> bool {
 
 fn has_inertial_fluid(model: &Model) -> bool {
     model.forces.are_inertial()
+}
+
+fn is_damped(model: &Model) -> bool {
+    model.rod.damping.is_some()
 }
 
 fn has_spray(model: &Model) -> bool {
@@ -783,6 +805,7 @@ pub static VARIABLES: &[Variable] = &[
     output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.metrics.now.energy.kinetic).recorded(),
     output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.metrics.now.energy.fluid).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
+    output("material_power_w", "W", "power taken by the damped material", |v, _| v.metrics.now.power.material).when(DAMPED).fed(&MATERIAL_POWER).recorded().elastic(),
     output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.metrics.now.power.viscous).fed(&FLUID).recorded(),
     output("wake_power_w", "W", "power taken by the wake", |v, _| v.metrics.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("spray_power_w", "W", "power taken by the spray at interfaces", |v, _| v.metrics.now.power.spray).when(SPRAY).fed(&FLUID).recorded(),
@@ -839,6 +862,7 @@ pub static VARIABLES: &[Variable] = &[
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.metrics.net_displacement()),
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral),
     output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
+    output("material_work_j", "J", "work taken by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded(),
     output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
     output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
     output("spray_work_j", "J", "work taken by the spray at interfaces since the start", |v, _| v.metrics.totals.work.spray).when(SPRAY).recorded(),
@@ -873,6 +897,7 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::HEAD_FORCE_Y, |v, _| v.average(&cycle::HEAD_FORCE_Y)).when(HELD_HEAD),
     average(&cycle::HEAD_MOMENT, |v, _| v.average(&cycle::HEAD_MOMENT)).when(HELD_HEAD),
     average(&cycle::ACTUATION_POWER, |v, _| v.average(&cycle::ACTUATION_POWER)),
+    average(&cycle::MATERIAL_POWER, |v, _| v.average(&cycle::MATERIAL_POWER)).when(DAMPED),
     average(&cycle::VISCOUS_POWER, |v, _| v.average(&cycle::VISCOUS_POWER)),
     average(&cycle::WAKE_POWER, |v, _| v.average(&cycle::WAKE_POWER)).when(INERTIAL_FLUID),
     average(&cycle::LOAD_POWER, |v, _| v.average(&cycle::LOAD_POWER)),

@@ -222,7 +222,7 @@ fn columns_say_what_ran_and_have_names_of_their_own() {
     assert_eq!(two.columns(), ["rod.youngs_modulus_pa", "scatter"]);
     for (i, scene) in scenes(&two).iter().enumerate() {
         let values = two.values(&two.case(i).unwrap());
-        assert_eq!(values[0].as_float(), Some(scene.rod.youngs_modulus_pa.get()));
+        assert_eq!(values[0].as_float(), Some(scene.rod.youngs_modulus()));
     }
     let named = "[axes.nodes]\nkeys = [\"rod.nodes\"]\nvalues = [9, 11]\n[axes.case]\nkeys = [\"rod.length_m\"]\nvalues = [0.3, 0.4]\n\
         [axes.cycle_period_s]\nkeys = [\"rod.density_kg_m3\"]\nvalues = [1e3]\n[report]\nsplit = \"nodes\"\n";

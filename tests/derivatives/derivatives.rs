@@ -13,12 +13,17 @@ const NODES: usize = 7;
 fn scenes() -> Vec<(&'static str, Stepper)> {
     let driven = ["head.kind=driven", "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}", "head.angle_rad=0.1"];
     let gravity = "loads.gravity_m_s2=[0.0,-1.0]";
-    let kinds: [(&str, &[&str]); 5] = [
+    let damped = "rod.damping_time_s={stretch=1e-4,bending=0.01}";
+    let turning = "head.angle_rad={amplitude=0.3,frequency_hz=1.0}";
+    let kinds: [(&str, &[&str]); 8] = [
         ("free", &["medium.flow_m_s=[0.05,0.02]"]),
         ("ramp", &["start.kind=ramp", "start.ramp_s=0.1", gravity]),
         ("clamped", &["head.kind=clamped", gravity]),
         ("driven", &driven),
         ("chain", &["solver.form=chain", driven[0], driven[1], driven[2]]),
+        ("damped", &[damped, driven[0], driven[1], turning]),
+        ("elastically damped", &[damped, "rod.damping_of=elastic", "head.kind=clamped"]),
+        ("damped and free", &[damped, "rod.damping_of=elastic"]),
     ];
     let prepare = |(name, changes): (&'static str, &[&str])| {
         let nodes = format!("rod.nodes={NODES}");

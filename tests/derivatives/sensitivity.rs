@@ -17,6 +17,10 @@ const HEADS: [&str; 3] = [
     r#"head={ kind = "driven", position_m = { amplitude = [0.01, 0.05], frequency_hz = 1.0 }, angle_rad = { amplitude = 0.4, frequency_hz = 1.5, phase_rad = 0.3 } }"#,
 ];
 
+/// A damped material, from a start in motion.
+const DAMPED: &str = "rod.damping_time_s=0.02";
+const ELASTICALLY_DAMPED: &str = "rod.damping_time_s=0.02 and rod.damping_of=elastic";
+
 /// Names of the methods that have derivatives.
 fn methods() -> impl Iterator<Item = &'static str> {
     METHODS
@@ -27,16 +31,16 @@ fn methods() -> impl Iterator<Item = &'static str> {
 
 fn scene(head: &str, method: &str, start: &str) -> Scene {
     let method = format!("solver.integrator={method}");
-    let changes = [
+    let mut changes = vec![
         head,
         &method,
-        start,
         "loads={ gravity_m_s2 = [0.1, -0.3], buoyancy = true }",
         "medium.flow_m_s=[0.05, 0.02]",
         "solver.newton_tolerance=1e-14",
         "solver.duration_s=0.245",
         "solver.time_step_s=0.01",
     ];
+    changes.extend(start.split(" and "));
     scene_of(SOFT, &changes)
 }
 
@@ -107,7 +111,7 @@ fn forward_derivatives_are_those_of_differences() {
     let mut worst: f64 = 0.0;
     for head in HEADS {
         for method in methods() {
-            for start in ["start.kind=shaped", "start={ kind = \"ramp\", ramp_s = 0.1 }"] {
+            for start in ["start.kind=shaped", "start={ kind = \"ramp\", ramp_s = 0.1 }", DAMPED, ELASTICALLY_DAMPED] {
                 let scene = scene(head, method, start);
                 let mut problem = Problem::of(&scene).unwrap();
                 let (outputs, all) = (outputs(&problem), parameters(&problem));
@@ -177,7 +181,7 @@ fn adjoint_error(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
 fn adjoint_derivatives_are_the_forward_ones() {
     for head in HEADS {
         for method in methods() {
-            for start in ["start.kind=shaped", "start.kind=jump"] {
+            for start in ["start.kind=shaped", "start.kind=jump", DAMPED, ELASTICALLY_DAMPED] {
                 let error = adjoint_error(&scene(head, method, start), |_| true);
                 println!("{} {method} {start}: {error:.1e}", &head[..20]);
                 assert!(error <= 1e-13, "{head} {method} {start}: {error:e}"); // measured: 1.9e-14

@@ -20,7 +20,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 /// A rod of length 1 and that radius.
 fn rod(nodes: usize, radius: f64) -> Rod {
     let sections = Sections::even(Section::round(radius, 0.0), 1000.0);
-    let material = Material { sections, youngs: 1e6, stiffness: Stiffness::Gradient(0.0) };
+    let material = Material { sections, youngs: 1e6, stiffness: Stiffness::Gradient(0.0), damping: None };
     Rod::new(nodes, 1.0, &material, MassLumping::Tributary, false)
 }
 

@@ -85,7 +85,7 @@ fn every_scene_has_the_same_bits_beside_others_as_alone() {
             .map(|factor| {
                 let mut document = Document::new(&path, &text);
                 document.set(&duration).unwrap();
-                document.set(&format!("rod.youngs_modulus_pa={:e}", factor * own.rod.youngs_modulus_pa.get())).unwrap();
+                document.set(&format!("rod.youngs_modulus_pa={:e}", factor * own.rod.youngs_modulus())).unwrap();
                 document.scene().unwrap()
             })
             .collect();

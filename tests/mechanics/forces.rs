@@ -23,7 +23,7 @@ fn rod() -> Rod {
         depth: Some(points(&[[0.0, 0.03], [0.7, 0.02], [1.0, 0.08]])),
         ..Sections::even(Section::round(0.01, 0.0), 1000.0)
     };
-    let material = Material { sections, youngs: 1e6, stiffness: Stiffness::Gradient(0.0) };
+    let material = Material { sections, youngs: 1e6, stiffness: Stiffness::Gradient(0.0), damping: None };
     Rod::new(NODES, 0.6, &material, MassLumping::Tributary, false)
 }
 

@@ -167,6 +167,20 @@ fn whole_scenes() -> Vec<(&'static str, Scene)> {
     ]
 }
 
+const TURNING: &str = "head.angle_rad={amplitude=0.5,frequency_hz=1.0}";
+
+/// Damped materials.
+fn damped_scenes() -> Vec<(&'static str, Scene)> {
+    vec![
+        ("damped, free", scene_of(SOFT, &["rod.damping_time_s={stretch=1e-3,bending=0.02}"])),
+        ("damped, turning", scene_of(SOFT, &["rod.damping_time_s=0.02", "head.kind=driven", TURNING])),
+        (
+            "elastically damped, clamped",
+            scene_of(SOFT, &["rod.damping_time_s=0.02", "rod.damping_of=elastic", "head.kind=clamped"]),
+        ),
+    ]
+}
+
 /// A random state of `model` at a random time, of a joint less than 2 rad; a held head is where it must be.
 fn whole_case(model: &Arc<Model>, dice: &mut Dice) -> (Dynamics, State) {
     let nodes = model.rod.nodes;
@@ -202,7 +216,7 @@ fn residual(dynamics: &mut Dynamics, state: &State) -> Vec<f64> {
 
 #[test]
 fn the_assembled_jacobian_is_that_of_the_residual_along_every_direction_for_every_head() {
-    for (name, scene) in whole_scenes() {
+    for (name, scene) in whole_scenes().into_iter().chain(damped_scenes()) {
         let model = Arc::new(scene.model().unwrap());
         let unknowns = 2 * model.rod.nodes;
         assert_derivatives(&format!("assembled, {name} head"), 60, |dice| {

@@ -9,6 +9,7 @@ mod amplification;
 mod batch;
 mod beam;
 mod chain;
+mod damping;
 mod energy;
 mod forces;
 mod guards;

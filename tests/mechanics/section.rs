@@ -7,7 +7,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use caudal::assessment::Assessment;
 use caudal::fluid::laws::{LAWS, LawInputs, SectionInput};
 use caudal::modes::Modes;
-use caudal::rod::{Profile, Section, Sections, Shape};
+use caudal::rod::{Measured, Profile, Section, Sections, Shape};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use common::{equilibrium, order, run, scene_of};
@@ -216,6 +216,7 @@ fn means_over_halves_are_exact_where_thickness_and_depth_are_linear() {
             depth: Some(profile(&[[0.0, 0.03], [0.5, 0.01]])),
             density: 1200.0.into(),
             mass_factor: 1.0.into(),
+            measured: Measured::default(),
         };
         let whole = if shape == Shape::Ellipse { PI / 4.0 } else { 1.0 };
         // ∫ (2 + 2x)(3 − 2x) dx over 0 … 1 is 6 + 1 − 4/3, in 1e-4 m².

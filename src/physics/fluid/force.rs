@@ -16,6 +16,7 @@ use super::fluid_along::{FluidAlong, FluidRuns};
 use super::medium::{DENSITY, Fluid, Key, Layers, LocalFluid, Property};
 use super::validity::Validity;
 use crate::linear::{BlockRow, Coupling, Direction, Pair, Real, pair};
+use crate::rod::damping::Damped;
 pub use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -471,27 +472,36 @@ impl Forces {
         self.0.iter().filter_map(move |force| force.tip(rod, along))
     }
 
-    /// Assembles `rod`, which moves as `moving` says, with all forces, see [`Deformed::assemble`]; `room` has room for
-    /// [`EDGES_PER_BLOCK`] edges.
+    /// Assembles `rod`, of a `damped` or of an elastic material, which moves as `moving` says, with all forces, see
+    /// [`Deformed::assemble`]; `room` has room for [`EDGES_PER_BLOCK`] edges.
     pub fn assemble(
         &self,
         rod: Deformed<'_>,
+        damped: Option<Damped<'_>>,
         moving: Kinematics<'_>,
         room: &mut [EdgeForce],
         residual: &mut [[f64; 2]],
         mut jacobian: Option<(&mut [BlockRow], Direction)>,
     ) {
         if self.is_empty() {
-            return rod.assemble((0..rod.edges.len()).map(|_| None), residual, jacobian);
+            let none = (0..rod.edges.len()).map(|_| None);
+            return match damped {
+                None => rod.assemble(none, residual, jacobian),
+                Some(damped) => rod.assemble_with(damped, none, residual, jacobian),
+            };
         }
         let along = jacobian.as_ref().map(|(_, direction)| *direction);
         let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
-        let in_pass = moving.everywhere().and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
+        // The pass of a damped rod is long enough: there all forces are looked at ahead.
+        let uniform = if damped.is_some() { None } else { moving.everywhere() };
+        let in_pass = uniform.and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, ..)| [&self.0[..i], &self.0[i + 1..]]);
         let mut others = ExternalForces { forces, rod: moving, along, room };
-        match in_pass {
-            Some((_, force, fluid)) => force.assemble(rod, fluid, others, residual, part),
-            None => rod.assemble((0..moving.edges.len()).map(|e| Some(others.on(e))), residual, part),
+        let around = (0..moving.edges.len()).map(|e| Some(others.on(e)));
+        match (in_pass, damped) {
+            (_, Some(damped)) => rod.assemble_with(damped, around, residual, part),
+            (None, None) => rod.assemble(around, residual, part),
+            (Some((_, force, fluid)), None) => force.assemble(rod, fluid, others, residual, part),
         }
         for tip in self.on_tip(&moving, along) {
             if let Some(last) = residual.last_mut() {

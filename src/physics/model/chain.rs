@@ -14,6 +14,11 @@
 //! x and θ is absorbed within one unit in the last place of them, while M and F stay smooth: curvature is read from M,
 //! stretching from F·t, directions from θ, nothing from differences of positions.
 //!
+//! A damped material adds τ of the rates: ℓ = ΔL(1 + F·t/EA) − τ ℓ̇ and M = (B(κ−κ̄) + Bτ r)s. Along a direction ℓ̇ and the angular
+//! velocities are read from ė + (c_v/c_q)(ℓt − Δx), which is ė where the edge is closed: so the directions of the edges, not differences
+//! of rounded positions, say how they turn. What the matrix leaves out of that, how a turning edge changes ℓ̇ and how a stretching one ω,
+//! is as small as the turning within a step.
+//!
 //! The rows are scaled to forces by EI and L, so that sizes can be compared and pivots are the same in any units. Along a direction that
 //! moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch, the joints curvature.
 
@@ -22,7 +27,8 @@ use nalgebra::{Matrix2, Vector2};
 use super::{COLLAPSED, Dynamics};
 use crate::error::{Error, Result};
 use crate::linear::{ChainMatrix, ChainRow, ChainTerms, Direction};
-use crate::rod::{Edge, Rod, bend, node};
+use crate::rod::damping::{Damped, EdgeRate};
+use crate::rod::{DampedRate, Edge, Rod, bend, node};
 use crate::system::{Form, Link, State};
 
 /// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
@@ -67,7 +73,7 @@ fn curvature(turning: f64) -> f64 {
 
 /// The κ near `kappa` that solves B(κ−κ̄)(1+κ²/4) = M, by one Newton iteration: exact where `kappa` is off by rounding.
 #[inline]
-fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
+pub(super) fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
     let s = bend::curvature_per_turning(kappa);
     let deviation = kappa - natural;
     kappa - (deviation * s - moment / stiffness) / (s + 0.5 * deviation * kappa)
@@ -93,14 +99,28 @@ impl Dynamics {
         state
     }
 
-    /// Edges of `links`: their directions, and lengths ℓ = ΔL(1 + F·t/EA).
-    pub(super) fn shape_edges_of(&mut self, links: &[Link], t: f64) -> Result<()> {
-        let rod = &self.model.rod;
-        for (k, (edge, link)) in self.edges.iter_mut().zip(links).enumerate() {
+    /// Edges of the links of `state`: their directions, and lengths ℓ = ΔL(1 + F·t/EA) − τ ℓ̇. Their rates follow where the state moves
+    /// along `direction`, if there is one.
+    pub(super) fn shape_edges_of(&mut self, state: &State, direction: Option<Direction>) -> Result<()> {
+        let Self { model, edges, rates, .. } = self;
+        let (rod, t) = (&model.rod, state.t);
+        let mut damped = rod.damping.as_ref().zip(rates.as_mut());
+        let per_move =
+            direction.filter(|direction| direction.q != 0.0).map_or(0.0, |direction| direction.v / direction.q);
+        for (k, (edge, link)) in edges.iter_mut().zip(&state.links).enumerate() {
             let (sin, cos) = link.angle.sin_cos();
             let t_k = Vector2::new(cos, sin);
             let cell = &rod.cells[k];
-            *edge = Edge::along(t_k, cell.length(t_k.dot(&Vector2::from(link.force))));
+            let elastic = cell.length(t_k.dot(&Vector2::from(link.force)));
+            *edge = Edge::along(t_k, elastic);
+            if let Some((damping, rates)) = &mut damped {
+                let ends = |values: &[f64]| node(values, k + 1) - node(values, k);
+                // ė + (c_v/c_q)(ℓt − Δx), without and with the part of ℓ.
+                let open = ends(&state.v) - ends(&state.q) * per_move;
+                let time = damping.stretching[k];
+                *edge = Edge::along(t_k, (elastic - time * t_k.dot(&open)) / (1.0 + time * per_move));
+                rates.edges[k] = EdgeRate::new(edge, open + t_k * (per_move * edge.length));
+            }
             let shortest = COLLAPSED * cell.rest;
             if !(shortest..f64::INFINITY).contains(&edge.length) {
                 return Err(if edge.length < shortest {
@@ -123,6 +143,18 @@ impl Dynamics {
         links[k].angle - before
     }
 
+    /// Of a damped joint at node `k`, where dκ/dθ is `s` and the edges move at the rates last found: τ (s), the rate r (1/s) that it
+    /// resists, and what of the rate of its curvature is given (1/s).
+    fn joint_rate(&self, k: usize, s: f64) -> Option<(f64, f64, f64)> {
+        let Damped { damping, rates } = self.damped()?;
+        let before = match (&self.held, k) {
+            (Some([_, _, angle]), 0) => angle.rate,
+            _ => rates.edges[k - 1].spin,
+        };
+        let given = if damping.rate == DampedRate::Elastic { self.natural_rate[k] } else { 0.0 };
+        Some((damping.bending[k], s * (rates.edges[k].spin - before) - given, given))
+    }
+
     /// See [`System::assemble_chain`](crate::system::System::assemble_chain).
     pub(super) fn assemble_links(
         &mut self,
@@ -132,7 +164,7 @@ impl Dynamics {
         matrix: &mut ChainMatrix,
     ) -> Result<()> {
         let links = &state.links;
-        self.shape_edges_of(links, state.t)?;
+        self.shape_edges_of(state, Some(direction))?;
         self.look_around(&state.q);
         let rod = &self.model.rod;
         let (nodes, joints) = (rod.nodes, rod.joints());
@@ -140,6 +172,7 @@ impl Dynamics {
         let around = 1.0 / rod.length;
         let Direction { q: c_q, a: c_a, .. } = direction;
         let (moves, loaded) = (c_q != 0.0, self.is_loaded());
+        let per_move = if moves { direction.v / c_q } else { 0.0 };
         matrix.terms = ChainTerms { moves: c_q, scale: [per_radian, per_metre, around], held: self.held.is_some() };
         let rows = matrix.rows_mut();
         let mut pull_before = Vector2::zeros(); // of the edge before
@@ -164,7 +197,12 @@ impl Dynamics {
                     let deviation = kappa - self.natural[k];
                     row.flexibility = 1.0 / rod.joint[k];
                     row.slope = s * (s + 0.5 * deviation * kappa);
-                    residual[at + 2] = per_radian * (deviation * s - row.flexibility * link.moment);
+                    let mut borne = deviation * s;
+                    if let Some((time, rate, given)) = self.joint_rate(k, s) {
+                        borne += time * rate * s;
+                        row.slope += time * s * (0.5 * kappa * (2.0 * rate + given) + s * per_move);
+                    }
+                    residual[at + 2] = per_radian * (borne - row.flexibility * link.moment);
                 } else {
                     row.flexibility = -around / per_radian;
                     residual[at + 2] = link.moment * around;
@@ -172,6 +210,9 @@ impl Dynamics {
                 if let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) {
                     let t = edge.t;
                     row.compliance = 1.0 / rod.cells[k].axial;
+                    if let Some(damping) = &rod.damping {
+                        row.compliance /= 1.0 + damping.stretching[k] * per_move;
+                    }
                     let (along, across) = (pull.dot(&t), pull.dot(&edge.n()));
                     (row.t, row.lever) = (t.into(), [row.compliance * across, edge.length]);
                     row.by_angle = row.compliance * across * across - edge.length * along;
@@ -242,7 +283,9 @@ impl Dynamics {
         let rod = &self.model.rod;
         for k in rod.joints() {
             let guess = curvature(self.turning(links, k));
-            links[k].curvature = from_moment(links[k].moment, rod.joint[k], self.natural[k], guess);
+            let s = bend::curvature_per_turning(guess);
+            let resisting = self.joint_rate(k, s).map_or(0.0, |(time, rate, _)| rod.joint[k] * time * rate * s);
+            links[k].curvature = from_moment(links[k].moment - resisting, rod.joint[k], self.natural[k], guess);
         }
     }
 }

@@ -5,7 +5,8 @@ use nalgebra::Vector2;
 use super::Dynamics;
 use crate::fluid::Kinematics;
 use crate::rod::bend::Joint;
-use crate::rod::{Edge, elastic, node};
+use crate::rod::damping::Damped;
+use crate::rod::{DampedRate, Edge, elastic, node};
 use crate::system::State;
 
 /// A rod bent as `state` says, at the time and under the inputs that `dynamics` was moved to. It borrows both, so neither can
@@ -31,12 +32,59 @@ impl<'a> DeformedRod<'a> {
 
     /// The joint at node `k`; zero where there is none.
     pub fn joint(&self, k: usize) -> Joint {
-        let Dynamics { model, natural, kappa, .. } = self.dynamics;
-        if model.rod.joints().contains(&k) {
-            Joint::new(model.rod.joint[k], kappa[k], natural[k])
-        } else {
-            Joint::default()
+        let Dynamics { model, natural, natural_rate, kappa, .. } = self.dynamics;
+        if !model.rod.joints().contains(&k) {
+            return Joint::default();
         }
+        let joint = Joint::new(model.rod.joint[k], kappa[k], natural[k]);
+        match self.dynamics.damped() {
+            None => joint,
+            Some(Damped { damping, rates }) => {
+                damping.damped(&model.rod, k, joint, kappa[k], rates.joints[k], natural_rate[k])
+            }
+        }
+    }
+
+    /// τ r of the joint at node `k`: what the rate that its material resists adds to κ − κ̄ in its moment; zero where it is elastic.
+    pub fn resisted_curvature(&self, k: usize) -> f64 {
+        self.dynamics.damped().map_or(0.0, |damped| damped.damping.bending[k] * damped.rates.joints[k])
+    }
+
+    /// Bτ, the change of the moment of the joint at node `k` with −dκ̄/dt, N m s; zero unless the material resists the rate of its
+    /// elastic curvature alone.
+    pub fn resisted_natural_rate(&self, k: usize) -> f64 {
+        let of = |damped: Damped<'_>| (damped.damping.rate == DampedRate::Elastic).then(|| damped.damping.bending[k]);
+        self.dynamics.damped().and_then(of).map_or(0.0, |time| self.dynamics.model.rod.joint[k] * time)
+    }
+
+    /// The rate Ω (rad/s) of the turning at the joint of node `k` of a damped rod; zero for an elastic one.
+    pub fn spin(&self, k: usize) -> f64 {
+        let Dynamics { held, .. } = self.dynamics;
+        let wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
+        self.dynamics.damped().map_or(0.0, |damped| {
+            let before = if k == 0 { wall } else { damped.rates.edges[k - 1].spin };
+            damped.rates.edges[k].spin - before
+        })
+    }
+
+    /// The part (N m) of the moment conjugate to the curvature of joint `k` that resists its rate.
+    pub fn damping_moment(&self, k: usize) -> f64 {
+        let rod = &self.dynamics.model.rod;
+        self.dynamics.damped().map_or(0.0, |damped| damped.moment_of_rate(rod, k))
+    }
+
+    /// The part (N m) of that moment that the moving natural curvature works against.
+    pub fn driven_moment(&self, k: usize) -> f64 {
+        let Dynamics { model, natural, .. } = self.dynamics;
+        let elastic = model.rod.joint[k] * (self.kappa()[k] - natural[k]);
+        if self.resisted_natural_rate(k) == 0.0 { elastic } else { elastic + self.damping_moment(k) }
+    }
+
+    /// The tension (N) of edge `e`.
+    pub fn tension(&self, e: usize) -> f64 {
+        let rod = &self.dynamics.model.rod;
+        let elastic = rod.cells[e].tension(&self.edges()[e]);
+        self.dynamics.damped().map_or(elastic, |damped| elastic + damped.tension_of_rate(rod, e))
     }
 
     /// How it moves, and in which fluid.
@@ -48,11 +96,7 @@ impl<'a> DeformedRod<'a> {
     pub fn carried(&self) -> Vector2<f64> {
         match self.state.links.first() {
             Some(link) => link.force.into(),
-            None => {
-                let edge = &self.edges()[0];
-                let tension = self.dynamics.model.rod.cells[0].tension(edge);
-                elastic::force(edge, tension, &self.joint(0), &self.joint(1))
-            }
+            None => elastic::force(&self.edges()[0], self.tension(0), &self.joint(0), &self.joint(1)),
         }
     }
 

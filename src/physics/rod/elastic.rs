@@ -9,6 +9,7 @@
 use nalgebra::Vector2;
 
 use super::bend::Joint;
+use super::damping::{Elastic, Viscosity};
 use super::edge_force::EdgeForce;
 use super::{Cell, Edge, EdgeValues};
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
@@ -70,6 +71,19 @@ impl<T: Real> Deformed<'_, T> {
         residual: &mut [[T; 2]],
         jacobian: Option<(&mut [BlockRow<T>], Direction)>,
     ) {
+        self.assemble_with(Elastic, around, residual, jacobian);
+    }
+
+    /// The same where the material also resists the rates of its strains; the couples of the joints, and their stiffnesses, are
+    /// those with what resists them.
+    #[inline(always)]
+    pub fn assemble_with(
+        &self,
+        viscosity: impl Viscosity<T>,
+        around: impl Iterator<Item = Option<EdgeForce<T>>>,
+        residual: &mut [[T; 2]],
+        jacobian: Option<(&mut [BlockRow<T>], Direction)>,
+    ) {
         let Self { cells, mass: masses, edges, joints, a } = *self;
         let Some(zero) = masses.first().map(|mass| mass.like(0.0)) else { return };
         let (rows, direction): (&mut [BlockRow<T>], _) =
@@ -86,7 +100,7 @@ impl<T: Real> Deformed<'_, T> {
         let here = edges.iter().zip(ends).zip(around).zip(a).zip(masses).enumerate();
         for (k, ((((edge, (start, end)), around), a), mass)) in here {
             let cell = &cells[k];
-            let tension = cell.tension(edge);
+            let tension = viscosity.tension(k, cell, cell.tension(edge));
             let force = pair(force(edge, tension, start, end));
             let mut sum = T::Pair::new(*a) * *mass + before;
             before = force;
@@ -100,8 +114,10 @@ impl<T: Real> Deformed<'_, T> {
                 // −T and −Q, as more blocks need them than T and Q.
                 let less = zero.like(-direction.q);
                 let t = stiffness(edge, cell.axial, tension, [start, end], less);
-                let q_after = edges.get(k + 1).map_or(none, |next| coupling(edge, next, end, less));
-                let qt_after = q_after.transpose();
+                let t = viscosity.own(k, edge, cell, t, direction);
+                let [q_after, qt_after] = edges.get(k + 1).map_or([none; 2], |next| {
+                    viscosity.couplings(k + 1, [edge, next], coupling(edge, next, end, less), direction)
+                });
                 let (mut right, mut left) = (t, t);
                 let mut own = [none; 2];
                 if let Some(around) = &around {

@@ -3,6 +3,7 @@
 //! Both energies depend on the nodes through edge vectors only, so the elements give derivatives with respect to edges.
 
 pub mod bend;
+pub mod damping;
 pub mod edge_force;
 mod edge_values;
 pub mod elastic;
@@ -17,8 +18,9 @@ use serde::Deserialize;
 
 use crate::linear::{Pair, Real};
 
+pub use damping::{DampedRate, Damping, MaterialDamping};
 pub use edge_values::EdgeValues;
-pub use section::{HalfEdge, Profile, Section, Sections, Shape};
+pub use section::{HalfEdge, Measured, Profile, Section, Sections, Shape};
 pub use spheroid::Spheroid;
 pub use stretch::Cell;
 
@@ -142,6 +144,8 @@ pub struct Rod {
     /// Stiffness B (N m) of the energy ½B(κ−κ̄)² of the joint at each node: EI_k/ΔL inside, 2EI₀/ΔL for the half-cell
     /// joint between a held head, or a body, and the rod, zero where there is no joint.
     pub joint: Vec<f64>,
+    /// How its material resists the rates of its strains; `None` of an elastic one.
+    pub damping: Option<Damping>,
     /// Mass of each node, kg.
     pub mass: Vec<f64>,
     total_mass: f64,
@@ -158,18 +162,19 @@ pub struct Material {
     pub youngs: f64,
     /// Factor on the bending stiffness along the rod.
     pub stiffness: Stiffness,
+    /// How it resists the rates of its strains; `None` of an elastic material.
+    pub damping: Option<MaterialDamping>,
 }
 
 impl Rod {
     /// The straight rod of `nodes` nodes and `length` metres; a held head adds a half-cell joint at node 0.
     pub fn new(nodes: usize, length: f64, material: &Material, lumping: MassLumping, held_head: bool) -> Self {
-        let Material { sections, youngs, stiffness } = material;
+        let Material { sections, youngs, stiffness, .. } = material;
         let edges = nodes - 1;
         let spacing = length / edges as f64;
         let xi = |k: usize| k as f64 / edges as f64;
-        let ei = |k: usize| youngs * sections.at(xi(k)).inertia();
-        let ea: Vec<f64> =
-            (0..edges).map(|e| youngs * sections.mean(xi(e), xi(e + 1), |xi| sections.at(xi).area())).collect();
+        let ei = |k: usize| sections.bending_stiffness(*youngs, xi(k));
+        let ea: Vec<f64> = (0..edges).map(|e| sections.axial_stiffness(*youngs, xi(e), xi(e + 1))).collect();
         let mut joint = vec![0.0; nodes];
         for (k, b) in joint.iter_mut().enumerate().take(edges).skip(1) {
             *b = ei(k) * stiffness.factor(xi(k)) / spacing;
@@ -201,6 +206,7 @@ impl Rod {
             body: None,
             first_joint: usize::from(!held_head),
             joint,
+            damping: material.damping.as_ref().map(|damping| damping.on_mesh(nodes)),
             total_mass: mass.iter().sum(),
             front_stiffness: ei(0) * stiffness.factor(0.0),
             mass,
@@ -218,6 +224,7 @@ impl Rod {
         self.cells = cells.collect::<Vec<_>>().into();
         self.joint[0] = 2.0 * self.front_stiffness / self.spacing;
         self.joint.insert(0, 0.0);
+        self.damping = self.damping.map(Damping::behind_neck);
         self.mass.insert(0, mass);
         self.total_mass += mass;
         (self.nodes, self.front, self.first_joint) = (self.nodes + 1, 1, 1);
@@ -262,9 +269,9 @@ impl Rod {
         self.joint[k] * self.spacing * self.joint_part(k)
     }
 
-    /// Bending stiffness Y I of the section at node `k`, before the factor along the rod, N m².
+    /// Bending stiffness EI of the section at node `k`, before the factor along the rod, N m².
     pub fn section_stiffness(&self, k: usize) -> f64 {
-        self.youngs * self.sections.at(self.xi(k)).inertia()
+        self.sections.bending_stiffness(self.youngs, self.xi(k))
     }
 
     /// Arc length of node `k`, m, from where the rod begins: negative of the centre of a body before it.

@@ -287,6 +287,12 @@ impl Profile {
         self.0.iter().all(|p| p[1] == self.0[0][1])
     }
 
+    /// The profile with every value times `factor`.
+    #[must_use]
+    pub fn times(&self, factor: f64) -> Self {
+        Self(self.0.iter().map(|[xi, value]| [*xi, value * factor]).collect())
+    }
+
     /// The largest value.
     pub fn largest(&self) -> f64 {
         self.0.iter().fold(f64::NEG_INFINITY, |max, p| max.max(p[1]))
@@ -308,6 +314,19 @@ pub struct Sections {
     pub density: Profile,
     /// Factor on the mass.
     pub mass_factor: Profile,
+    /// What was measured of it.
+    pub measured: Measured,
+}
+
+/// Stiffness and mass as measured, each in place of what sections and material would give.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Measured {
+    /// Axial stiffness EA, N.
+    pub axial: Option<Profile>,
+    /// Bending stiffness EI, N m².
+    pub bending: Option<Profile>,
+    /// Mass per length, kg/m.
+    pub mass: Option<Profile>,
 }
 
 /// Means over half of an edge, for the forces that act on it.
@@ -356,6 +375,7 @@ impl Sections {
             depth: Some(section.depth.into()),
             density: density.into(),
             mass_factor: 1.0.into(),
+            measured: Measured::default(),
         }
     }
 
@@ -392,12 +412,36 @@ impl Sections {
 
     /// Mass per length at `xi`, kg/m.
     pub fn line_density(&self, xi: f64) -> f64 {
-        self.density.at(xi) * self.at(xi).area() * self.mass_factor.at(xi)
+        let material = match &self.measured.mass {
+            Some(mass) => mass.at(xi),
+            None => self.density.at(xi) * self.at(xi).area(),
+        };
+        material * self.mass_factor.at(xi)
+    }
+
+    /// Bending stiffness EI at `xi`, N m², of a material of the Young's modulus `youngs` (Pa).
+    pub fn bending_stiffness(&self, youngs: f64, xi: f64) -> f64 {
+        self.measured.bending.as_ref().map_or_else(|| youngs * self.at(xi).inertia(), |bending| bending.at(xi))
+    }
+
+    /// Axial stiffness EA at `xi`, N, of a material of the Young's modulus `youngs` (Pa).
+    pub fn axial_stiffness_at(&self, youngs: f64, xi: f64) -> f64 {
+        self.measured.axial.as_ref().map_or_else(|| youngs * self.at(xi).area(), |axial| axial.at(xi))
+    }
+
+    /// Mean axial stiffness EA from `from` to `to` (ξ), N.
+    pub fn axial_stiffness(&self, youngs: f64, from: f64, to: f64) -> f64 {
+        match &self.measured.axial {
+            Some(axial) => self.mean(from, to, |xi| axial.at(xi)),
+            None => youngs * self.mean(from, to, |xi| self.at(xi).area()),
+        }
     }
 
     /// All profiles.
     pub fn profiles(&self) -> impl Iterator<Item = &Profile> {
-        [&self.outer, &self.inner, &self.density, &self.mass_factor].into_iter().chain(&self.depth)
+        let Measured { axial, bending, mass } = &self.measured;
+        let own = [&self.outer, &self.inner, &self.density, &self.mass_factor].into_iter();
+        own.chain(&self.depth).chain(axial).chain(bending).chain(mass)
     }
 
     /// The mean of `quantity` from `from` to `to` (ξ), exact for polynomials of degree 5 in profiles that are linear in

@@ -13,11 +13,12 @@ use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::{Property, by_key};
 use crate::fluid::{Fluid, Layers, PowerKind};
+use crate::linear::Direction;
 use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{DeformedRod, Dynamics, Inputs, Mechanics};
 use crate::newton::Work;
-use crate::rod::bend;
-use crate::rod::node;
+use crate::rod::damping::Damped;
+use crate::rod::{DampedRate, bend, node};
 use crate::system::{State, System};
 use crate::variable::{Variable, View};
 
@@ -133,10 +134,27 @@ impl StateTangent {
             let vector = node(&d.q, e + 1) - node(&d.q, e);
             [edges[e].t.dot(&vector), edges[e].n().dot(&vector) * edges[e].per_length]
         };
-        let mut before = angle[0];
+        // The changes of the rates of a damped rod: of an edge's length and angular velocity, and of the turning at its first node.
+        let [angle, angular_velocity] = *angle;
+        let rate_change = |e: usize| {
+            let Some(Damped { rates, .. }) = dynamics.damped() else { return [0.0; 2] };
+            let ends = |values: &[f64]| node(values, e + 1) - node(values, e);
+            let changes = [(Direction::POSITIONS, ends(&d.q)), (Direction::VELOCITIES, ends(&d.v))];
+            changes.iter().fold([0.0; 2], |[longer, spin], (direction, change)| {
+                let (rate, edge) = (&rates.edges[e], &edges[e]);
+                let stretching = rate.stretching_slope(edge, *direction).dot(change);
+                [longer + stretching, spin + rate.spin_slope(edge, *direction).dot(change)]
+            })
+        };
+        let spinning = |e: usize| rate_change(e)[1] - if e == 0 { angular_velocity } else { rate_change(e - 1)[1] };
+        let mut before = angle;
         for (e, edge) in edges.iter().enumerate() {
             let [longer, turned] = change(e);
             energy.stretching += rod.cells[e].tension(edge) * longer;
+            if let Some(damped) = dynamics.damped() {
+                let stretching = rate_change(e)[0];
+                power.material += 2.0 * damped.tension_of_rate(rod, e) * stretching;
+            }
             if rod.joints().contains(&e) {
                 let turning = turned - before;
                 now.kappa[e] = bend::curvature_per_turning(kappa[e]) * turning;
@@ -147,7 +165,21 @@ impl StateTangent {
                 let moment = rod.joint[e] * (kappa[e] - dynamics.natural[e]);
                 now.moment[e] = rod.joint[e] * (now.kappa[e] - natural[e]);
                 energy.bending += moment * (now.kappa[e] - natural[e]);
-                power.actuation -= now.moment[e] * dynamics.natural_rate[e] + moment * natural_rate[e];
+                let mut driven = now.moment[e];
+                if let Some(Damped { damping, rates }) = dynamics.damped() {
+                    let s = bend::curvature_per_turning(kappa[e]);
+                    let mut rate = 0.5 * kappa[e] * bent.spin(e) * now.kappa[e] + s * spinning(e);
+                    if damping.rate == DampedRate::Elastic {
+                        rate -= natural_rate[e];
+                    }
+                    let resisting = damping.moment(rod, e, rate);
+                    now.moment[e] += resisting;
+                    power.material += 2.0 * resisting * rates.joints[e];
+                    if damping.rate == DampedRate::Elastic {
+                        driven += resisting;
+                    }
+                }
+                power.actuation -= driven * dynamics.natural_rate[e] + bent.driven_moment(e) * natural_rate[e];
             }
             before = turned;
         }
@@ -269,35 +301,45 @@ impl StateTangent {
                 power.head = held_change.dot(&Vector2::new(x.rate, y.rate))
                     - measurements.head_force.dot(&node(&d.v, 0))
                     - now.head_moment * pitch.rate
-                    - measurements.moment[0] * s * angle[1];
+                    - measurements.moment[0] * s * angular_velocity;
             }
             return;
         }
         if let Some([x, y, pitch]) = &dynamics.held {
             let couple = |k: usize, kappa_change: f64| {
                 let (joint, s) = (bent.joint(k), bend::curvature_per_turning(kappa[k]));
-                joint.stiffness * kappa_change / s - rod.joint[k] * s * natural[k]
+                let change = joint.stiffness * kappa_change / s - rod.joint[k] * s * natural[k];
+                match dynamics.damped().filter(|_| rod.joints().contains(&k)) {
+                    None => change,
+                    Some(Damped { rates, .. }) => {
+                        change + rates.viscosity[k] * spinning(k) - bent.resisted_natural_rate(k) * s * natural_rate[k]
+                    }
+                }
             };
             let (edge, [longer, turned]) = (&edges[0], change(0));
-            let (tension, t, n) = (rod.cells[0].tension(edge), edge.t, edge.n());
+            let (tension, t, n) = (bent.tension(0), edge.t, edge.n());
+            let mut tension_change = rod.cells[0].axial * longer;
+            if let Some(Damped { damping, .. }) = dynamics.damped() {
+                tension_change += damping.tension(rod, 0, rate_change(0)[0]);
+            }
             let shear = (bent.joint(0).couple - bent.joint(1).couple) * edge.per_length;
             let couples = [couple(0, now.kappa[0]), couple(1, now.kappa[1])];
             let mut after = Vector2::zeros();
             // In the chain form the force of an edge is an unknown, which an input changes with the next step only.
             if state.links.is_empty() || by_time {
-                after += t * (rod.cells[0].axial * longer) + n * (tension * turned);
+                after += t * tension_change + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
             }
             let held = node(&state.a, 0) * rod.mass[0] - bent.carried() - dynamics.load(0) + on_head[0];
             let held_change = node(&d.a, 0) * rod.mass[0] - after - node(force, 0) + on_head[1];
             let s = bend::curvature_per_turning(kappa[0]);
-            let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]);
+            let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]) + bent.damping_moment(0);
             now.head_force = -held_change;
             now.resultants.head = held_change;
             now.head_moment = now.moment[0] * s + moment * 0.5 * kappa[0] * now.kappa[0];
             power.head = held_change.dot(&Vector2::new(x.rate, y.rate)) + held.dot(&node(&d.v, 0))
                 - now.head_moment * pitch.rate
-                - moment * s * angle[1];
+                - moment * s * angular_velocity;
         }
     }
 }

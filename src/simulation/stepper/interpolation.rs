@@ -12,6 +12,7 @@ use nalgebra::Vector2;
 use crate::error::Result;
 use crate::fluid::FluidRuns;
 use crate::model::{Dynamics, Mechanics};
+use crate::rod::damping::{Damped, StrainRates};
 use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
 
@@ -93,6 +94,8 @@ struct InterpolatedRod {
     natural: Vec<f64>,
     /// Curvature κ_k by the directions of the edges.
     bent: Vec<f64>,
+    /// Rates of strain, of a damped rod.
+    rates: Option<StrainRates>,
     /// By balance alone.
     balance: InternalForces,
 }
@@ -131,6 +134,9 @@ impl StepEnd {
         let deviations = kappa.iter().zip(&rod.natural).map(|(kappa, natural)| kappa - natural);
         forces.moment.clear();
         forces.moment.extend(deviations.zip(&of.joint).map(|(deviation, stiffness)| stiffness * deviation));
+        if let Some(damped) = dynamics.damped() {
+            of.joints().for_each(|k| forces.moment[k] += damped.moment_of_rate(of, k));
+        }
         let couple = |k: usize| forces.moment[k] * bend::curvature_per_turning(kappa[k]);
         forces.tension.clear();
         forces.shear.clear();
@@ -139,7 +145,7 @@ impl StepEnd {
                 Some(link) => [edge.t, edge.n()].map(|axis| axis.dot(&Vector2::from(link.force))),
                 None => {
                     let shear = (couple(k) - couple(k + 1)) * edge.per_length;
-                    [of.cells[k].tension(edge), shear]
+                    [bent.tension(k), shear]
                 }
             };
             forces.tension.push(along);
@@ -206,6 +212,13 @@ impl StepInterpolation {
         let pulls = [pull(&first.forces), pull(&last.forces)];
         let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));
         let [pull, couple] = [pulls, couples].map(|[a, b]| a.max(b));
+        if let Some(damping) = &rod.damping {
+            let rates = now.rates.get_or_insert_with(|| StrainRates::with_room(rod.nodes));
+            rates.read_edges(&now.edges, out.v.as_chunks().0);
+            let wall = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
+            rates.read_joints(rod, damping, wall, &now.bent, &dynamics.natural_rate);
+        }
+        let damped = || rod.damping.as_ref().zip(now.rates.as_ref()).map(|(damping, rates)| Damped { damping, rates });
         out.links.clear();
         out.links.resize(rod.nodes, Link::default());
         for k in rod.joints() {
@@ -216,10 +229,13 @@ impl StepInterpolation {
             let by_shape = stiffness * (now.bent[k] - line(|end| &end.rod.bent) - by_natural);
             let more = if by_shape.abs() < by_balance.abs() { by_shape } else { by_balance };
             let moment = line(|end| &end.forces.moment) + more.max(-couple).min(couple);
-            let curvature = now.natural[k] + moment / stiffness;
+            let bending = damped().map_or(moment, |damped| moment - damped.moment_of_rate(rod, k));
+            let curvature = now.natural[k] + bending / stiffness;
             let link = &mut out.links[k];
             (link.curvature, link.moment) = (curvature, moment * bend::curvature_per_turning(curvature));
         }
+        let stretching =
+            |tension: f64, k: usize| damped().map_or(tension, |damped| tension - damped.tension_of_rate(rod, k));
         for (k, edge) in now.edges.iter_mut().enumerate() {
             let line = |of: fn(&StepEnd) -> &[f64]| fraction.linear(of(first)[k], of(last)[k]);
             let sound = line(|end| &end.forces.tension);
@@ -227,7 +243,7 @@ impl StepInterpolation {
             let sum = sound + more.max(-pull).min(pull);
             let cell = &rod.cells[k];
             let tension = if sum > -MAX_COMPRESSION * cell.axial * cell.rest { sum } else { sound };
-            *edge = Edge::along(edge.t, cell.length(tension));
+            *edge = Edge::along(edge.t, cell.length(stretching(tension, k)));
             let more = now.balance.shear[k] - line(|end| &end.rod.balance.shear);
             let shear = line(|end| &end.forces.shear) + more.max(-pull).min(pull);
             let link = &mut out.links[k];

@@ -50,6 +50,7 @@ impl Stepper {
         let same = self.model_stepper.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
+            && model.rod.damping.is_none()
             && (model.flow.is_none() || !model.forces.are_inertial());
         let shape = BatchKey {
             nodes: model.rod.nodes,

@@ -22,7 +22,7 @@ impl Summary {
         let (now, model) = (&metrics.now, stepper.model());
         let elapsed = metrics.elapsed();
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
-        let Power { actuation, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
+        let Power { actuation, material, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
         let displacement = metrics.net_displacement();
         let swims = actuation > 0.0 && displacement.abs() >= MIN_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
@@ -91,6 +91,7 @@ impl Summary {
             mean_bending_energy_j: mean(metrics.totals.energy_time.bending),
             mean_kinetic_energy_j: mean(metrics.totals.energy_time.kinetic),
             actuation_work_j: actuation,
+            material_work_j: material,
             viscous_work_j: viscous,
             wake_work_j: wake,
             spray_work_j: spray,
@@ -99,6 +100,7 @@ impl Summary {
             head_work_j: head,
             flow_work_j: flow,
             mean_actuation_power_w: mean(actuation),
+            mean_material_power_w: mean(material),
             mean_viscous_power_w: mean(viscous),
             mean_wake_power_w: mean(wake),
             mean_spray_power_w: mean(spray),

@@ -67,7 +67,7 @@ impl Vary {
     /// The default range.
     fn range(self, scene: &Scene) -> [f64; 2] {
         let nodes = scene.rod.nodes.get() as f64;
-        let modulus = scene.rod.youngs_modulus_pa.get();
+        let modulus = scene.rod.youngs_modulus();
         match self {
             Self::Modulus => [1e-4 * modulus, modulus],
             Self::Amplitude => {
@@ -94,7 +94,7 @@ impl Vary {
 
     fn set(self, scene: &Scene, value: f64) -> Scene {
         match self {
-            Self::Modulus => scene.with_modulus(value / scene.rod.youngs_modulus_pa.get()),
+            Self::Modulus => scene.with_modulus(value / scene.rod.youngs_modulus()),
             Self::Amplitude => scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.amplitude())),
             Self::Nodes => scene.with_nodes(value as u64),
             Self::Spin => scene.with_spin(value),

@@ -311,8 +311,17 @@ impl StudyRun {
                 stopped = interrupted.load(Ordering::Relaxed);
                 let metrics = stepper.metrics();
                 let work = metrics.totals.work;
-                let parts =
-                    [work.actuation, work.viscous, work.wake, work.spray, work.load, work.head, work.flow, work.other];
+                let parts = [
+                    work.actuation,
+                    work.material,
+                    work.viscous,
+                    work.wake,
+                    work.spray,
+                    work.load,
+                    work.head,
+                    work.flow,
+                    work.other,
+                ];
                 scale = parts.iter().fold(scale, |max, x| max.max(x.abs()));
                 self.largest_work_in = self.largest_work_in.max(put_in(&work).abs());
                 let excess = -metrics.numerical_dissipation();

@@ -234,7 +234,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
 }
 
 /// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
-const RESULT_COLUMNS: [&str; 81] = [
+const RESULT_COLUMNS: [&str; 83] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -278,6 +278,7 @@ const RESULT_COLUMNS: [&str; 81] = [
     "mean_bending_energy_j",
     "mean_kinetic_energy_j",
     "actuation_work_j",
+    "material_work_j",
     "viscous_work_j",
     "wake_work_j",
     "spray_work_j",
@@ -286,6 +287,7 @@ const RESULT_COLUMNS: [&str; 81] = [
     "head_work_j",
     "flow_work_j",
     "mean_actuation_power_w",
+    "mean_material_power_w",
     "mean_viscous_power_w",
     "mean_wake_power_w",
     "mean_spray_power_w",

@@ -1,0 +1,248 @@
+//! Kelvin–Voigt damping of a rod's material: every strain is resisted in proportion to its rate, with the time τ = η/E.
+//!
+//! An edge carries the tension (EA/ℓ₀)(ℓ − ℓ₀ + τ ℓ̇), a joint the moment B(κ − κ̄ + τ r), conjugate to κ. The rate r that a joint
+//! resists is κ̇ = s Ω, with s = dκ/dθ and Ω the difference of the angular velocities ω = (n·ė)/ℓ of its edges; where
+//! [`DampedRate::Elastic`] is asked for, the rate of the natural curvature is subtracted. The power (EA/ℓ₀) τ ℓ̇² + B τ r² is never
+//! negative.
+//!
+//! Along a change δe of an edge vector with the factors c_q of positions and c_v of velocities, δω = w·δe with
+//! w = ((c_v − c_q ℓ̇/ℓ) n − c_q ω t)/ℓ, and δℓ̇ = (c_v t + c_q ω n)·δe. These join the derivatives of elasticity in the same blocks.
+
+use nalgebra::Vector2;
+use serde::Deserialize;
+
+use super::bend::{self, Joint};
+use super::{Cell, Edge, EdgeValues, Profile, Rod};
+use crate::linear::{Block, Direction, Real, pair};
+
+/// The rate of curvature that the material resists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum DampedRate {
+    /// That of the whole curvature: passive material lies beside what drives the rod.
+    #[default]
+    Whole,
+    /// That of the curvature beyond the natural one: the material itself grows or swells.
+    Elastic,
+}
+
+/// How a material resists the rates of its strains, along a rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MaterialDamping {
+    /// τ of stretching, s.
+    pub stretching: Profile,
+    /// τ of bending, s.
+    pub bending: Profile,
+    /// The rate of curvature that is resisted.
+    pub rate: DampedRate,
+}
+
+impl MaterialDamping {
+    /// The same on a straight rod of `nodes` nodes: of every edge in its middle, of every joint at its node.
+    pub fn on_mesh(&self, nodes: usize) -> Damping {
+        let edges = (nodes - 1) as f64;
+        let middle = |e: usize| self.stretching.at((e as f64 + 0.5) / edges);
+        Damping {
+            stretching: (0..nodes - 1).map(middle).collect::<Vec<_>>().into(),
+            bending: (0..nodes).map(|k| self.bending.at(k as f64 / edges)).collect(),
+            rate: self.rate,
+        }
+    }
+}
+
+/// The damping of the material of a rod on a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Damping {
+    /// τ of stretching, s, of every edge.
+    pub stretching: EdgeValues<f64>,
+    /// τ of bending, s, one entry per node.
+    pub bending: Vec<f64>,
+    /// The rate of curvature that is resisted.
+    pub rate: DampedRate,
+}
+
+/// How an edge moves.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct EdgeRate {
+    /// Rate ℓ̇ of its length, m/s.
+    pub stretching: f64,
+    /// Angular velocity ω, rad/s.
+    pub spin: f64,
+}
+
+impl EdgeRate {
+    /// That of an `edge` whose vector changes by `rate` (m/s).
+    #[inline(always)]
+    pub fn new(edge: &Edge, rate: Vector2<f64>) -> Self {
+        Self { stretching: edge.t.dot(&rate), spin: edge.n().dot(&rate) * edge.per_length }
+    }
+
+    /// w: the derivative of ω by the vector of `edge`, along `direction`.
+    #[inline(always)]
+    pub fn spin_slope(&self, edge: &Edge, direction: Direction) -> Vector2<f64> {
+        let across = direction.v - direction.q * self.stretching * edge.per_length;
+        (edge.n() * across - edge.t * (direction.q * self.spin)) * edge.per_length
+    }
+
+    /// The derivative of ℓ̇ by the vector of `edge`, along `direction`.
+    #[inline(always)]
+    pub fn stretching_slope(&self, edge: &Edge, direction: Direction) -> Vector2<f64> {
+        edge.t * direction.v + edge.n() * (direction.q * self.spin)
+    }
+}
+
+/// How the material of a rod is strained at one time, and what it resists that with.
+#[derive(Debug, Clone, Default)]
+pub struct StrainRates {
+    /// Of every edge.
+    pub edges: Vec<EdgeRate>,
+    /// The rate r (1/s) that each joint resists, one entry per node; zero where there is no joint.
+    pub joints: Vec<f64>,
+    /// The change of a joint's couple with Ω, B τ s² (N m s), one entry per node.
+    pub viscosity: Vec<f64>,
+}
+
+impl StrainRates {
+    /// Room for a rod of `nodes` nodes.
+    pub fn with_room(nodes: usize) -> Self {
+        Self { edges: vec![EdgeRate::default(); nodes - 1], joints: vec![0.0; nodes], viscosity: vec![0.0; nodes] }
+    }
+
+    /// Reads the rates of `edges` from velocities `v` (m/s).
+    #[inline(always)]
+    pub fn read_edges(&mut self, edges: &[Edge], v: &[[f64; 2]]) {
+        for ((rate, edge), ends) in self.edges.iter_mut().zip(edges).zip(v.windows(2)) {
+            *rate = EdgeRate::new(edge, Vector2::from(ends[1]) - Vector2::from(ends[0]));
+        }
+    }
+
+    /// The same for the joints of `rod`, of curvatures `kappa` and natural curvatures that change at `natural_rate` (1/s); `wall` is the
+    /// angular velocity (rad/s) of what holds the first edge.
+    pub fn read_joints(&mut self, rod: &Rod, damping: &Damping, wall: f64, kappa: &[f64], natural_rate: &[f64]) {
+        for k in rod.joints() {
+            let before = if k == 0 { wall } else { self.edges[k - 1].spin };
+            let s = bend::curvature_per_turning(kappa[k]);
+            let given = if damping.rate == DampedRate::Elastic { natural_rate[k] } else { 0.0 };
+            self.joints[k] = s * (self.edges[k].spin - before) - given;
+            self.viscosity[k] = rod.joint[k] * damping.bending[k] * s * s;
+        }
+    }
+}
+
+impl Damping {
+    /// The same behind a neck, which is like the first edge.
+    pub(super) fn behind_neck(mut self) -> Self {
+        let edges = std::iter::once(self.stretching[0]).chain(self.stretching.iter().copied());
+        self.stretching = edges.collect::<Vec<_>>().into();
+        self.bending.insert(0, 0.0);
+        self
+    }
+
+    /// The part (N m) of the moment conjugate to the curvature of joint `k` of `rod` that resists its rate `rate` (1/s).
+    #[inline(always)]
+    pub fn moment(&self, rod: &Rod, k: usize, rate: f64) -> f64 {
+        rod.joint[k] * self.bending[k] * rate
+    }
+
+    /// The part (N) of the tension of edge `e` that resists the rate `stretching` (m/s) of its length.
+    #[inline(always)]
+    pub fn tension(&self, rod: &Rod, e: usize, stretching: f64) -> f64 {
+        rod.cells[e].axial * self.stretching[e] * stretching
+    }
+
+    /// The power (W) that the material of `rod` takes where it is strained at `rates`.
+    pub fn power(&self, rod: &Rod, rates: &StrainRates) -> f64 {
+        let stretching = |(e, rate): (usize, &EdgeRate)| self.tension(rod, e, rate.stretching) * rate.stretching;
+        let bending = |k: usize| self.moment(rod, k, rates.joints[k]) * rates.joints[k];
+        rates.edges.iter().enumerate().map(stretching).sum::<f64>() + rod.joints().map(bending).sum::<f64>()
+    }
+
+    /// `joint`, of curvature `kappa`, with what resists the rate `rate` (1/s), along a change of its turning at constant Ω.
+    #[inline(always)]
+    pub fn damped(&self, rod: &Rod, k: usize, joint: Joint, kappa: f64, rate: f64, natural_rate: f64) -> Joint {
+        let (s, viscosity) = (bend::curvature_per_turning(kappa), rod.joint[k] * self.bending[k]);
+        let given = if self.rate == DampedRate::Elastic { natural_rate } else { 0.0 };
+        // d/dθ of B τ s (s Ω − κ̄') with ds/dθ = κ s/2.
+        let stiffness = viscosity * 0.5 * kappa * s * (2.0 * rate + given);
+        Joint { couple: joint.couple + viscosity * s * rate, stiffness: joint.stiffness + stiffness }
+    }
+}
+
+/// What resists the rate of strains in the pass over a rod, see [`Deformed::assemble_with`](super::elastic::Deformed::assemble_with).
+pub trait Viscosity<T: Real>: Copy {
+    /// The tension of edge `e`, elastic `tension` (N), with what resists the rate of its length.
+    fn tension(self, e: usize, cell: &Cell<T>, tension: T) -> T;
+
+    /// `block`, minus the derivative of the force of edge `e` by its own vector, with what the rates add to it along `direction`.
+    fn own(self, e: usize, edge: &Edge<T>, cell: &Cell<T>, block: Block<T>, direction: Direction) -> Block<T>;
+
+    /// Minus the derivatives of the force of the edge before joint `k` by the edge after it, `q`, and of that after it by that
+    /// before it, which is the transpose of `q` where nothing is added.
+    fn couplings(self, k: usize, edges: [&Edge<T>; 2], q: Block<T>, direction: Direction) -> [Block<T>; 2];
+}
+
+/// An elastic material.
+#[derive(Debug, Clone, Copy)]
+pub struct Elastic;
+
+impl<T: Real> Viscosity<T> for Elastic {
+    #[inline(always)]
+    fn tension(self, _: usize, _: &Cell<T>, tension: T) -> T {
+        tension
+    }
+
+    #[inline(always)]
+    fn own(self, _: usize, _: &Edge<T>, _: &Cell<T>, block: Block<T>, _: Direction) -> Block<T> {
+        block
+    }
+
+    #[inline(always)]
+    fn couplings(self, _: usize, _: [&Edge<T>; 2], q: Block<T>, _: Direction) -> [Block<T>; 2] {
+        [q, q.transpose()]
+    }
+}
+
+/// A damped material that is strained at some rates.
+#[derive(Debug, Clone, Copy)]
+pub struct Damped<'a> {
+    /// Its damping.
+    pub damping: &'a Damping,
+    /// The rates.
+    pub rates: &'a StrainRates,
+}
+
+impl Damped<'_> {
+    /// The part (N) of the tension of edge `e` of `rod` that resists the rate of its length.
+    pub fn tension_of_rate(self, rod: &Rod, e: usize) -> f64 {
+        self.damping.tension(rod, e, self.rates.edges[e].stretching)
+    }
+
+    /// The part (N m) of the moment conjugate to the curvature of joint `k` of `rod` that resists its rate.
+    pub fn moment_of_rate(self, rod: &Rod, k: usize) -> f64 {
+        self.damping.moment(rod, k, self.rates.joints[k])
+    }
+}
+
+impl Viscosity<f64> for Damped<'_> {
+    #[inline(always)]
+    fn tension(self, e: usize, cell: &Cell, tension: f64) -> f64 {
+        tension + cell.axial * self.damping.stretching[e] * self.rates.edges[e].stretching
+    }
+
+    #[inline(always)]
+    fn own(self, e: usize, edge: &Edge, cell: &Cell, block: Block, direction: Direction) -> Block {
+        let (rate, viscosity) = (&self.rates.edges[e], &self.rates.viscosity);
+        let along = rate.stretching_slope(edge, direction) * (cell.axial * self.damping.stretching[e]);
+        let across = rate.spin_slope(edge, direction) * ((viscosity[e] + viscosity[e + 1]) * edge.per_length);
+        block - (Block::outer(edge.t, pair(along)) + Block::outer(edge.n(), pair(across)))
+    }
+
+    #[inline(always)]
+    fn couplings(self, k: usize, [before, after]: [&Edge; 2], q: Block, direction: Direction) -> [Block; 2] {
+        let slope = |e: usize, edge: &Edge| self.rates.edges[e].spin_slope(edge, direction) * self.rates.viscosity[k];
+        let by_after = Block::outer(before.n() * before.per_length, pair(slope(k, after)));
+        let by_before = Block::outer(after.n() * after.per_length, pair(slope(k - 1, before)));
+        [q + by_after, q.transpose() + by_before]
+    }
+}

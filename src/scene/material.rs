@@ -1,0 +1,282 @@
+//! `[rod]`: stiffness and mass as measured, and damping of the material.
+
+use std::f64::consts::TAU;
+use std::fmt;
+
+use serde::de::value::{F64Deserializer, MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+
+use super::Scene;
+use super::fluid::DragTable;
+use super::key_error::KeyError;
+use super::rod::RodTable;
+use super::value::{self, NotNegative, NumberOrProfile, Positive, ScalarSignal, SignalValue, VectorSignal};
+use crate::head::Signal;
+use crate::rod::{MaterialDamping, Section};
+
+/// The damping time τ of a material: one for stretching and bending, or one for each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DampingTime {
+    /// τ of stretching, s.
+    pub stretch: NumberOrProfile<NotNegative>,
+    /// τ of bending, s.
+    pub bending: NumberOrProfile<NotNegative>,
+}
+
+/// The keys of a damping time with one number for each.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields, expecting = "{ stretch, bending }")]
+struct Keys {
+    #[serde(default = "none")]
+    stretch: NumberOrProfile<NotNegative>,
+    #[serde(default = "none")]
+    bending: NumberOrProfile<NotNegative>,
+}
+
+fn none() -> NumberOrProfile<NotNegative> {
+    NumberOrProfile::<NotNegative>::constant(0.0)
+}
+
+impl<'de> Deserialize<'de> for DampingTime {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct OneOrEach;
+        impl<'de> Visitor<'de> for OneOrEach {
+            type Value = DampingTime;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, points [[xi, number], …], or { stretch, bending }")
+            }
+
+            fn visit_f64<E: Error>(self, x: f64) -> Result<DampingTime, E> {
+                NumberOrProfile::deserialize(F64Deserializer::new(x)).map(DampingTime::of)
+            }
+
+            fn visit_i64<E: Error>(self, x: i64) -> Result<DampingTime, E> {
+                self.visit_f64(x as f64)
+            }
+
+            fn visit_u64<E: Error>(self, x: u64) -> Result<DampingTime, E> {
+                self.visit_f64(x as f64)
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<DampingTime, A::Error> {
+                NumberOrProfile::deserialize(SeqAccessDeserializer::new(seq)).map(DampingTime::of)
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<DampingTime, A::Error> {
+                let Keys { stretch, bending } = Keys::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(DampingTime { stretch, bending })
+            }
+        }
+        deserializer.deserialize_any(OneOrEach)
+    }
+}
+
+impl DampingTime {
+    fn of(both: NumberOrProfile<NotNegative>) -> Self {
+        Self { stretch: both.clone(), bending: both }
+    }
+
+    /// One number of both; not checked.
+    pub(super) fn constant(number: f64) -> Self {
+        Self::of(NumberOrProfile::<NotNegative>::constant(number))
+    }
+
+    /// The one number of both, if there is one.
+    pub fn number(&self) -> Option<NotNegative> {
+        self.bending.number().filter(|_| self.stretch == self.bending)
+    }
+
+    /// The points [ξ, τ] of both, if they are one profile.
+    pub fn points(&self) -> Option<&[[f64; 2]]> {
+        self.bending.points().filter(|_| self.stretch == self.bending)
+    }
+}
+
+impl RodTable {
+    /// Young's modulus, Pa: of a rod of measured stiffness, that of a material of the same bending stiffness in the middle.
+    pub fn youngs_modulus(&self) -> f64 {
+        let measured = || {
+            let bending = self.bending_stiffness_n_m2.as_ref().map_or(1.0, |bending| bending.profile().at(0.5));
+            let radius = self.outer_radius_m.as_ref().map(|outer| outer.profile().at(0.5));
+            bending / Section::round(radius.unwrap_or_else(|| self.equivalent_radius()), 0.0).inertia()
+        };
+        self.youngs_modulus_pa.map_or_else(measured, Positive::get)
+    }
+
+    /// The radius (m) of the solid round section whose EI is R²/4 times its EA, in the middle of the rod.
+    pub(super) fn equivalent_radius(&self) -> f64 {
+        let middle = |value: &Option<NumberOrProfile<Positive>>| value.as_ref().map(|value| value.profile().at(0.5));
+        let stiffness = middle(&self.bending_stiffness_n_m2).zip(middle(&self.axial_stiffness_n));
+        stiffness.map_or(1.0, |(bending, axial)| 2.0 * (bending / axial).sqrt())
+    }
+
+    /// True where the rod has no radius, so that none of its quantities may follow from one.
+    pub(super) fn has_no_radius(&self) -> bool {
+        self.outer_radius_m.is_none()
+    }
+
+    /// Checks that stiffness and mass are given, each once.
+    pub(super) fn check_measured(&self) -> Result<(), KeyError> {
+        let fault =
+            |key: &str, problem: &str| Err(KeyError { key: format!("rod.{key}"), problem: problem.to_string() });
+        let [axial, bending] = [self.axial_stiffness_n.is_some(), self.bending_stiffness_n_m2.is_some()];
+        match (self.youngs_modulus_pa.is_some(), axial && bending) {
+            (true, true) => {
+                return fault(
+                    "youngs_modulus_pa",
+                    "found beside axial_stiffness_n and bending_stiffness_n_m2; allowed: without one of them, which it then gives",
+                );
+            }
+            (false, false) => {
+                return fault(
+                    "youngs_modulus_pa",
+                    "missing; allowed: a positive number, or axial_stiffness_n and bending_stiffness_n_m2 in its place",
+                );
+            }
+            _ => {}
+        }
+        match (self.density_kg_m3.is_some(), self.mass_per_length_kg_m.is_some()) {
+            (true, true) => {
+                return fault("mass_per_length_kg_m", "found beside density_kg_m3; allowed: one of the two");
+            }
+            (false, false) => {
+                return fault(
+                    "density_kg_m3",
+                    "missing; allowed: a positive number, or mass_per_length_kg_m in its place",
+                );
+            }
+            _ => {}
+        }
+        let asks = [
+            ("youngs_modulus_pa", self.youngs_modulus_pa.is_some()),
+            ("density_kg_m3", self.density_kg_m3.is_some()),
+            ("section", self.section.is_some()),
+            ("depth_m", self.depth_m.is_some()),
+            ("inner_radius_m", self.inner_radius_m.number().is_none_or(|radius| radius.get() > 0.0)),
+        ];
+        match asks.into_iter().find(|(_, found)| self.has_no_radius() && *found) {
+            Some((key, _)) => {
+                let problem =
+                    format!("missing; {key} asks for it. allowed: a positive number, or points [[xi, number], …]");
+                fault("outer_radius_m", &problem)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Checks the keys of the damping against each other.
+    pub(super) fn check_damping(&self) -> Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: format!("rod.{key}"), problem });
+        let allowed = "points [xi, number] with rising xi from 0 to 1";
+        let times = self.damping_time_s.iter().flat_map(|time| [&time.stretch, &time.bending]);
+        if let Some(found) = times.into_iter().find_map(NumberOrProfile::disorder) {
+            return fault("damping_time_s", value::refused(found, allowed));
+        }
+        if let Some(found) = self.loss_factor.as_ref().and_then(NumberOrProfile::disorder) {
+            return fault("loss_factor", value::refused(found, allowed));
+        }
+        let damped = self.damping_time_s.is_some() || self.loss_factor.is_some();
+        let faults = [
+            (
+                "loss_factor",
+                self.loss_factor.is_some() && self.damping_time_s.is_some(),
+                "found beside damping_time_s; allowed: one of the two",
+            ),
+            (
+                "loss_frequency_hz",
+                self.loss_frequency_hz.is_some() && self.loss_factor.is_none(),
+                "found without loss_factor; allowed: only with it",
+            ),
+            (
+                "damping_of",
+                self.damping_of.is_some() && !damped,
+                "found without damping_time_s and loss_factor; allowed: with one of the two",
+            ),
+        ];
+        match faults.into_iter().find(|(_, found, _)| *found) {
+            Some((key, _, problem)) => fault(key, problem.to_string()),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Scene {
+    /// Refuses a loss factor where no frequency is known.
+    pub(super) fn check_loss_factor(&self) -> Result<(), KeyError> {
+        if self.rod.loss_factor.is_none() || self.loss_frequency().is_some() {
+            return Ok(());
+        }
+        let problem = "found without a frequency; allowed: with rod.loss_frequency_hz, or where the actuation or the head's motion has one";
+        Err(KeyError { key: "rod.loss_factor".into(), problem: problem.into() })
+    }
+
+    /// Refuses forces of a fluid on a rod without radius.
+    pub(super) fn check_radius(&self) -> Result<(), KeyError> {
+        let law = |drag: &DragTable| drag.law.as_deref().unwrap_or_default() != "coefficients";
+        let asks = [
+            ("a drag law other than \"coefficients\"", self.drag.as_ref().is_some_and(law)),
+            ("[reactive]", self.reactive.is_some()),
+            ("buoyancy", self.loads.as_ref().is_some_and(|loads| loads.buoyancy)),
+        ];
+        match asks.into_iter().find(|(_, found)| self.rod.has_no_radius() && *found) {
+            Some((what, _)) => {
+                let problem =
+                    format!("missing; {what} asks for it. allowed: a positive number, or points [[xi, number], …]");
+                Err(KeyError { key: "rod.outer_radius_m".into(), problem })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The frequency (Hz) that the loss factor holds at: its own, or that of the actuation, or of the head's motion.
+    fn loss_frequency(&self) -> Option<f64> {
+        let of = |signal: &SignalValue| match signal.formula() {
+            Some(Signal::Sinusoid { frequency, .. }) if *frequency > 0.0 => Some(*frequency),
+            _ => None,
+        };
+        let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
+        let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
+        let own = self.rod.loss_frequency_hz.map(|frequency| frequency.get());
+        let actuation = self.actuation.as_ref().map(|actuation| actuation.frequency_hz.get());
+        let driven = actuation.filter(|frequency| *frequency > 0.0);
+        own.or(driven).or_else(|| position.chain(angle).find_map(of))
+    }
+
+    /// The damping of the rod's material, if it has any.
+    pub(super) fn damping(&self) -> Option<MaterialDamping> {
+        let table = &self.rod;
+        let [stretching, bending] = match (&table.damping_time_s, &table.loss_factor) {
+            (Some(time), _) => [time.stretch.profile(), time.bending.profile()],
+            (None, Some(loss)) => {
+                let per_loss = 1.0 / (TAU * self.loss_frequency()?);
+                let time = loss.profile().times(per_loss);
+                [time.clone(), time]
+            }
+            (None, None) => return None,
+        };
+        let rate = table.damping_of.unwrap_or_default();
+        Some(MaterialDamping { stretching, bending, rate })
+    }
+}
+
+#[cfg(feature = "schema")]
+impl schemars::JsonSchema for DampingTime {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "DampingTime".into()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let time = NumberOrProfile::<NotNegative>::json_schema(generator);
+        let each = schemars::json_schema!({
+            "type": "object",
+            "properties": { "stretch": time, "bending": time },
+            "additionalProperties": false
+        });
+        schemars::json_schema!({ "anyOf": [time, each] })
+    }
+}

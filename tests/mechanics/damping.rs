@@ -1,0 +1,228 @@
+//! Kelvin–Voigt damping of the material, and stiffness and mass as measured, against closed forms and an independent program.
+
+use crate::common;
+use std::path::{Path, PathBuf};
+
+use caudal::scene::{Document, Scene};
+use caudal::stepper::Stepper;
+use common::{Dice, SOFT, scene_of, stepper_of};
+use serde_json::Value;
+
+fn reference(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/reference/body/{name}.toml"))
+}
+
+fn changed(path: &Path, changes: &[&str]) -> Scene {
+    let mut document = Document::read(path).unwrap();
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    document.scene().unwrap()
+}
+
+/// The largest deviation from an independent program with automatic derivatives, over the length: positions, and velocities over the
+/// largest of them.
+fn deviations(name: &str, changes: &[&str]) -> [f64; 2] {
+    let path = reference(name);
+    let text = std::fs::read_to_string(path.with_extension("json")).unwrap();
+    let expected: Value = serde_json::from_str(&text).unwrap();
+    let scene = changed(&path, changes);
+    let length = scene.rod.length_m.get();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    let mut worst = [0.0_f64; 2];
+    for result in expected["results"].as_array().unwrap() {
+        let ahead = result["t_s"].as_f64().unwrap() - stepper.time();
+        if ahead > 1e-12 {
+            stepper.do_step(ahead).unwrap();
+        }
+        let state = stepper.state();
+        for (i, (key, found)) in [("position_m", &state.q), ("velocity_m_s", &state.v)].into_iter().enumerate() {
+            let rows = result[key].as_array().unwrap().iter();
+            let all: Vec<f64> = rows.flat_map(|row| [0, 1].map(|axis| row[axis].as_f64().unwrap())).collect();
+            let size = if i == 0 { length } else { common::largest(all.iter().copied()).max(1e-3) };
+            let error = common::largest(found.iter().zip(&all).map(|(found, expected)| found - expected));
+            worst[i] = worst[i].max(error / size);
+        }
+    }
+    worst
+}
+
+#[test]
+fn damped_rods_move_as_an_independent_program_says_in_both_forms() {
+    for name in ["damped-release", "elastic-damping", "whole-damping"] {
+        for form in ["positions", "chain"] {
+            let [places, speeds] = deviations(name, &[&format!("solver.form={form}")]);
+            println!("{name}, {form}: {places:e} L, {speeds:e} of the speed");
+            assert!(places <= 1e-9 && speeds <= 1e-8, "{name}, {form}: {places:e}, {speeds:e}");
+        }
+    }
+}
+
+#[test]
+fn a_clamped_rod_decays_as_its_damping_ratio_says() {
+    // Modes of a cantilever: β_n L. A mode's ζ = τω/2, its damped frequency ω√(1−ζ²), to the order of the mesh and of the step.
+    let error = |nodes: usize| {
+        let changes = [
+            format!("rod.nodes={nodes}"),
+            "loads.point=[]".to_string(),
+            "solver.time_step_s=1e-3".to_string(),
+            "solver.duration_s=4.0".to_string(),
+            "rod.damping_time_s=0.01".to_string(),
+        ];
+        let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
+        let mut document = Document::read(&reference("damped-release")).unwrap();
+        changes.iter().for_each(|change| document.set(change).unwrap());
+        document.set("drag.along_n_s_m2=0.0").unwrap();
+        document.set("drag.across_n_s_m2=0.0").unwrap();
+        let mut stepper = Stepper::of(&document.scene().unwrap()).unwrap();
+        let rod = &stepper.model().rod;
+        let (length, mass) = (rod.length, rod.total_mass() / rod.length);
+        let omega = 1.875_104_068_711_961_f64.powi(2) * (rod.joint_stiffness(1) / mass).sqrt() / length.powi(2);
+        let zeta = 0.5 * 0.01 * omega;
+        // Struck by a short force in the shape of the first mode at the tip, it soon moves in that mode alone.
+        let tip = nodes - 1;
+        let mut force = vec![0.0; nodes];
+        force[tip] = 1e-4;
+        stepper.set("force_y_n", &force).unwrap();
+        stepper.do_step(0.3).unwrap();
+        stepper.set("force_y_n", &vec![0.0; nodes]).unwrap();
+        stepper.do_step(1.5).unwrap(); // the other modes are gone
+        // Two samples half a damped period apart: their ratio is −exp(−ζω T/2) where the period is right.
+        let half = std::f64::consts::PI / (omega * (1.0 - zeta * zeta).sqrt());
+        let mut at = |span: f64| {
+            if span > 0.0 {
+                stepper.do_step(span).unwrap();
+            }
+            stepper.get("y_m").unwrap()[tip]
+        };
+        let (first, second) = (at(0.0), at(half));
+        let third = at(half);
+        let expected = (-zeta * omega * half).exp();
+        ((second / first).abs() / expected - 1.0).abs().max(((third / second).abs() / expected - 1.0).abs())
+    };
+    let [coarse, fine] = [17, 33].map(error);
+    println!("decay of the first mode: {coarse:e}, {fine:e}");
+    // Measured with the head's half cell, of second order.
+    assert!(fine < 0.01 && fine < 0.5 * coarse, "{coarse:e} {fine:e}");
+}
+
+/// Random damped scenes: heads, kinds of damping, methods.
+fn damped(dice: &mut Dice, method: &str, form: &str, time_step: f64) -> Stepper {
+    let heads = ["free", "clamped", "driven"];
+    let head = heads[dice.between(0.0, 3.0) as usize % 3];
+    let mut changes = vec![
+        format!("head.kind={head}"),
+        format!("rod.damping_time_s={{stretch={},bending={}}}", dice.between(0.0, 0.01), dice.between(0.0, 0.1)),
+        format!("solver.integrator={method}"),
+        format!("solver.form={form}"),
+        format!("solver.time_step_s={time_step}"),
+        "solver.newton_tolerance=1e-13".to_string(),
+        "start={kind=\"ramp\",ramp_s=0.2}".to_string(),
+    ];
+    if dice.between(0.0, 1.0) < 0.5 {
+        changes.push("rod.damping_of=elastic".to_string());
+    }
+    if head == "driven" {
+        changes.push("head.angle_rad={amplitude=0.3,frequency_hz=1.0}".to_string());
+    }
+    let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
+    stepper_of(SOFT, &changes)
+}
+
+#[test]
+fn the_work_of_the_material_is_never_negative_and_closes_the_balance() {
+    let (mut worst, mut halved) = (0.0_f64, 0.0_f64);
+    for seed in 0..12 {
+        for form in ["positions", "chain"] {
+            let mut stepper = damped(&mut Dice(seed), "newmark", form, 1e-3);
+            let mut last = 0.0;
+            for _ in 0..50 {
+                stepper.do_step(0.01).unwrap();
+                assert!(stepper.get_scalar("material_power_w").unwrap() >= 0.0);
+                let work = stepper.get_scalar("material_work_j").unwrap();
+                assert!(work >= last, "{seed} {form}: {work} after {last}");
+                last = work;
+            }
+            let metrics = stepper.metrics();
+            let defect = metrics.numerical_dissipation().abs() / last;
+            worst = worst.max(defect);
+            let mut finer = damped(&mut Dice(seed), "newmark", form, 5e-4);
+            for _ in 0..50 {
+                finer.do_step(0.01).unwrap();
+            }
+            halved = halved.max(finer.metrics().numerical_dissipation().abs() / last);
+        }
+    }
+    println!("defect over the work of the material: {worst:e}, at half the step {halved:e}");
+    assert!(halved < 0.35 * worst && worst < 0.02, "{worst} {halved}");
+}
+
+#[test]
+fn both_forms_of_a_damped_rod_move_alike_with_every_method() {
+    for method in ["implicit-euler", "newmark", "generalized-alpha", "esdirk3"] {
+        for seed in 0..4 {
+            let [a, b] = ["positions", "chain"].map(|form| {
+                let mut stepper = damped(&mut Dice(seed), method, form, 1e-3);
+                stepper.do_step(0.3).unwrap();
+                let energy = stepper.metrics().now.energy;
+                let work = stepper.work().newton_iterations;
+                (stepper.state().q.clone(), energy.bending, energy.stretching, work)
+            });
+            let apart = common::largest(a.0.iter().zip(&b.0).map(|(a, b)| a - b));
+            println!("{method} {seed}: {apart:e} m, iterations {} and {}", a.3, b.3);
+            assert!(apart < 1e-8, "{method} {seed}: {apart:e}");
+            assert!((a.1 - b.1).abs() <= 1e-6 * a.1.abs() && (a.2 - b.2).abs() <= 1e-4 * a.2.abs().max(1e-3 * a.1));
+        }
+    }
+}
+
+#[test]
+fn measured_stiffness_and_mass_are_those_of_the_section_that_gives_them() {
+    let by_section = scene_of(SOFT, &["rod.stiffness_gradient=0.0"]);
+    let rod = common::rod(&by_section);
+    let area = std::f64::consts::PI * 0.08_f64.powi(2);
+    let table = by_section.rod.clone();
+    assert!(table.axial_stiffness_n.is_none());
+    let measured = SOFT
+        .replace("youngs_modulus_pa = 1e5", &format!("axial_stiffness_n = {:e}", 1e5 * area))
+        .replace("density_kg_m3 = 1000.0", &format!("bending_stiffness_n_m2 = {:e}", rod.joint_stiffness(1)))
+        .replace("stiffness_gradient = 0.5", &format!("mass_per_length_kg_m = {:e}", 1000.0 * area));
+    let by_measure = scene_of(&measured, &[]);
+    let other = common::rod(&by_measure);
+    for (a, b) in [(rod.ea, other.ea), (rod.ei, other.ei), (rod.total_mass(), other.total_mass())] {
+        assert!((a - b).abs() <= 1e-14 * a, "{a} {b}");
+    }
+    assert!(by_measure.rod.youngs_modulus_pa.is_none());
+    assert!((by_measure.rod.youngs_modulus() - 1e5).abs() < 1e-6);
+}
+
+#[test]
+fn keys_of_the_material_that_contradict_each_other_are_refused_by_name() {
+    let cases: [(&[&str], &str); 8] = [
+        (&["rod.damping_time_s=-0.1"], "a number that is not negative"),
+        (&["rod.damping_time_s=0.1", "rod.loss_factor=0.1"], "beside damping_time_s"),
+        (&["rod.loss_factor=0.1", "actuation.frequency_hz=0.0"], "without a frequency"),
+        (&["rod.loss_frequency_hz=1.0"], "without loss_factor"),
+        (&["rod.damping_of=elastic"], "without damping_time_s and loss_factor"),
+        (&["rod.damping_time_s={shear=1.0}"], "shear"),
+        (&["rod.axial_stiffness_n=1.0", "rod.bending_stiffness_n_m2=1.0"], "without one of them"),
+        (&["rod.mass_per_length_kg_m=1.0"], "beside density_kg_m3"),
+    ];
+    for (changes, expected) in cases {
+        let mut document = Document::new("soft", SOFT.to_string());
+        let set = changes.iter().try_for_each(|change| document.set(change));
+        let error = set.and_then(|()| document.scene().map(|_| ())).unwrap_err().to_string();
+        assert!(error.contains(expected), "{changes:?}: {error}");
+    }
+}
+
+#[test]
+fn a_rod_without_stiffness_mass_or_radius_is_refused_with_what_would_give_it() {
+    let cases = [
+        ("youngs_modulus_pa = 1e5\n", "axial_stiffness_n and bending_stiffness_n_m2 in its place"),
+        ("density_kg_m3 = 1000.0\n", "mass_per_length_kg_m in its place"),
+        ("outer_radius_m = 0.08\n", "youngs_modulus_pa asks for it"),
+    ];
+    for (line, expected) in cases {
+        let error = Document::new("soft", SOFT.replacen(line, "", 1)).scene().unwrap_err().to_string();
+        assert!(error.contains(expected), "{line}: {error}");
+    }
+}
