@@ -144,7 +144,7 @@ pub struct Matrices {
     pub mass: Vec<f64>,
     /// Inertia M, kg.
     pub inertia: BandMatrix,
-    /// Drag C, N s/m; `None` without, and with a drag that couples every node with every other.
+    /// Damping C by drag and by the material, N s/m; `None` without. A drag that couples every node with every other is left out.
     pub damping: Option<BandMatrix>,
     /// Stiffness K, N/m.
     pub stiffness: BandMatrix,
@@ -158,7 +158,8 @@ impl Matrices {
     /// # Errors
     /// Those of [`System::assemble`].
     pub fn of(rod: &Rod, outside: Option<Surroundings>) -> Result<Self> {
-        let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.global().is_none());
+        let by_drag = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.global().is_none());
+        let damped = by_drag || rod.damping.is_some();
         let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
         let mut along = |direction: Direction| {
@@ -209,7 +210,7 @@ impl Matrices {
         self.mass.len() / 2
     }
 
-    /// Damping ratio ζ = φᵀCφ / (2ω φᵀMφ) of a mode in the drag; `None` without.
+    /// Damping ratio ζ = φᵀCφ / (2ω φᵀMφ) of a mode; `None` without damping.
     pub fn damping_ratio(&self, mode: &Mode) -> Option<f64> {
         let damping = self.damping.as_ref()?;
         let i = mode.axis.entry();

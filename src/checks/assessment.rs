@@ -334,6 +334,23 @@ impl Assessment {
         let model = stepper.model();
         let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
         fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
+        if let Some(damping) = &model.rod.damping {
+            // Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
+            let of = |time: f64| {
+                let ratio = significant(0.5 * time * self.first_frequency, 3);
+                format!("τ = {} s in bending, damping ratio {ratio} of the first mode in it", significant(time, 3))
+            };
+            let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
+            let time = damping.bending[model.rod.nodes / 2];
+            let loss = drive.map_or(String::new(), |omega| {
+                format!(
+                    ", loss factor {} at the {} Hz of the drive",
+                    significant(time * omega, 3),
+                    significant(omega / TAU, 3)
+                )
+            });
+            fact("damping of the material", format!("{}{loss}", of(time)));
+        }
         let tip = match regime {
             Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
             Ok(_) => " m, half of how far the tip moves",

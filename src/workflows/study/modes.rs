@@ -156,7 +156,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
 /// Adds the modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates.
 fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()> {
     let model = scene.model()?;
-    if model.forces.is_empty() && model.load.is_none() {
+    if model.forces.is_empty() && model.load.is_none() && model.rod.damping.is_none() {
         return Ok(()); // they are the natural modes
     }
     if model.rod.nodes > MAX_NODES_FOR_DAMPING {
