@@ -10,6 +10,7 @@ are kept. A mutant is tried by the tests that pass its switch, the short ones fi
 
 Everything is kept in target/mutants/COMMIT-SEED-COUNT: a call for the same commit, seed and count goes on where the last one stopped.
 The table of survivors is survivors.md there. Literals in constants, patterns and macros are not changed; uses of numeric constants are.
+With `--longest SECONDS`, tests that alone take longer are left out, so that what is caught is a lower bound.
 """
 
 import argparse
@@ -374,7 +375,7 @@ def tests(folder, python_too):
     return found
 
 
-def measure(folder, found, jobs):
+def measure(folder, found, jobs, longest):
     """How long each test takes without a mutant, and which switches it passes."""
     kept = folder / "tests.json"
     known = json.loads(kept.read_text()) if kept.exists() else {}
@@ -382,7 +383,7 @@ def measure(folder, found, jobs):
     def one(test):
         passed = folder / f"passed-{abs(hash(test.name))}.txt"
         passed.unlink(missing_ok=True)
-        good, seconds = test.run(900, CAUDAL_MUTANTS_PASSED=str(passed))
+        good, seconds = test.run(longest, CAUDAL_MUTANTS_PASSED=str(passed))
         ids = sorted({int(id) for id in passed.read_text().split()}) if passed.exists() else []
         passed.unlink(missing_ok=True)
         return test.name, {"passes": good, "seconds": round(seconds, 3), "ids": ids}
@@ -392,7 +393,8 @@ def measure(folder, found, jobs):
             known[name] = result
             kept.write_text(json.dumps(known))
             if not result["passes"]:
-                print(f"left out, it fails without a mutant: {name}", flush=True)
+                why = f"takes longer than {longest:g} s" if result["passes"] is None else "fails without a mutant"
+                print(f"left out, it {why}: {name}", flush=True)
     return known
 
 
@@ -402,6 +404,7 @@ def main():
     parser.add_argument("--count", type=int, default=150)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--without-python", action="store_true", help="leave the tests of the Python package out")
+    parser.add_argument("--longest", type=float, default=900, metavar="SECONDS", help="leave tests that take longer out")
     parser.add_argument("--only", type=int, nargs="+", help="try these mutants again")
     options = parser.parse_args()
     needed("tree_sitter")
@@ -412,7 +415,7 @@ def main():
     kept = folder / "mutants.json"
     mutants = json.loads(kept.read_text()) if kept.exists() else instrument(folder, options.seed, options.count)
     found = tests(folder, not options.without_python)
-    known = measure(folder, found, options.jobs)
+    known = measure(folder, found, options.jobs, options.longest)
     results_file = folder / "results.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
     for id in options.only or []:

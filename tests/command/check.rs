@@ -235,3 +235,13 @@ fn the_size_of_the_tables_is_about_what_check_says() {
     let written = size("trajectory.csv") + size("nodes.csv");
     assert!((0.9..1.1).contains(&(told / written)), "check says {told:e} bytes, {written:e} were written"); // measured: 0.986
 }
+
+#[test]
+fn the_added_mass_of_a_ball_at_the_head_is_half_of_the_water_that_it_displaces() {
+    let (fact, _) = checked(&FALLING.replace("law = \"cox\"", "law = \"cox\"\n[reactive]"));
+    let body = fact("head body");
+    let half = 2.0 / 3.0 * PI * f64::powi(2e-3, 3) * 1000.0;
+    near(after(&body, "added mass "), half, 6e-5, "along");
+    near(after(&body, "kg along, "), half, 6e-5, "across");
+    assert!(after(&body, "moment of inertia ").abs() < 1e-20, "{body}");
+}

@@ -497,11 +497,14 @@ fn an_efficiency_is_there_or_said_to_be_none_and_why() {
 fn natural_frequencies_are_said_to_be_in_vacuum_or_in_the_fluid() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    for (scene, with) in
-        [("models/glycerol.toml", "in vacuum"), ("models/fish.toml", "with the fluid that it accelerates")]
-    {
+    for (scene, with, head) in [
+        ("models/glycerol.toml", "in vacuum", "free"),
+        ("models/fish.toml", "with the fluid that it accelerates", "free"),
+        ("models/cantilever.toml", "in vacuum", "held at its head"),
+    ] {
         let output = caudal(&["study", "modes", scene, "--out", out.to_str().unwrap(), "--force"]);
         let said = text(&output.stdout);
+        assert!(said.contains(&format!(" nodes, {head}, has its lowest")), "{scene}: {said}");
         for frequency in ["lowest natural frequency at ", "highest of all is "] {
             let sentence = said.split(frequency).nth(1).unwrap_or_else(|| panic!("{said}")).lines().next().unwrap();
             assert!(sentence.contains(with), "{scene}: {sentence}");

@@ -413,3 +413,169 @@ fn journals_of_a_job_that_differs_in_anything_are_refused_and_contents_of_tables
     let [first, other, again] = ["0.1", "0.2", "0.1"].map(fingerprint);
     assert!(first != other && first == again, "{first} {other} {again}");
 }
+
+/// A tail in water with all that a summary tells of, free or with a held head; drag is linear, so that towing is a product.
+fn told_of(head: &str) -> String {
+    let solver = "integrator = \"generalized-alpha\"\ntime_step_s = 5e-3\nduration_s = 2.0";
+    EEL.replace("law = \"cross-flow\"", "law = \"coefficients\"\nalong_n_s_m2 = 0.2\nacross_n_s_m2 = 1.5\n[reactive]")
+        .replace("[medium]\n", "[loads]\ngravity_m_s2 = [0.1, -0.2]\n[medium]\nflow_m_s = [0.05, 0.02]\n")
+        .replace("integrator = \"newmark\"\ntime_step_s = 5e-3\nduration_s = 1.0", solver)
+        + head
+}
+
+/// The mean of a column of equidistant rows.
+fn mean(column: &[f64]) -> f64 {
+    column.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).sum::<f64>() / (column.len() - 1) as f64
+}
+
+/// What each of four cycles is by the means over the first, two, three and all of them.
+fn each_of(means: &[std::collections::BTreeMap<&str, f64>], name: &str) -> Option<[f64; 4]> {
+    let sum = |count: usize| Some(count as f64 * if count > 0 { *means[count - 1].get(name)? } else { 0.0 });
+    let each: Option<Vec<f64>> = (0..4).map(|k| Some(sum(k + 1)? - sum(k)?)).collect();
+    each?.try_into().ok()
+}
+
+#[test]
+fn every_number_of_the_summary_is_had_a_second_way() {
+    const DRIVEN: &str = "[head]\nkind = \"driven\"\nposition_m = [0.0, { amplitude = 0.02, frequency_hz = 2.0 }]\n\
+        angle_rad = { amplitude = 0.2, frequency_hz = 2.0 }\n";
+    for head in ["", DRIVEN] {
+        let folder = scene(&told_of(head));
+        done(folder.path(), &["run", "scene.toml", "--out", "out"]);
+        let out = folder.path().join("out");
+        let (table, nodes) = (columns(&out.join("trajectory.csv")), columns(&out.join("nodes.csv")));
+        let summary: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
+        let mut stepper =
+            caudal::stepper::Stepper::of(&caudal::scene::Scene::load(folder.path().join("scene.toml")).unwrap())
+                .unwrap();
+        // The means over one, two, three and four cycles tell what each cycle is.
+        let mut means = Vec::new();
+        for (row, time) in table["time_s"].iter().enumerate().skip(1) {
+            stepper.do_step(time - stepper.time()).unwrap();
+            if row % 100 == 0 {
+                let all = caudal::variable::VARIABLES.iter().filter(|variable| variable.name.starts_with("cycle_"));
+                means.push(
+                    all.filter_map(|v| Some((v.name, stepper.get_scalar(v.name).ok()?)))
+                        .collect::<std::collections::BTreeMap<_, _>>(),
+                );
+            }
+        }
+        let value = |name: &str| stepper.get_scalar(name).ok();
+        let edges = |row: usize| -> Vec<[f64; 2]> {
+            let at = |axis: &str, k: usize| nodes[&format!("{axis}{k}_m")][row];
+            (1..9).map(|k| ["x", "y"].map(|axis| at(axis, k) - at(axis, k - 1))).collect()
+        };
+        let largest = |of: &dyn Fn(&[f64; 2], &[f64; 2]) -> f64| {
+            let pairs = (0..=400).flat_map(|row: usize| edges(row.saturating_sub(1)).into_iter().zip(edges(row)));
+            pairs.map(|(old, new)| of(&old, &new).abs()).fold(0.0, f64::max)
+        };
+        let path = |[x, y]: [&Vec<f64>; 2]| -> f64 {
+            x.windows(2).zip(y.windows(2)).map(|(x, y)| (x[1] - x[0]).hypot(y[1] - y[0])).sum()
+        };
+        let com = [&table["x_com_m"], &table["y_com_m"]];
+        let moved = com[0][400] - com[0][0];
+        let mass = 1030.0 * std::f64::consts::PI * 0.008 * 0.008 * 0.4;
+        let work = |name: &str| *table[&format!("{name}_work_j")].last().unwrap();
+        let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+        let each = |name: &str| -> Option<[f64; 4]> {
+            if name == "cycle_efficiency" && !head.is_empty() {
+                let [thrust, given, held] = ["thrust_n", "actuation_power_w", "head_power_w"]
+                    .map(|of| each_of(&means, &format!("cycle_{of}")).unwrap());
+                return Some(std::array::from_fn(|k| thrust[k] * 0.05 / (given[k] + held[k])));
+            }
+            each_of(&means, name)
+        };
+        // A second way of the number with this name, and its tolerance.
+        let second = |name: &str| -> Option<(f64, f64)> {
+            if let Some(value) = value(name).filter(|_| name != "time_step_s") {
+                return Some((value, 0.0));
+            }
+            if let Some(of) = name.strip_prefix("mean_").and_then(|rest| rest.strip_suffix("_power_w")) {
+                let none = of == "spray";
+                return Some((if none { 0.0 } else { work(of) / 2.0 }, 1e-14));
+            }
+            if let Some(of) = name.strip_prefix("mean_").filter(|rest| rest.ends_with("_energy_j")) {
+                return Some((mean(&table[of]), 1e-12));
+            }
+            if let Some((of, axis)) = name.rsplit_once('.') {
+                let axis = usize::from(axis == "1");
+                if let Some(of) = of.strip_suffix("_n_s") {
+                    return Some((value(&format!("{of}_{}_n_s", ["x", "y"][axis])).unwrap(), 0.0));
+                }
+                let force = format!("head_force_{}_n", ["x", "y"][axis]);
+                // Measured: 5e-5 off the trapezoidal rule.
+                return Some(match of {
+                    "head_force_n" => (value(&force).unwrap(), 0.0),
+                    _ => (mean(&table[&force]), 1e-3),
+                });
+            }
+            if name.starts_with("cycle_") {
+                let of = each(&name.replace("_spread", ""))?;
+                let middle = of.iter().sum::<f64>() / 4.0;
+                let squares: f64 = of.iter().map(|x| (x - middle).powi(2)).sum();
+                return Some((if name.contains("_spread") { (squares / 3.0).sqrt() } else { middle }, 1e-9));
+            }
+            Some(match name {
+                "end_time_s" | "cycles_until_s" => (2.0, 1e-15),
+                "cycles_from_s" => (0.0, 1e-12),
+                "nodes" => (9.0, 0.0),
+                "time_step_s" => (5e-3, 0.0),
+                "steps" => (400.0, 0.0),
+                "rejected_steps" | "step_halvings" | "linear_fallbacks" | "newton_floor_stops" => (0.0, 0.0),
+                // Every iteration here has a matrix of its own.
+                "factorisations" => (value("newton_iterations").unwrap(), 0.0),
+                "spray_work_j" | "other_work_j" => (0.0, 0.0),
+                "max_strain" => (largest(&|_, new| new[0].hypot(new[1]) / 0.05 - 1.0), 1e-9),
+                "max_rotation_per_step_rad" => (
+                    largest(&|old, new| (old[0] * new[1] - old[1] * new[0]).atan2(old[0] * new[0] + old[1] * new[1])),
+                    1e-9,
+                ),
+                "com_path_m" => (path(com), 1e-12),
+                "initial_energy_j" => {
+                    let parts = ["stretching", "bending", "kinetic", "fluid"];
+                    (parts.iter().map(|part| table[&format!("{part}_energy_j")][0]).sum(), 1e-12)
+                }
+                "cost_of_transport" => (work("actuation") / (mass * 9.80665 * moved.abs()), 1e-12),
+                "efficiency" if head.is_empty() => {
+                    let speed = moved.abs() / 2.0;
+                    (0.2 * 0.4 * speed * speed * 2.0 / work("actuation"), 1e-12)
+                }
+                // The thrust along the mean axis, −x, against the stream in x.
+                "efficiency" => {
+                    (-mean(&table["head_force_x_n"]) * 0.05 * 2.0 / (work("actuation") + work("head")), 1e-3)
+                }
+                "mean_thrust_n" => (-mean(&table["head_force_x_n"]), 1e-3),
+                "mean_head_moment_n_m" => (mean(&table["head_moment_n_m"]), 1e-3),
+                "max_head_force_n" => {
+                    (most(&mut (0..=400).map(|i| table["head_force_x_n"][i].hypot(table["head_force_y_n"][i]))), 1e-14)
+                }
+                "max_head_moment_n_m" => (most(&mut table["head_moment_n_m"].iter().map(|m| m.abs())), 1e-14),
+                _ => return None,
+            })
+        };
+        let mut tried = 0;
+        for (name, found) in summary.as_object().unwrap().iter().filter(|(name, _)| *name != "wall_s") {
+            let numbers: Vec<(String, f64)> = match found {
+                serde_json::Value::Number(number) => vec![(name.clone(), number.as_f64().unwrap())],
+                serde_json::Value::Array(items) => {
+                    let numbers = items.iter().enumerate().filter_map(|(i, item)| Some((i, item.as_f64()?)));
+                    numbers.map(|(i, number)| (format!("{name}.{i}"), number)).collect()
+                }
+                _ => Vec::new(),
+            };
+            for (name, found) in numbers {
+                let (wanted, tolerance) = second(&name).unwrap_or_else(|| panic!("{name} has no second way"));
+                let scale = wanted.abs().max(1e-7);
+                assert!((found - wanted).abs() <= tolerance * scale, "{name}: {found}, a second way {wanted}");
+                tried += 1;
+            }
+        }
+        assert!(tried > 80, "{tried}");
+        for (k, place) in summary["final_positions_m"].as_array().unwrap().iter().enumerate() {
+            for (axis, found) in ["x", "y"].iter().zip(place.as_array().unwrap()) {
+                assert_eq!(found.as_f64(), nodes[&format!("{axis}{k}_m")].last().copied(), "{axis}{k}");
+            }
+        }
+    }
+}

@@ -117,3 +117,18 @@ fn viscous_power_is_never_negative_whatever_the_shape_motion_and_flow() {
     run_with(&scene, |stepper| least = least.min(stepper.metrics().now.power.viscous));
     assert!(least > 0.0, "{least}");
 }
+
+#[test]
+fn a_head_that_weighs_as_the_rest_needs_no_length_and_any_other_does() {
+    let of = |weight: &str| {
+        let mut document =
+            caudal::scene::Document::new("scene.toml", common::SOFT.replace("head_length_m = 0.2\n", ""));
+        document.set(&format!("drag.head_weight={weight}")).unwrap();
+        document.scene()
+    };
+    assert!(of("1.0").is_ok(), "{:?}", of("1.0").err());
+    for weight in ["0.98", "1.05"] {
+        let problem = of(weight).unwrap_err().to_string();
+        assert!(problem.contains("head_length_m") && problem.contains("needs the head's length"), "{problem}");
+    }
+}

@@ -227,3 +227,45 @@ fn a_gust_is_the_limit_of_a_flow_that_rises_quickly() {
         assert!(off[1] < 0.6 * off[0], "{head}: {off:?}");
     }
 }
+
+#[test]
+fn a_flow_gives_the_impulse_of_the_water_that_the_rod_displaces_and_loads_give_theirs() {
+    // The water in place of the rod would go with the flow: ρV(u − u₀), whether that swings or jumps.
+    let gravity = "loads={ gravity_m_s2 = [0.3, -0.2] }";
+    let area = std::f64::consts::PI * 0.08 * 0.08;
+    let (rod, water) = (1000.0 * area, 1260.0 * area);
+    for (flow, jump, tolerance) in [
+        // By the trapezoidal rule; measured: 1.2e-6.
+        ("medium.flow_m_s=[0.0, { amplitude = 0.2, frequency_hz = 1.5 }]", [0.0, 0.0], 3e-6),
+        ("medium.flow_m_s=[0.1, 0.0]", [0.5, 0.3], 1e-12),
+    ] {
+        let mut stepper = stepper_of(
+            &soft(),
+            &[
+                "drag={ law = \"cross-flow\" }",
+                "medium.viscosity_pa_s=0.01",
+                "reactive.shedding=0.8",
+                "solver.integrator=esdirk3",
+                "solver.time_step_s=1e-3",
+                gravity,
+                flow,
+            ],
+        );
+        let first = ["flow_x_m_s", "flow_y_m_s"].map(|name| stepper.get_scalar(name).unwrap());
+        for time in [0.1, 0.25] {
+            stepper.do_step(time - stepper.time()).unwrap();
+            for (i, axis) in ["x", "y"].iter().enumerate() {
+                let read = |name: &str| stepper.get_scalar(&name.replace('#', axis)).unwrap();
+                let given = read("flow_#_m_s") - first[i];
+                let (flow, load) = (read("flow_impulse_#_n_s"), read("load_impulse_#_n_s"));
+                println!("{time} {axis}: {flow} of {}", water * given);
+                assert!((flow - water * given).abs() < tolerance * water, "{time} {axis}: {flow} of {}", water * given);
+                let wanted = rod * [0.3, -0.2][i] * time;
+                assert!((load - wanted).abs() < 1e-10 * rod, "{time} {axis}: {load} of {wanted}");
+            }
+            for (name, jump) in ["flow_x_m_s", "flow_y_m_s"].into_iter().zip(jump).filter(|(_, jump)| *jump != 0.0) {
+                stepper.set(name, &[first[usize::from(name == "flow_y_m_s")] + jump]).unwrap();
+            }
+        }
+    }
+}

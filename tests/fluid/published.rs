@@ -276,3 +276,32 @@ fn swimmers_of_all_sizes_are_as_fast_as_gazzola_argentina_and_mahadevan_found() 
     assert!(slopes.windows(2).all(|pair| pair[1] < pair[0]), "{slopes:?}");
     assert!((slopes[0] - 1.31).abs() < 0.1 && (slopes[slopes.len() - 1] - 1.02).abs() < 0.1, "{slopes:?}");
 }
+
+#[test]
+fn the_frequency_of_what_drives_a_scene_reaches_the_law_of_weak_inertia() {
+    let drives = [
+        "actuation={ kind = \"travelling-wave\", kappa_amp = 0.1, frequency_hz = 3.0, wavelength_m = 1.0 }",
+        "head={ kind = \"driven\", angle_rad = { amplitude = 0.1, frequency_hz = 3.0 } }",
+    ];
+    for drive in drives {
+        let scene = scene(&[
+            "rod.outer_radius_m=0.001",
+            "rod.inner_radius_m=0.0",
+            "medium={ viscosity_pa_s = 1.0, density_kg_m3 = 1000.0 }",
+            "drag={ law = \"weak-inertia\", slender_length_m = 1.0 }",
+            drive,
+        ]);
+        let (model, rod) = (scene.model().unwrap(), rod(&scene));
+        let fluid = Fluid { density: 1000.0, viscosity: 1.0, ..Fluid::NONE };
+        let found = model.forces.coefficients(&rod, fluid, 1e-9).unwrap();
+        let built = |frequency: Option<f64>| {
+            let inputs = LawInputs { slender_length: Some(1.0), frequency, ..LawInputs::plain(&rod) };
+            Forces(vec![(weak_inertia::LAW.build)(&inputs)]).coefficients(&rod, fluid, 1e-9).unwrap()
+        };
+        let (driven, steady) = (built(Some(3.0)), built(None));
+        for i in [0, 1] {
+            assert!((found[i] / driven[i] - 1.0).abs() < 1e-12, "{drive}: {found:?} {driven:?}");
+            assert!(found[i] > 1.2 * steady[i], "{drive}: {found:?} {steady:?}"); // measured: 1.6
+        }
+    }
+}

@@ -491,3 +491,147 @@ fn tails_are_joined_by_terminals_of_which_each_may_have_less() {
         assert!(described(&terminals, name).contains("matchingRule=\"bus\""), "{terminals}");
     }
 }
+
+/// The value of an attribute of an element.
+fn attribute(element: &str, name: &str) -> Option<String> {
+    Some(element.split(&format!(" {name}=\"")).nth(1)?.split('"').next().unwrap().to_string())
+}
+
+/// What one of a unit is in SI units, by its prefixes.
+fn size_of(name: &str) -> f64 {
+    let mut size = 1.0;
+    for (sign, part) in [1, -1].into_iter().zip(name.split('/')) {
+        for symbol in part.split(' ') {
+            let (symbol, power) =
+                symbol.split_once('^').map_or((symbol, 1), |(symbol, power)| (symbol, power.parse().unwrap()));
+            let own = match symbol {
+                "deg" => std::f64::consts::PI / 180.0,
+                "g" | "mm" | "ms" | "mN" | "mJ" | "mW" | "mPa" => 1e-3,
+                "cm" => 1e-2,
+                "MPa" => 1e6,
+                _ => 1.0,
+            };
+            size *= f64::powi(own, sign * power);
+        }
+    }
+    size
+}
+
+#[test]
+fn every_number_of_a_description_is_had_a_second_way() {
+    let near = |found: &str, wanted: f64, what: &str| {
+        let found: f64 = found.parse().unwrap();
+        assert!((found - wanted).abs() <= 1e-12 * wanted.abs(), "{what}: {found}, a second way {wanted}");
+    };
+    // By hand: length, bending stiffness, frequency, mass and viscosity.
+    let pi = std::f64::consts::PI;
+    let driven = [0.3, 2e6 * pi / 4.0 * 0.004_f64.powi(4), 1.0, 1100.0 * pi * 0.004 * 0.004 * 0.3, 1.0];
+    let baseline = [1.0, 70e9 * pi / 4.0 * (0.013_f64.powi(4) - 0.011_f64.powi(4)), 2.0];
+    // Every one of the study's nine nodes carries an eighth of the mass.
+    let baseline = [&baseline[..], &[9.0 / 8.0 * 2700.0 * pi * (0.013 * 0.013 - 0.011 * 0.011), 1e-3]].concat();
+    let (mut factors, mut nominals, mut least, mut starts) = (0, 0, 0, 0);
+    for (model, hand) in [("driven-head", &driven[..]), ("baseline", &baseline)] {
+        let document = document(model, &["rod.nodes=9"]);
+        let fmu = Fmu::of(&document).unwrap();
+        let scene = document.scene().unwrap();
+        let mut stepper = Stepper::of(&scene).unwrap();
+        // The number that the file has for a key.
+        let file = std::fs::read_to_string(common::models().join(format!("{model}.toml"))).unwrap();
+        let in_file = |key: &str| -> Option<f64> {
+            let (table, key) = key.split_once('.')?;
+            let rest = file.split(&format!("[{table}]")).nth(1)?.split("\n[").next()?;
+            let line = rest.lines().find(|line| line.split(" =").next() == Some(key))?;
+            line.split('=').nth(1)?.split('#').next()?.trim().parse().ok()
+        };
+        let [length, stiffness, frequency, mass, viscosity] = hand[..] else { panic!() };
+        let force = stiffness / (length * length);
+        for standard in [Standard::Fmi2, Standard::Fmi3] {
+            let text = fmu.description(standard).unwrap();
+            for unit in text.split("<Unit ").skip(1).filter(|unit| unit.contains("DisplayUnit")) {
+                let (name, shown) = (unit.split('"').nth(1).unwrap(), unit.split("<DisplayUnit").nth(1).unwrap());
+                let shown_name = attribute(shown, "name").unwrap();
+                let wanted = size_of(name) / size_of(&shown_name);
+                near(&attribute(shown, "factor").unwrap(), wanted, &format!("{shown_name} of {name}"));
+                factors += 1;
+            }
+            let experiment = text.split("<DefaultExperiment").nth(1).unwrap();
+            near(&attribute(experiment, "stopTime").unwrap(), scene.solver.duration_s.get(), "stop");
+            near(&attribute(experiment, "stepSize").unwrap(), in_file("solver.time_step_s").unwrap(), "step");
+            near(&attribute(experiment, "startTime").unwrap(), 0.0, "start");
+            // Types have the nominal values of FMI 3.0, variables those of FMI 2.0.
+            let elements = text.split('<').filter(|part| part.contains(" nominal="));
+            for element in elements {
+                let unit = attribute(element, "unit").unwrap();
+                let wanted = match unit.as_str() {
+                    "m" => length,
+                    "m/s" => length * frequency,
+                    "1/m" => 1.0 / length,
+                    "N" => force,
+                    "N m" | "J" => force * length,
+                    "W" => force * length * frequency,
+                    "N m^2" => stiffness,
+                    "kg" => mass,
+                    "Hz" => frequency,
+                    "Pa s" => viscosity,
+                    other => panic!("{other} has no second way"),
+                };
+                near(&attribute(element, "nominal").unwrap(), wanted, &format!("nominal {unit}"));
+                nominals += 1;
+            }
+        }
+        let text = fmu.description(Standard::Fmi3).unwrap();
+        let variables: Vec<_> = stepper.variables().to_vec();
+        for variable in variables.iter().filter(|variable| variable.is_input()) {
+            let told = described(&text, variable.name);
+            let start: Vec<f64> =
+                attribute(told, "start").unwrap().split(' ').map(|value| value.parse().unwrap()).collect();
+            let own = stepper.get(variable.name).unwrap();
+            // An array has an entry for every node, zero where there is no joint.
+            let offset = variable.entries(stepper.model()).start;
+            for (k, value) in start.iter().enumerate() {
+                let own = if start.len() == 1 { own[0] } else { *own.get(k.wrapping_sub(offset)).unwrap_or(&0.0) };
+                assert_eq!(*value, own, "{}[{k}]", variable.name);
+            }
+            starts += 1;
+            // What is below the least value is refused, and nothing is where there is none.
+            let entries = own.len();
+            let refused = stepper.set(variable.name, &vec![-1e-3; entries]).is_err();
+            assert_eq!(attribute(told, "min").is_some(), refused, "{}", variable.name);
+            if let Some(min) = attribute(told, "min") {
+                near(&min, 0.0, variable.name);
+                stepper.set(variable.name, &vec![0.0; entries]).unwrap();
+                least += 1;
+            }
+            stepper = Stepper::of(&scene).unwrap();
+        }
+        for parameter in &scene.parameters() {
+            let told = described(&text, &parameter.name());
+            if let Some(value) = in_file(&parameter.name()).filter(|_| parameter.key != "rod.nodes") {
+                near(&attribute(told, "start").unwrap(), value, &parameter.name());
+                starts += 1;
+            }
+        }
+    }
+    assert!(factors > 25 && nominals > 100 && least >= 3 && starts > 30, "{factors} {nominals} {least} {starts}");
+}
+
+#[test]
+fn every_parameter_that_is_told_tunable_changes_within_a_run_and_no_other_does() {
+    let mut tried = [0, 0];
+    for model in ["driven-head", "eel"] {
+        let document = document(model, &["rod.nodes=9", "solver.integrator=newmark", "solver.time_step_s=1e-3"]);
+        let fmu = Unpacked::of(&document, Standard::Fmi3);
+        let fmi = Fmi3::of(&fmu);
+        let instance = fmi.start();
+        assert_eq!(fmi.advance(instance, 0.0, 0.01).0, 0);
+        for own in &document.scene().unwrap().parameters() {
+            let reference = parameter(&document, &own.name(), Standard::Fmi3);
+            let told = attribute(described(&fmu.description, &own.name()), "variability").unwrap();
+            let changed = tune(&fmi, instance, reference, value(&fmi, instance, reference)) == 0;
+            assert_eq!(changed, told == "tunable", "{model}: {} is told {told}", own.name());
+            tried[usize::from(changed)] += 1;
+        }
+        unsafe { (fmi.free)(instance) };
+    }
+    assert!(tried[0] > 20 && tried[1] >= 4, "{tried:?}");
+}
