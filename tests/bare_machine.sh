@@ -10,7 +10,7 @@ set -eu
 cd "$(dirname "$0")/.."
 bare=$(mkdir -p "${1:-target/bare}" && cd "${1:-target/bare}" && pwd)
 leave() {
-    umount "$bare/proc" "$bare/dev" 2>/dev/null || true
+    umount "$bare/proc" "$bare/dev/shm" "$bare/dev" 2>/dev/null || true
 }
 trap leave EXIT
 leave
@@ -20,6 +20,7 @@ debootstrap --variant=minbase --include=gcc,libc6-dev,python3,git,ca-certificate
     "$(. /etc/os-release && echo "$VERSION_CODENAME")" "$bare" >"$bare.log" 2>&1 || { tail "$bare.log"; exit 1; }
 mount -t proc proc "$bare/proc"
 mount --bind /dev "$bare/dev"
+mount -t tmpfs -o mode=1777 tmpfs "$bare/dev/shm"
 # How this machine reaches the registries.
 cp /etc/resolv.conf /etc/hosts "$bare/etc/"
 cp /etc/ssl/certs/ca-certificates.crt "$bare/etc/ssl/certs/"

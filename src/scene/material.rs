@@ -1,4 +1,4 @@
-//! `[rod]`: stiffness and mass as measured, and damping of the material.
+//! `[rod]`: damping of the material.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -9,10 +9,9 @@ use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor}
 use super::Scene;
 use super::fluid::DragTable;
 use super::key_error::KeyError;
-use super::rod::RodTable;
-use super::value::{self, NotNegative, NumberOrProfile, Positive, ScalarSignal, SignalValue, VectorSignal};
+use super::value::{NotNegative, NumberOrProfile, ScalarSignal, SignalValue, VectorSignal};
 use crate::head::Signal;
-use crate::rod::{MaterialDamping, Section};
+use crate::rod::MaterialDamping;
 
 /// The damping time τ of a material: one for stretching and bending, or one for each.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,114 +89,6 @@ impl DampingTime {
     /// The points [ξ, τ] of both, if they are one profile.
     pub fn points(&self) -> Option<&[[f64; 2]]> {
         self.bending.points().filter(|_| self.stretch == self.bending)
-    }
-}
-
-impl RodTable {
-    /// Young's modulus, Pa: of a rod of measured stiffness, that of a material of the same bending stiffness in the middle.
-    pub fn youngs_modulus(&self) -> f64 {
-        let measured = || {
-            let bending = self.bending_stiffness_n_m2.as_ref().map_or(1.0, |bending| bending.profile().at(0.5));
-            let radius = self.outer_radius_m.as_ref().map(|outer| outer.profile().at(0.5));
-            bending / Section::round(radius.unwrap_or_else(|| self.equivalent_radius()), 0.0).inertia()
-        };
-        self.youngs_modulus_pa.map_or_else(measured, Positive::get)
-    }
-
-    /// The radius (m) of the solid round section whose EI is R²/4 times its EA, in the middle of the rod.
-    pub(super) fn equivalent_radius(&self) -> f64 {
-        let middle = |value: &Option<NumberOrProfile<Positive>>| value.as_ref().map(|value| value.profile().at(0.5));
-        let stiffness = middle(&self.bending_stiffness_n_m2).zip(middle(&self.axial_stiffness_n));
-        stiffness.map_or(1.0, |(bending, axial)| 2.0 * (bending / axial).sqrt())
-    }
-
-    /// True where the rod has no radius, so that none of its quantities may follow from one.
-    pub(super) fn has_no_radius(&self) -> bool {
-        self.outer_radius_m.is_none()
-    }
-
-    /// Checks that stiffness and mass are given, each once.
-    pub(super) fn check_measured(&self) -> Result<(), KeyError> {
-        let fault =
-            |key: &str, problem: &str| Err(KeyError { key: format!("rod.{key}"), problem: problem.to_string() });
-        let [axial, bending] = [self.axial_stiffness_n.is_some(), self.bending_stiffness_n_m2.is_some()];
-        match (self.youngs_modulus_pa.is_some(), axial && bending) {
-            (true, true) => {
-                return fault(
-                    "youngs_modulus_pa",
-                    "found beside axial_stiffness_n and bending_stiffness_n_m2; allowed: without one of them, which it then gives",
-                );
-            }
-            (false, false) => {
-                return fault(
-                    "youngs_modulus_pa",
-                    "missing; allowed: a positive number, or axial_stiffness_n and bending_stiffness_n_m2 in its place",
-                );
-            }
-            _ => {}
-        }
-        match (self.density_kg_m3.is_some(), self.mass_per_length_kg_m.is_some()) {
-            (true, true) => {
-                return fault("mass_per_length_kg_m", "found beside density_kg_m3; allowed: one of the two");
-            }
-            (false, false) => {
-                return fault(
-                    "density_kg_m3",
-                    "missing; allowed: a positive number, or mass_per_length_kg_m in its place",
-                );
-            }
-            _ => {}
-        }
-        let asks = [
-            ("youngs_modulus_pa", self.youngs_modulus_pa.is_some()),
-            ("density_kg_m3", self.density_kg_m3.is_some()),
-            ("section", self.section.is_some()),
-            ("depth_m", self.depth_m.is_some()),
-            ("inner_radius_m", self.inner_radius_m.number().is_none_or(|radius| radius.get() > 0.0)),
-        ];
-        match asks.into_iter().find(|(_, found)| self.has_no_radius() && *found) {
-            Some((key, _)) => {
-                let problem =
-                    format!("missing; {key} asks for it. allowed: a positive number, or points [[xi, number], …]");
-                fault("outer_radius_m", &problem)
-            }
-            None => Ok(()),
-        }
-    }
-
-    /// Checks the keys of the damping against each other.
-    pub(super) fn check_damping(&self) -> Result<(), KeyError> {
-        let fault = |key: &str, problem: String| Err(KeyError { key: format!("rod.{key}"), problem });
-        let allowed = "points [xi, number] with rising xi from 0 to 1";
-        let times = self.damping_time_s.iter().flat_map(|time| [&time.stretch, &time.bending]);
-        if let Some(found) = times.into_iter().find_map(NumberOrProfile::disorder) {
-            return fault("damping_time_s", value::refused(found, allowed));
-        }
-        if let Some(found) = self.loss_factor.as_ref().and_then(NumberOrProfile::disorder) {
-            return fault("loss_factor", value::refused(found, allowed));
-        }
-        let damped = self.damping_time_s.is_some() || self.loss_factor.is_some();
-        let faults = [
-            (
-                "loss_factor",
-                self.loss_factor.is_some() && self.damping_time_s.is_some(),
-                "found beside damping_time_s; allowed: one of the two",
-            ),
-            (
-                "loss_frequency_hz",
-                self.loss_frequency_hz.is_some() && self.loss_factor.is_none(),
-                "found without loss_factor; allowed: only with it",
-            ),
-            (
-                "damping_of",
-                self.damping_of.is_some() && !damped,
-                "found without damping_time_s and loss_factor; allowed: with one of the two",
-            ),
-        ];
-        match faults.into_iter().find(|(_, found, _)| *found) {
-            Some((key, _, problem)) => fault(key, problem.to_string()),
-            None => Ok(()),
-        }
     }
 }
 

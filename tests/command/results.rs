@@ -491,6 +491,9 @@ fn every_number_of_the_summary_is_had_a_second_way() {
             if let Some(value) = value(name).filter(|_| name != "time_step_s") {
                 return Some((value, 0.0));
             }
+            if name == "mean_material_power_w" {
+                return Some((0.0, 0.0)); // no material is damped here
+            }
             if let Some(of) = name.strip_prefix("mean_").and_then(|rest| rest.strip_suffix("_power_w")) {
                 let none = of == "spray";
                 return Some((if none { 0.0 } else { work(of) / 2.0 }, 1e-14));
@@ -525,7 +528,7 @@ fn every_number_of_the_summary_is_had_a_second_way() {
                 "rejected_steps" | "step_halvings" | "linear_fallbacks" | "newton_floor_stops" => (0.0, 0.0),
                 // Every iteration here has a matrix of its own.
                 "factorisations" => (value("newton_iterations").unwrap(), 0.0),
-                "spray_work_j" | "other_work_j" => (0.0, 0.0),
+                "spray_work_j" | "other_work_j" | "material_work_j" => (0.0, 0.0),
                 "max_strain" => (largest(&|_, new| new[0].hypot(new[1]) / 0.05 - 1.0), 1e-9),
                 "max_rotation_per_step_rad" => (
                     largest(&|old, new| (old[0] * new[1] - old[1] * new[0]).atan2(old[0] * new[0] + old[1] * new[1])),

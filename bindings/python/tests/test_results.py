@@ -95,18 +95,15 @@ def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, mon
     assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith((".", "other"))) == []
 
 
-def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, command):
+def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, command, missing_font):
+    if missing_font:
+        pytest.skip(f"figures as PNG and PDF: {missing_font}")
     image = pytest.importorskip("PIL.Image")
     folder = tmp_path / "run"
     scene = caudal.load("models/driven-head.toml", set={"solver.duration_s": 0.1})
     caudal.run(scene, out=folder)
     drawn = sorted(path.stem for path in folder.glob("*.svg"))
-    try:
-        files = caudal.export(folder, ["png", "pdf"])
-    except caudal.errors.Error as error:
-        if "no font" not in str(error):
-            raise
-        pytest.skip(f"figures as PNG and PDF: {error}")
+    files = caudal.export(folder, ["png", "pdf"])
     assert len(files) == 2 * len(drawn) > 10
     with image.open(folder / "shape.png") as picture:
         pixels = np.asarray(picture.convert("RGB")).astype(int)
