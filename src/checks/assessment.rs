@@ -336,12 +336,9 @@ impl Assessment {
         fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
         if let Some(damping) = &model.rod.damping {
             // Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
-            let of = |time: f64| {
-                let ratio = significant(0.5 * time * self.first_frequency, 3);
-                format!("τ = {} s in bending, damping ratio {ratio} of the first mode in it", significant(time, 3))
-            };
-            let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
             let time = damping.bending[model.rod.nodes / 2];
+            let ratio = significant(0.5 * time * self.first_frequency, 3);
+            let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
             let loss = drive.map_or(String::new(), |omega| {
                 format!(
                     ", loss factor {} at the {} Hz of the drive",
@@ -349,7 +346,9 @@ impl Assessment {
                     significant(omega / TAU, 3)
                 )
             });
-            fact("damping of the material", format!("{}{loss}", of(time)));
+            let time = significant(time, 3);
+            let text = format!("τ = {time} s in bending, damping ratio {ratio} of the first mode in it{loss}");
+            fact("damping of the material", text);
         }
         let tip = match regime {
             Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",

@@ -2,7 +2,7 @@
 
 use crate::integrator::StepControl;
 use crate::scene::Scene;
-use crate::scene::parameter::{MATERIAL, ScalarParameter};
+use crate::scene::parameter::ScalarParameter;
 use crate::stepper::Stepper;
 use crate::variable::{Causality, VARIABLES, Variable};
 
@@ -89,7 +89,7 @@ impl Catalogue {
     }
 
     fn follows_stiffness(variable: &Variable, stepper: &Stepper) -> bool {
-        variable.follows_parameter(MATERIAL[0], stepper.view().dynamics, stepper.form())
+        variable.follows_parameter("rod.youngs_modulus_pa", stepper.view().dynamics, stepper.form())
     }
 
     /// Indices of the parameters on which `variable` depends directly between steps of `stepper`.

@@ -494,22 +494,22 @@ impl Dynamics {
         let Self { model, edges, joints, kappa, natural, natural_rate, rates, held, .. } = self;
         let rod = &model.rod;
         let (Some(rates), Some(damping)) = (rates, &rod.damping) else { return };
-        let wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
+        rates.wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
         if state.links.is_empty() {
             rates.read_edges(edges, state.v.as_chunks().0);
-            rates.read_joints(rod, damping, wall, kappa, natural_rate);
+            rates.read_joints(rod, damping, kappa, natural_rate);
             for k in rod.joints() {
                 joints[k] = damping.damped(rod, k, joints[k], kappa[k], rates.joints[k], natural_rate[k]);
             }
             return;
         }
         // Of the links' moments, what resists the rates bends nothing.
-        rates.read_joints(rod, damping, wall, kappa, natural_rate);
+        rates.read_joints(rod, damping, kappa, natural_rate);
         for k in rod.joints() {
             let resisting = damping.moment(rod, k, rates.joints[k]) * bend::curvature_per_turning(kappa[k]);
             kappa[k] = chain::from_moment(state.links[k].moment - resisting, rod.joint[k], natural[k], kappa[k]);
         }
-        rates.read_joints(rod, damping, wall, kappa, natural_rate);
+        rates.read_joints(rod, damping, kappa, natural_rate);
     }
 
     /// The damping of the rod with its rates of strain as it was last deformed; `None` of an elastic one.

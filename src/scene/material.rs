@@ -110,14 +110,7 @@ impl Scene {
             ("[reactive]", self.reactive.is_some()),
             ("buoyancy", self.loads.as_ref().is_some_and(|loads| loads.buoyancy)),
         ];
-        match asks.into_iter().find(|(_, found)| self.rod.has_no_radius() && *found) {
-            Some((what, _)) => {
-                let problem =
-                    format!("missing; {what} asks for it. allowed: a positive number, or points [[xi, number], …]");
-                Err(KeyError { key: "rod.outer_radius_m".into(), problem })
-            }
-            None => Ok(()),
-        }
+        self.rod.ask_for_radius(asks)
     }
 
     /// The frequency (Hz) that the loss factor holds at: its own, or that of the actuation, or of the head's motion.

@@ -252,9 +252,16 @@ impl RodTable {
         stiffness.map_or(1.0, |(bending, axial)| 2.0 * (bending / axial).sqrt())
     }
 
-    /// True where the rod has no radius, so that none of its quantities may follow from one.
-    pub(super) fn has_no_radius(&self) -> bool {
-        self.outer_radius_m.is_none()
+    /// Refuses a rod without radius where any of `asks`, by its name, is there.
+    pub(super) fn ask_for_radius<const N: usize>(&self, asks: [(&str, bool); N]) -> Result<(), KeyError> {
+        match asks.into_iter().find(|(_, found)| self.outer_radius_m.is_none() && *found) {
+            Some((what, _)) => {
+                let problem =
+                    format!("missing; {what} asks for it. allowed: a positive number, or points [[xi, number], …]");
+                Err(KeyError { key: "rod.outer_radius_m".into(), problem })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Checks that stiffness and mass are given, each once.
@@ -296,14 +303,7 @@ impl RodTable {
             ("depth_m", self.depth_m.is_some()),
             ("inner_radius_m", self.inner_radius_m.number().is_none_or(|radius| radius.get() > 0.0)),
         ];
-        match asks.into_iter().find(|(_, found)| self.has_no_radius() && *found) {
-            Some((key, _)) => {
-                let problem =
-                    format!("missing; {key} asks for it. allowed: a positive number, or points [[xi, number], …]");
-                fault("outer_radius_m", &problem)
-            }
-            None => Ok(()),
-        }
+        self.ask_for_radius(asks)
     }
 
     /// Checks the keys of the damping against each other.

@@ -10,7 +10,7 @@ use crate::fluid::{DENSITY, Force, Key, PowerKind};
 use crate::head::Pose;
 use crate::linear::{Block, Direction};
 use crate::model::{DeformedRod, Dynamics, Model};
-use crate::rod::damping::{Damped, Viscosity};
+use crate::rod::damping::{Damped, MaterialLaw};
 use crate::rod::{add, bend, elastic, node};
 use crate::system::State;
 use crate::variable;

@@ -242,13 +242,15 @@ const NATURAL_RATE: [DirectFeedthrough; 22] = join(
         NATURAL[2],
     ],
 );
-const QUICKER: DirectFeedthrough = elastically_damped("actuation_frequency_hz");
+const DRIVE_FREQUENCY: DirectFeedthrough = elastically_damped("actuation_frequency_hz");
 const MATERIAL_POWER: [DirectFeedthrough; 3] =
-    [elastically_damped("actuation_amplitude"), elastically_damped("actuation_phase_rad"), QUICKER];
+    [elastically_damped("actuation_amplitude"), elastically_damped("actuation_phase_rad"), DRIVE_FREQUENCY];
 const OWN_NATURAL: [DirectFeedthrough; 22] =
-    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::Own), QUICKER]);
-const HEAD_NATURAL: [DirectFeedthrough; 22] =
-    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::First(1)), QUICKER]);
+    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::Own), DRIVE_FREQUENCY]);
+const HEAD_NATURAL: [DirectFeedthrough; 22] = join(
+    &BALANCE,
+    &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::First(1)), DRIVE_FREQUENCY],
+);
 const LOADS: [DirectFeedthrough; 11] = join(
     &[
         with_buoyancy("density_kg_m3"),
@@ -269,7 +271,7 @@ const HEAD: [DirectFeedthrough; 20] = join(
         in_positions("actuation_amplitude", FeedthroughEntries::All),
         in_positions("actuation_phase_rad", FeedthroughEntries::All),
         in_positions("natural_curvature_1_m", FeedthroughEntries::First(2)),
-        QUICKER,
+        DRIVE_FREQUENCY,
     ],
 );
 const HEAD_X: [DirectFeedthrough; 22] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
@@ -285,7 +287,7 @@ const HEAD_POWER: [DirectFeedthrough; 25] = join(
         always("force_y_n", FeedthroughEntries::First(1)),
         BALANCE[16],
         BALANCE[17],
-        QUICKER,
+        DRIVE_FREQUENCY,
     ],
 );
 

@@ -28,7 +28,7 @@ use super::{COLLAPSED, Dynamics};
 use crate::error::{Error, Result};
 use crate::linear::{ChainMatrix, ChainRow, ChainTerms, Direction};
 use crate::rod::damping::{Damped, EdgeRate};
-use crate::rod::{DampedRate, Edge, Rod, bend, node};
+use crate::rod::{Edge, Rod, bend, node};
 use crate::system::{Form, Link, State};
 
 /// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
@@ -102,9 +102,12 @@ impl Dynamics {
     /// Edges of the links of `state`: their directions, and lengths ℓ = ΔL(1 + F·t/EA) − τ ℓ̇. Their rates follow where the state moves
     /// along `direction`, if there is one.
     pub(super) fn shape_edges_of(&mut self, state: &State, direction: Option<Direction>) -> Result<()> {
-        let Self { model, edges, rates, .. } = self;
+        let Self { model, edges, rates, held, .. } = self;
         let (rod, t) = (&model.rod, state.t);
         let mut damped = rod.damping.as_ref().zip(rates.as_mut());
+        if let Some((_, rates)) = &mut damped {
+            rates.wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
+        }
         let per_move =
             direction.filter(|direction| direction.q != 0.0).map_or(0.0, |direction| direction.v / direction.q);
         for (k, (edge, link)) in edges.iter_mut().zip(&state.links).enumerate() {
@@ -147,12 +150,8 @@ impl Dynamics {
     /// resists, and what of the rate of its curvature is given (1/s).
     fn joint_rate(&self, k: usize, s: f64) -> Option<(f64, f64, f64)> {
         let Damped { damping, rates } = self.damped()?;
-        let before = match (&self.held, k) {
-            (Some([_, _, angle]), 0) => angle.rate,
-            _ => rates.edges[k - 1].spin,
-        };
-        let given = if damping.rate == DampedRate::Elastic { self.natural_rate[k] } else { 0.0 };
-        Some((damping.bending[k], s * (rates.edges[k].spin - before) - given, given))
+        let given = damping.given(self.natural_rate[k]);
+        Some((damping.bending[k], s * rates.turning(k) - given, given))
     }
 
     /// See [`System::assemble_chain`](crate::system::System::assemble_chain).

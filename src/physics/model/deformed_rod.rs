@@ -59,12 +59,7 @@ impl<'a> DeformedRod<'a> {
 
     /// The rate Ω (rad/s) of the turning at the joint of node `k` of a damped rod; zero for an elastic one.
     pub fn spin(&self, k: usize) -> f64 {
-        let Dynamics { held, .. } = self.dynamics;
-        let wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
-        self.dynamics.damped().map_or(0.0, |damped| {
-            let before = if k == 0 { wall } else { damped.rates.edges[k - 1].spin };
-            damped.rates.edges[k].spin - before
-        })
+        self.dynamics.damped().map_or(0.0, |damped| damped.rates.turning(k))
     }
 
     /// The part (N m) of the moment conjugate to the curvature of joint `k` that resists its rate.

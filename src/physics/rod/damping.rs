@@ -97,6 +97,8 @@ impl EdgeRate {
 pub struct StrainRates {
     /// Of every edge.
     pub edges: Vec<EdgeRate>,
+    /// Angular velocity (rad/s) of what holds the first edge; zero where nothing does.
+    pub wall: f64,
     /// The rate r (1/s) that each joint resists, one entry per node; zero where there is no joint.
     pub joints: Vec<f64>,
     /// The change of a joint's couple with Ω, B τ s² (N m s), one entry per node.
@@ -106,7 +108,12 @@ pub struct StrainRates {
 impl StrainRates {
     /// Room for a rod of `nodes` nodes.
     pub fn with_room(nodes: usize) -> Self {
-        Self { edges: vec![EdgeRate::default(); nodes - 1], joints: vec![0.0; nodes], viscosity: vec![0.0; nodes] }
+        Self {
+            edges: vec![EdgeRate::default(); nodes - 1],
+            wall: 0.0,
+            joints: vec![0.0; nodes],
+            viscosity: vec![0.0; nodes],
+        }
     }
 
     /// Reads the rates of `edges` from velocities `v` (m/s).
@@ -117,14 +124,18 @@ impl StrainRates {
         }
     }
 
-    /// The same for the joints of `rod`, of curvatures `kappa` and natural curvatures that change at `natural_rate` (1/s); `wall` is the
-    /// angular velocity (rad/s) of what holds the first edge.
-    pub fn read_joints(&mut self, rod: &Rod, damping: &Damping, wall: f64, kappa: &[f64], natural_rate: &[f64]) {
+    /// The rate Ω (rad/s) of the turning at the joint of node `k`.
+    #[inline(always)]
+    pub fn turning(&self, k: usize) -> f64 {
+        self.edges[k].spin - if k == 0 { self.wall } else { self.edges[k - 1].spin }
+    }
+
+    /// Reads the rates of the joints of `rod`, of curvatures `kappa` and natural curvatures that change at `natural_rate` (1/s), from
+    /// those of its edges and of the wall.
+    pub fn read_joints(&mut self, rod: &Rod, damping: &Damping, kappa: &[f64], natural_rate: &[f64]) {
         for k in rod.joints() {
-            let before = if k == 0 { wall } else { self.edges[k - 1].spin };
             let s = bend::curvature_per_turning(kappa[k]);
-            let given = if damping.rate == DampedRate::Elastic { natural_rate[k] } else { 0.0 };
-            self.joints[k] = s * (self.edges[k].spin - before) - given;
+            self.joints[k] = s * self.turning(k) - damping.given(natural_rate[k]);
             self.viscosity[k] = rod.joint[k] * damping.bending[k] * s * s;
         }
     }
@@ -137,6 +148,12 @@ impl Damping {
         self.stretching = edges.collect::<Vec<_>>().into();
         self.bending.insert(0, 0.0);
         self
+    }
+
+    /// What of the rate of a curvature is not resisted, where the natural one changes at `natural_rate` (1/s).
+    #[inline(always)]
+    pub fn given(&self, natural_rate: f64) -> f64 {
+        if self.rate == DampedRate::Elastic { natural_rate } else { 0.0 }
     }
 
     /// The part (N m) of the moment conjugate to the curvature of joint `k` of `rod` that resists its rate `rate` (1/s).
@@ -162,7 +179,7 @@ impl Damping {
     #[inline(always)]
     pub fn damped(&self, rod: &Rod, k: usize, joint: Joint, kappa: f64, rate: f64, natural_rate: f64) -> Joint {
         let (s, viscosity) = (bend::curvature_per_turning(kappa), rod.joint[k] * self.bending[k]);
-        let given = if self.rate == DampedRate::Elastic { natural_rate } else { 0.0 };
+        let given = self.given(natural_rate);
         // d/dθ of B τ s (s Ω − κ̄') with ds/dθ = κ s/2.
         let stiffness = viscosity * 0.5 * kappa * s * (2.0 * rate + given);
         Joint { couple: joint.couple + viscosity * s * rate, stiffness: joint.stiffness + stiffness }
@@ -170,7 +187,7 @@ impl Damping {
 }
 
 /// What resists the rate of strains in the pass over a rod, see [`Deformed::assemble_with`](super::elastic::Deformed::assemble_with).
-pub trait Viscosity<T: Real>: Copy {
+pub trait MaterialLaw<T: Real>: Copy {
     /// The tension of edge `e`, elastic `tension` (N), with what resists the rate of its length.
     fn tension(self, e: usize, cell: &Cell<T>, tension: T) -> T;
 
@@ -186,7 +203,7 @@ pub trait Viscosity<T: Real>: Copy {
 #[derive(Debug, Clone, Copy)]
 pub struct Elastic;
 
-impl<T: Real> Viscosity<T> for Elastic {
+impl<T: Real> MaterialLaw<T> for Elastic {
     #[inline(always)]
     fn tension(self, _: usize, _: &Cell<T>, tension: T) -> T {
         tension
@@ -224,7 +241,7 @@ impl Damped<'_> {
     }
 }
 
-impl Viscosity<f64> for Damped<'_> {
+impl MaterialLaw<f64> for Damped<'_> {
     #[inline(always)]
     fn tension(self, e: usize, cell: &Cell, tension: f64) -> f64 {
         tension + cell.axial * self.damping.stretching[e] * self.rates.edges[e].stretching

@@ -9,7 +9,7 @@
 use nalgebra::Vector2;
 
 use super::bend::Joint;
-use super::damping::{Elastic, Viscosity};
+use super::damping::{Elastic, MaterialLaw};
 use super::edge_force::EdgeForce;
 use super::{Cell, Edge, EdgeValues};
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
@@ -79,7 +79,7 @@ impl<T: Real> Deformed<'_, T> {
     #[inline(always)]
     pub fn assemble_with(
         &self,
-        viscosity: impl Viscosity<T>,
+        law: impl MaterialLaw<T>,
         around: impl Iterator<Item = Option<EdgeForce<T>>>,
         residual: &mut [[T; 2]],
         jacobian: Option<(&mut [BlockRow<T>], Direction)>,
@@ -100,7 +100,7 @@ impl<T: Real> Deformed<'_, T> {
         let here = edges.iter().zip(ends).zip(around).zip(a).zip(masses).enumerate();
         for (k, ((((edge, (start, end)), around), a), mass)) in here {
             let cell = &cells[k];
-            let tension = viscosity.tension(k, cell, cell.tension(edge));
+            let tension = law.tension(k, cell, cell.tension(edge));
             let force = pair(force(edge, tension, start, end));
             let mut sum = T::Pair::new(*a) * *mass + before;
             before = force;
@@ -114,9 +114,9 @@ impl<T: Real> Deformed<'_, T> {
                 // −T and −Q, as more blocks need them than T and Q.
                 let less = zero.like(-direction.q);
                 let t = stiffness(edge, cell.axial, tension, [start, end], less);
-                let t = viscosity.own(k, edge, cell, t, direction);
+                let t = law.own(k, edge, cell, t, direction);
                 let [q_after, qt_after] = edges.get(k + 1).map_or([none; 2], |next| {
-                    viscosity.couplings(k + 1, [edge, next], coupling(edge, next, end, less), direction)
+                    law.couplings(k + 1, [edge, next], coupling(edge, next, end, less), direction)
                 });
                 let (mut right, mut left) = (t, t);
                 let mut own = [none; 2];

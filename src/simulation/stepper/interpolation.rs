@@ -215,8 +215,8 @@ impl StepInterpolation {
         if let Some(damping) = &rod.damping {
             let rates = now.rates.get_or_insert_with(|| StrainRates::with_room(rod.nodes));
             rates.read_edges(&now.edges, out.v.as_chunks().0);
-            let wall = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
-            rates.read_joints(rod, damping, wall, &now.bent, &dynamics.natural_rate);
+            rates.wall = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
+            rates.read_joints(rod, damping, &now.bent, &dynamics.natural_rate);
         }
         let damped = || rod.damping.as_ref().zip(now.rates.as_ref()).map(|(damping, rates)| Damped { damping, rates });
         out.links.clear();
