@@ -119,7 +119,7 @@ pub use checks::verification;
 pub use error::{Error, Result};
 pub use measure::{cycle, metrics, regime, spectrum};
 pub use numerics::{integrator, linear, newton, system};
-pub use physics::{actuation, fluid, head, model, rod, start};
+pub use physics::{actuation, fluid, head, loads, model, rod, start};
 #[cfg(feature = "report")]
 pub use simulation::batch;
 pub use simulation::{stepper, variable};

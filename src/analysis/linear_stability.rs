@@ -16,6 +16,7 @@ use faer::{Mat, MatRef, c64};
 use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
+use crate::fluid::force::resultant;
 use crate::head::Signal;
 use crate::linear::{BandMatrix, Direction};
 use crate::model::{Dynamics, Model};
@@ -177,7 +178,13 @@ impl SteadyState {
         let mut dynamics = Dynamics::new(Arc::new(model));
         let nodes = dynamics.nodes();
         let load: Vec<f64> = (0..nodes).flat_map(|k| <[f64; 2]>::from(dynamics.load(k))).collect();
-        if !held && load.iter().any(|force| *force != 0.0) {
+        let carried = |dynamics: &mut Dynamics| {
+            let state = dynamics.first_state();
+            let Ok(rod) = dynamics.shape(&state) else { return true };
+            let mut others = rod.dynamics.model.forces.iter().filter(|force| !force.is_of_fluid());
+            others.any(|force| resultant(force, &rod.kinematics()) != Vector2::zeros())
+        };
+        if !held && (load.iter().any(|force| *force != 0.0) || carried(&mut dynamics)) {
             let problem =
                 "a free rod under loads does not rest; hold its head (kind = \"clamped\"), or take the loads away";
             return Err(unsteady("head.kind", problem));

@@ -21,9 +21,10 @@ use nalgebra::Vector2;
 use crate::error::{Error, Result};
 use crate::fluid::{Fluid, Forces, Layers};
 use crate::head::Signal;
+use crate::integrator::{Integrator, METHODS, stability_limit};
 use crate::linear::{BandMatrix, ChainMatrix, Direction, Riccati};
 use crate::model::{Dynamics, Model};
-use crate::rod::Rod;
+use crate::rod::{Damping, Rod};
 use crate::start::Start;
 use crate::system::{Form, Linearisation, System};
 
@@ -130,10 +131,43 @@ impl Modes {
         self.bending.iter().chain(&self.stretching).copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// The highest of all: the one that bounds the step of an explicit method.
+    /// The highest of all.
     pub fn highest(&self) -> f64 {
         self.bending.iter().chain(&self.stretching).copied().fold(0.0, f64::max)
     }
+
+    /// The steps of an explicit method, symplectic Euler, that amplify none of them, see [`stable_steps`](Self::stable_steps).
+    pub fn explicit_steps(&self, damping: Option<&Damping>) -> Option<StableSteps> {
+        let method = METHODS.iter().find(|method| !method.implicit)?;
+        self.stable_steps(&*(method.build)(&method.defaults()), damping)
+    }
+
+    /// The steps of `method` that amplify none of them in a rod of `damping`, by theory; `None` where all are. Kelvin–Voigt damping
+    /// gives a mode the ratio ζ = τω/2, so the highest of each kind bounds them.
+    pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
+        let times = damping.map_or([0.0; 2], |damping| {
+            let bending = damping.bending.iter().copied().fold(0.0, f64::max);
+            [bending, damping.stretching.iter().copied().fold(0.0, f64::max)]
+        });
+        let highest = [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or(0.0));
+        let bounds = highest.into_iter().zip(times).filter(|(frequency, _)| *frequency > 0.0);
+        let bounds = bounds.filter_map(|(frequency, time)| {
+            let limit = stability_limit(method, 0.5 * time * frequency)?;
+            Some(StableSteps { largest: limit / frequency, frequency, limit })
+        });
+        bounds.min_by(|a, b| a.largest.total_cmp(&b.largest))
+    }
+}
+
+/// Steps that amplify no mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StableSteps {
+    /// The largest of them, s.
+    pub largest: f64,
+    /// The frequency ω that bounds them, rad/s.
+    pub frequency: f64,
+    /// The largest ωh of its oscillator.
+    pub limit: f64,
 }
 
 /// The rod linearised about its straight rest: M q̈ + C q̇ + K q = 0.

@@ -11,10 +11,10 @@ use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, SLENDER};
 use crate::fluid::{Fluid, Force, Forces};
 use crate::head::pose;
-use crate::integrator::{Integrator, StepControl, stability_limit};
+use crate::integrator::{Integrator, StepControl};
 use crate::metrics::Energy;
 use crate::model::{Mechanics, Model, chain};
-use crate::modes::{Matrices, Modes};
+use crate::modes::{Matrices, Modes, StableSteps};
 use crate::number_format::{signed, significant, two_digits};
 use crate::reduced::MODELS;
 use crate::reduced::fluid_estimates::SAFETY_FACTOR;
@@ -38,6 +38,10 @@ const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
 const MIN_STEPS_PER_PERIOD: f64 = 20.0;
 /// Largest kΔL of waves along a passive tail.
 const MAX_WAVE_PHASE: f64 = 0.5;
+/// Young's moduli (Pa) below are those of rubbers and gels.
+const SOFT: f64 = 1e8;
+/// Factors above this are worth a word.
+const NOTICED: f64 = 1.02;
 /// Largest ω₁Δt that resolves the ringing of an abrupt start.
 const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
@@ -144,11 +148,11 @@ impl Assessment {
             ranges: Vec::new(),
             refusal: None,
         };
-        assessment.describe(scene, stepper, regime.as_ref(), is_coarse);
+        assessment.describe(scene, stepper, regime.as_ref(), &modes, is_coarse);
         assessment.warn_of_waves(scene, rod);
         // Of a coarser mesh it is another.
         if !is_coarse {
-            assessment.warn_of_limit(&*scene.integrator()?, stepper, modes.highest());
+            assessment.warn_of_limit(&*scene.integrator()?, stepper, &modes);
         }
         assessment.warn(scene, stepper, spectrum.fastest().map(|frequency| TAU * frequency));
         Ok(assessment)
@@ -260,6 +264,7 @@ impl Assessment {
         scene: &Scene,
         stepper: &Stepper,
         regime: std::result::Result<&Regime, &String>,
+        modes: &Modes,
         coarse: bool,
     ) {
         let rod = &stepper.model().rod;
@@ -334,21 +339,17 @@ impl Assessment {
         let model = stepper.model();
         let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
         fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
-        if let Some(damping) = &model.rod.damping {
-            // Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
-            let time = damping.bending[model.rod.nodes / 2];
-            let ratio = significant(0.5 * time * self.first_frequency, 3);
-            let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
-            let loss = drive.map_or(String::new(), |omega| {
-                format!(
-                    ", loss factor {} at the {} Hz of the drive",
-                    significant(time * omega, 3),
-                    significant(omega / TAU, 3)
-                )
-            });
-            let time = significant(time, 3);
-            let text = format!("τ = {time} s in bending, damping ratio {ratio} of the first mode in it{loss}");
-            fact("damping of the material", text);
+        let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
+        match &rod.damping {
+            Some(damping) => {
+                fact("damping of the material", describe_damping(damping.bending[rod.nodes / 2], modes, drive))
+            }
+            None if scene.rod.youngs_modulus_pa.is_some_and(|modulus| modulus.get() < SOFT) => fact(
+                "damping of the material",
+                "none; rubber and silicone as soft as this usually have a loss factor of 0.05 to 0.3 (rod.loss_factor)"
+                    .to_string(),
+            ),
+            None => {}
         }
         let tip = match regime {
             Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
@@ -576,18 +577,19 @@ impl Assessment {
         }
     }
 
-    /// Warns of steps that `method` amplifies at the rod's highest natural frequency (rad/s).
-    fn warn_of_limit(&mut self, method: &dyn Integrator, stepper: &Stepper, highest: f64) {
+    /// Warns of steps with which `method` amplifies one of `modes`.
+    fn warn_of_limit(&mut self, method: &dyn Integrator, stepper: &Stepper, modes: &Modes) {
         if stepper.view().dynamics.mechanics == Mechanics::Full
             && let StepControl::Fixed(step) = stepper.pace()
-            && let Some(limit) = stability_limit(method)
-            && step * highest > limit
+            && let Some(StableSteps { largest, frequency, limit }) =
+                modes.stable_steps(method, stepper.model().rod.damping.as_ref())
+            && step > largest
         {
             self.warnings.push(format!(
                 "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's highest natural frequency, {} Hz (allowed: up to {limit:.3}); take at most solver.time_step_s = {:e}, or an implicit method",
-                step * highest,
-                significant(highest / TAU, 4),
-                rounded_down(limit / highest)
+                step * frequency,
+                significant(frequency / TAU, 4),
+                rounded_down(largest)
             ));
         }
     }
@@ -697,6 +699,37 @@ fn describe_section(rod: &Rod) -> String {
 }
 
 /// The mass of `rod`, with its body, over the displaced mass of a fluid of this `density` (kg/m³), and what follows from it.
+/// A material of the damping time `time` (s), in a rod of these natural `modes` that is driven at the frequency `drive` (rad/s), if it is.
+/// Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
+fn describe_damping(time: f64, modes: &Modes, drive: Option<f64>) -> String {
+    let ratios: Vec<String> = modes.bending.iter().take(3).map(|omega| significant(0.5 * time * omega, 3)).collect();
+    let mut text = format!(
+        "τ = {} s in bending, damping ratios of the first modes by it {}",
+        significant(time, 3),
+        ratios.join(", ")
+    );
+    let critical = modes.bending.iter().position(|omega| time * omega >= 2.0);
+    if let Some(mode) = critical {
+        text += &format!("; from mode {} on they do not swing", mode + 1);
+    }
+    let Some((omega, first)) = drive.zip(modes.bending.first()) else { return text };
+    text += &format!(
+        "; loss factor {} at the {} Hz of the drive",
+        significant(time * omega, 3),
+        significant(omega / TAU, 3)
+    );
+    // What the first mode answers at this frequency with and without.
+    let square = 1.0 - (omega / first).powi(2);
+    let without = square.hypot(time * omega) / square.abs();
+    if without > NOTICED {
+        text += &format!(
+            ", without which the first mode would answer {} times as high but for the fluid",
+            significant(without, 2)
+        );
+    }
+    text
+}
+
 fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
     let ratio = rod.total_mass() / (density * rod.displaced_volume());
     match head {

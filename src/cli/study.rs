@@ -62,11 +62,12 @@ pub enum Study {
         common: StudyArguments,
     },
     /// What every method does at every step, over a parameter: accurate, wrong, growing, failing; with --vary flow, where a
-    /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory
+    /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory; with
+    /// --vary load, under which point loads it does, over the damping of its material
     Stability {
         #[command(flatten)]
         common: StudyArguments,
-        /// What varies: modulus, amplitude, nodes, spin, or flow
+        /// What varies: modulus, amplitude, nodes, spin, damping, flow, or load
         #[arg(long, default_value = "modulus", value_parser = vary)]
         vary: Vary,
         /// Its smallest and largest value [default: around the scene's]

@@ -6,6 +6,8 @@ pub mod actuation;
 
 pub mod fluid;
 
+pub mod loads;
+
 pub mod head;
 
 pub mod start;

@@ -41,6 +41,9 @@ pub const QUANTITIES: [SummaryQuantity; 22] = [
 
 /// Most lines that join cases in a figure.
 const MAX_JOINED_LINES: usize = 200;
+
+/// Up to this many lines are named.
+const MAX_NAMED_LINES: usize = 6;
 /// Most dots of a figure.
 const MAX_DOTS: usize = 2000;
 /// Number of bins in which a sampled axis is averaged.
@@ -352,7 +355,8 @@ impl Cases {
         })
     }
 
-    /// A quantity against one axis: lines join cases that differ in nothing else, with a line of means.
+    /// A quantity against one axis: lines join cases that differ in nothing else. A few lines, of one other axis, are named by its
+    /// levels; of more there is a line of means.
     fn against(&self, axis: usize, quantity: &SummaryQuantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
         let of = &self.axes[axis];
         let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
@@ -373,6 +377,29 @@ impl Cases {
             }
         }
         joined.values_mut().for_each(|line| line.sort_by(|a, b| a.0.total_cmp(&b.0)));
+        let chart = |series: Vec<Series>| Chart {
+            title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
+            x: of.name.clone(),
+            y: format!("{} ({})", quantity.name, quantity.unit),
+            scale: of.scale(),
+            series,
+        };
+        let varied: Vec<usize> = (0..self.axes.len())
+            .filter(|a| *a != axis)
+            .enumerate()
+            .filter(|(place, _)| order.iter().any(|key| key[*place] != order[0][*place]))
+            .map(|(place, _)| place)
+            .collect();
+        if let [place] = varied[..]
+            && order.len() <= MAX_NAMED_LINES
+        {
+            let other = &self.axes[place + usize::from(place >= axis)];
+            let name = other.name.rsplit('.').next().unwrap_or(&other.name);
+            let named = |key: &Vec<usize>| {
+                Series::new(format!("{name} {}", other.labels[key[place]]), joined[key].clone(), Mark::Dotted)
+            };
+            return chart(order.iter().map(named).collect());
+        }
         let stride = order.len().div_ceil(MAX_JOINED_LINES).max(1);
         let lines = order.iter().step_by(stride).map(|key| joined[key].clone()).filter(|line| line.len() > 1);
         let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
@@ -381,13 +408,7 @@ impl Cases {
         let groups = of.groups();
         let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
         series.push(Series::new("mean", groups.at.into_iter().zip(means).collect(), Mark::Dotted));
-        Chart {
-            title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
-            x: of.name.clone(),
-            y: format!("{} ({})", quantity.name, quantity.unit),
-            scale: of.scale(),
-            series,
-        }
+        chart(series)
     }
 
     /// Main effects of all axes on a quantity: means at each level, relative to the overall mean if signs allow.

@@ -109,7 +109,10 @@ impl OutcomeMap {
 
     fn legend(&self, svg: &mut Svg, top: f64, right: f64) {
         let bounded = self.panels.iter().any(|panel| !panel.boundary.is_empty());
-        let colours = self.categories.iter().map(|category| (category.label, Some(category.colour)));
+        let occurs =
+            |index: usize| self.panels.iter().any(|panel| panel.cells.iter().flatten().any(|cell| *cell == index));
+        let some = self.categories.iter().enumerate().filter(|(index, _)| occurs(*index));
+        let colours = some.map(|(_, category)| (category.label, Some(category.colour)));
         let (mut left, mut top) = (14.0, top);
         for (label, colour) in colours.chain(bounded.then_some((self.boundary.as_str(), None))) {
             let room = 36.0 + width(label, 13.0);

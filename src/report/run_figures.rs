@@ -120,6 +120,7 @@ pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
         ("motion of the water", "fluid_energy_j", -1.0),
         ("numerical dissipation", "numerical_dissipation_j", -1.0),
         ("material", "material_work_j", -1.0),
+        ("other forces", "other_work_j", 1.0),
     ];
     let since_start = |(label, variable, sign): (&str, &str, f64)| {
         let points = record.curve("time_s", variable);

@@ -726,7 +726,7 @@ impl Scene {
         Some((law, means.differences(&own)))
     }
 
-    /// The forces of the fluid on `rod`.
+    /// The forces of the fluid on `rod`, and the loads that follow it.
     pub(super) fn forces(&self, rod: &Rod) -> Result<Forces, KeyError> {
         let mut forces = Vec::new();
         if let Some(drag) = &self.drag {
@@ -747,6 +747,9 @@ impl Scene {
             if let Some(gravity) = self.loads.as_ref().and_then(LoadsTable::buoyed_by) {
                 forces.push(Box::new(Buoyancy::new(rod, gravity)));
             }
+        }
+        if let Some(loads) = &self.loads {
+            forces.extend(loads.followers(rod).map(|load| Box::new(load) as Box<dyn Force>));
         }
         Ok(Forces(forces))
     }

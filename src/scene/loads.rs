@@ -3,9 +3,11 @@
 use nalgebra::Vector2;
 use serde::Deserialize;
 
+use super::Scene;
 use super::key_error::KeyError;
 use super::record::{allowed_nodes, is_node};
 use super::value::{self, Finite};
+use crate::loads::FollowerLoad;
 use crate::rod::Rod;
 
 /// `[loads]`.
@@ -19,7 +21,7 @@ pub struct LoadsTable {
     /// Whether the medium exerts buoyancy on the rod.
     #[serde(default)]
     pub buoyancy: bool,
-    /// Constant forces on single nodes.
+    /// Constant forces on single nodes, in the axes of the plane or of the rod.
     #[serde(default)]
     pub point: Vec<PointLoad>,
 }
@@ -34,6 +36,17 @@ pub struct PointLoad {
     /// Force, N.
     #[serde(deserialize_with = "value::pair")]
     pub force_n: [Finite; 2],
+    /// True for a force that turns with the rod, as that of a jet does: along and across the edge before its node, away from the head and
+    /// to its left.
+    #[serde(default)]
+    pub follows: bool,
+}
+
+impl PointLoad {
+    /// Its node on `rod`.
+    fn node_of(&self, rod: &Rod) -> usize {
+        self.node.rem_euclid(rod.nodes as i64) as usize
+    }
 }
 
 impl LoadsTable {
@@ -70,19 +83,32 @@ impl LoadsTable {
         Some(force)
     }
 
-    /// The forces of gravity and point loads (N), two entries per node, or None without loads.
+    /// The point loads that follow the rod.
+    pub(super) fn followers(&self, rod: &Rod) -> impl Iterator<Item = FollowerLoad> {
+        let loads = self.point.iter().filter(|load| load.follows);
+        loads.map(|load| FollowerLoad::new(load.node_of(rod), load.force_n.map(Finite::get).into()))
+    }
+
+    /// The forces of gravity and of point loads that keep their direction (N), two entries per node, or None without any.
     pub(super) fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
         let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
-        if gravity == [0.0; 2] && self.point.is_empty() {
+        let mut fixed = self.point.iter().filter(|load| !load.follows).peekable();
+        if gravity == [0.0; 2] && fixed.peek().is_none() {
             return None;
         }
         let mut force: Vec<f64> = rod.mass.iter().flat_map(|mass| gravity.map(|g| g * mass)).collect();
-        for load in &self.point {
-            let node = load.node.rem_euclid(rod.nodes as i64) as usize;
+        for load in fixed {
             for (i, component) in load.force_n.iter().enumerate() {
-                force[2 * node + i] += component.get();
+                force[2 * load.node_of(rod) + i] += component.get();
             }
         }
         Some(force)
+    }
+}
+
+impl Scene {
+    /// True where a point load follows the rod.
+    pub fn has_followers(&self) -> bool {
+        self.loads.iter().flat_map(|loads| &loads.point).any(|load| load.follows)
     }
 }

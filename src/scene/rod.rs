@@ -364,7 +364,7 @@ pub(super) fn check_points(
 
 impl Scene {
     /// Its rod on a mesh of `nodes` nodes, behind its body.
-    pub(super) fn rod_on(&self, nodes: usize) -> Rod {
+    pub(crate) fn rod_on(&self, nodes: usize) -> Rod {
         let table = &self.rod;
         let material = Material {
             sections: table.sections(),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::material::DampingTime;
 use super::solver::{DEFAULT_INTEGRATORS, full};
 use super::value::{BoundedInteger, Finite, Positive, Tolerance};
 use super::{Scene, SolverTable};
@@ -125,6 +126,23 @@ impl Scene {
         rod.youngs_modulus_pa = rod.youngs_modulus_pa.map(|modulus| Positive::constant(modulus.get() * factor));
         for stiffness in [&mut rod.axial_stiffness_n, &mut rod.bending_stiffness_n_m2] {
             *stiffness = stiffness.as_ref().map(|stiffness| stiffness.times(factor));
+        }
+        scene
+    }
+
+    /// The scene with the damping time `time` (s) of its material, in bending and stretching.
+    pub fn with_damping_time(&self, time: f64) -> Self {
+        let mut scene = self.clone();
+        let rod = &mut scene.rod;
+        (rod.damping_time_s, rod.loss_factor, rod.loss_frequency_hz) = (Some(DampingTime::constant(time)), None, None);
+        scene
+    }
+
+    /// The scene with its point loads multiplied by `factor`.
+    pub fn with_point_loads(&self, factor: f64) -> Self {
+        let mut scene = self.clone();
+        for load in scene.loads.iter_mut().flat_map(|loads| &mut loads.point) {
+            load.force_n = load.force_n.map(|force| Finite::constant(factor * force.get()));
         }
         scene
     }

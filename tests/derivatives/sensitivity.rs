@@ -21,6 +21,9 @@ const HEADS: [&str; 3] = [
 const DAMPED: &str = "rod.damping_time_s=0.02";
 const ELASTICALLY_DAMPED: &str = "rod.damping_time_s=0.02 and rod.damping_of=elastic";
 
+/// A thrust at the tip that turns with it.
+const FOLLOWED: &str = "loads={ point = [{ node = -1, follows = true, force_n = [-1.0, 0.4] }, { node = 0, follows = true, force_n = [0.3, 0.2] }] }";
+
 /// Names of the methods that have derivatives.
 fn methods() -> impl Iterator<Item = &'static str> {
     METHODS
@@ -111,7 +114,9 @@ fn forward_derivatives_are_those_of_differences() {
     let mut worst: f64 = 0.0;
     for head in HEADS {
         for method in methods() {
-            for start in ["start.kind=shaped", "start={ kind = \"ramp\", ramp_s = 0.1 }", DAMPED, ELASTICALLY_DAMPED] {
+            let starts =
+                ["start.kind=shaped", "start={ kind = \"ramp\", ramp_s = 0.1 }", DAMPED, ELASTICALLY_DAMPED, FOLLOWED];
+            for start in starts {
                 let scene = scene(head, method, start);
                 let mut problem = Problem::of(&scene).unwrap();
                 let (outputs, all) = (outputs(&problem), parameters(&problem));
@@ -181,7 +186,7 @@ fn adjoint_error(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
 fn adjoint_derivatives_are_the_forward_ones() {
     for head in HEADS {
         for method in methods() {
-            for start in ["start.kind=shaped", "start.kind=jump", DAMPED, ELASTICALLY_DAMPED] {
+            for start in ["start.kind=shaped", "start.kind=jump", DAMPED, ELASTICALLY_DAMPED, FOLLOWED] {
                 let error = adjoint_error(&scene(head, method, start), |_| true);
                 println!("{} {method} {start}: {error:.1e}", &head[..20]);
                 assert!(error <= 1e-13, "{head} {method} {start}: {error:e}"); // measured: 1.9e-14

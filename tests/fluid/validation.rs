@@ -668,6 +668,70 @@ fn a_clamped_plate_flutters_in_the_flow_of_theory() {
     }
 }
 
+/// M, C and K of a clamped plate in a flow by Galerkin's method with ten modes φ of the beam, in lengths L and times L²√((m + m_a)/EI):
+/// C_ij = αλ_i⁴δ_ij + 2u√β ∫φ_i φ_j′, K_ij = λ_i⁴δ_ij + u² ∫φ_i φ_j″, of modes of unit square.
+fn galerkin(beta: f64, u: f64, alpha: f64) -> [DMatrix<f64>; 3] {
+    const MODES: usize = 10;
+    const POINTS: usize = 4000;
+    let wave = |i: usize| {
+        let mut wave = (i as f64 + 0.5) * PI;
+        for _ in 0..30 {
+            let (f, slope) = (wave.cos() * wave.cosh() + 1.0, wave.cos() * wave.sinh() - wave.sin() * wave.cosh());
+            wave -= f / slope;
+        }
+        wave
+    };
+    let waves: Vec<f64> = (0..MODES).map(wave).collect();
+    // cosh λx − cos λx − s (sinh λx − sin λx) and its derivatives by λx, the growing parts joined.
+    let mode = |wave: f64, x: f64| {
+        let s = (wave.cosh() + wave.cos()) / (wave.sinh() + wave.sin());
+        let one_less = (wave.sin() - wave.cos() - (-wave).exp()) / (wave.sinh() + wave.sin());
+        let (rising, falling) = (0.5 * one_less * (wave * x).exp(), 0.5 * (1.0 + s) * (-wave * x).exp());
+        let (sin, cos) = (wave * x).sin_cos();
+        let slope = rising - falling + sin + s * cos;
+        [rising + falling - cos + s * sin, wave * slope, wave * wave * (rising + falling + cos - s * sin)]
+    };
+    let mut integrals = [DMatrix::<f64>::zeros(MODES, MODES), DMatrix::zeros(MODES, MODES)];
+    for point in 0..POINTS {
+        let x = (point as f64 + 0.5) / POINTS as f64;
+        let modes: Vec<[f64; 3]> = waves.iter().map(|wave| mode(*wave, x)).collect();
+        for i in 0..MODES {
+            for j in 0..MODES {
+                integrals[0][(i, j)] += modes[i][0] * modes[j][1] / POINTS as f64;
+                integrals[1][(i, j)] += modes[i][0] * modes[j][2] / POINTS as f64;
+            }
+        }
+    }
+    let stiffness = DMatrix::from_fn(MODES, MODES, |i, j| if i == j { waves[i].powi(4) } else { 0.0 });
+    [
+        DMatrix::identity(MODES, MODES),
+        &stiffness * alpha + &integrals[0] * (2.0 * u * beta.sqrt()),
+        stiffness + &integrals[1] * (u * u),
+    ]
+}
+
+#[test]
+fn a_plate_of_damped_material_flutters_in_the_flow_of_galerkin_s_method() {
+    for beta in [0.1, 0.2, 0.5, 0.8] {
+        let undamped = threshold(2.0, 16.0, |u| growth(&galerkin(beta, u, 0.0)) > 1e-6);
+        for alpha in [1e-3, 1e-2] {
+            let expected = threshold(2.0, 18.0, |u| growth(&galerkin(beta, u, alpha)) > 1e-6);
+            let [coarse, fine] = [33, 65].map(|nodes| {
+                let damping = format!("rod.damping_time_s={:e}", alpha * unit(beta));
+                let model = |u: f64| plate_with(nodes, beta, u, &[&damping]).model().unwrap();
+                let flutters = |u: f64| growth(&across(model(u))) > 1e-6 / unit(beta);
+                threshold(0.9 * expected, 1.1 * expected, flutters) / expected - 1.0
+            });
+            let limit = fine + (fine - coarse) / 3.0;
+            println!(
+                "β {beta}, α {alpha}: u {expected:.4}, {:+.2} % of {undamped:.4}; off by {coarse:.2e}, {fine:.2e}, limit {limit:.1e}",
+                100.0 * (expected / undamped - 1.0)
+            );
+            assert!(fine.abs() < 5e-3 && limit.abs() < 1e-3, "{beta} {alpha}: {coarse:e} {fine:e} {limit:e}");
+        }
+    }
+}
+
 /// Velocity and place of the tip across the flow at every step of 1/400 of a time unit, β = 0.2.
 fn flapping(u: f64, units: f64, more: &[&str]) -> Vec<[f64; 2]> {
     let changes = [

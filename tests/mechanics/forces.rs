@@ -9,6 +9,7 @@ use caudal::fluid::laws::{LAWS, LawInputs};
 use caudal::fluid::medium::{BEYOND, Layer, Property};
 use caudal::fluid::reactive::Wake;
 use caudal::fluid::{Buoyancy, DENSITY, Fluid, HeadWeight, Kinematics, Layers, PowerKind, Reactive, Spray, VISCOSITY};
+use caudal::loads::FollowerLoad;
 use caudal::rod::{Edge, MassLumping, Material, Profile, Rod, Section, Sections, Spheroid, Stiffness, node};
 use common::{Dice, largest};
 use nalgebra::Vector2;
@@ -49,6 +50,9 @@ fn all(rod: &Rod) -> Vec<Box<dyn Force>> {
     forces.push(Box::new(BodyInertia { added: body.added(), own: 1e-3 }));
     forces.push(Box::new(Spray::new(rod)));
     forces.push(Box::new(Buoyancy::new(rod, Vector2::new(0.3, -9.8))));
+    for node in [0, 2, NODES - 1] {
+        forces.push(Box::new(FollowerLoad::new(node, Vector2::new(-0.7, 0.4))));
+    }
     forces
 }
 
@@ -330,9 +334,10 @@ fn the_momentum_of_the_fluid_gains_what_opposes_the_rod_and_the_pull_and_its_ene
 fn drag_takes_energy_whatever_the_motion_and_vanishes_with_it() {
     let rod = rod();
     // What acts on the whole rod at once takes energy from motions that the mesh resolves: tests/fluid/nonlocal.rs.
-    let forces =
-        all(&rod).into_iter().filter(|force| force.power_kind() != Some(PowerKind::Load) && force.global().is_none());
-    for force in forces {
+    let takes = |force: &Box<dyn Force>| {
+        !matches!(force.power_kind(), Some(PowerKind::Load | PowerKind::Other)) && force.global().is_none()
+    };
+    for force in all(&rod).into_iter().filter(takes) {
         for seed in 0..120 {
             let mut dice = Dice(seed);
             let mut case = Case::random(&rod, &mut dice);

@@ -27,6 +27,7 @@ mod own_force;
 mod pivoted_band;
 mod reduced;
 mod reference;
+mod resonance;
 mod section;
 mod solvers;
 mod stability;

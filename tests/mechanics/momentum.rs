@@ -57,3 +57,33 @@ fn the_error_of_angular_momentum_vanishes_at_the_method_s_order() {
         }
     }
 }
+
+#[test]
+fn a_jet_at_the_tip_of_a_free_rod_accelerates_it_along_itself_and_its_work_is_that_of_its_force() {
+    let jet = "loads={ point = [{ node = -1, follows = true, force_n = [-0.02, 0.0] }] }";
+    for method in METHODS {
+        let scene = scene_by(method, 1e-4, &[SILICONE, jet, "start.kind=jump", "solver.duration_s=0.2"]);
+        let stepper = run(&scene);
+        let (rod, state) = (&stepper.model().rod, stepper.state());
+        // Straight it stays, so the jet pushes along x towards the head for good.
+        let gained = linear(rod, state);
+        assert!((gained - Vector2::new(-0.004, 0.0)).norm() < 1e-12, "{}: {gained}", method.name);
+        // F·v of the tip, whose velocity differs from the mean by the waves of stretching.
+        let work = stepper.get_scalar("other_work_j").unwrap();
+        let kinetic = 0.004 * 0.004 / (2.0 * rod.total_mass());
+        assert!((work / kinetic - 1.0).abs() < 0.05, "{}: {work:e} {kinetic:e}", method.name);
+    }
+    // Askew it turns the rod, and the work closes the balance to the method's order.
+    let askew = "loads={ point = [{ node = -1, follows = true, force_n = [-0.02, 0.01] }] }";
+    let defect = |time_step: f64| {
+        let newmark = caudal::integrator::Method::named("newmark").unwrap();
+        let stepper =
+            run(&scene_by(newmark, time_step, &[SILICONE, askew, "start.kind=jump", "solver.duration_s=0.2"]));
+        let metrics = stepper.metrics();
+        (metrics.numerical_dissipation().abs(), metrics.totals.work.other)
+    };
+    let ((coarse, work), (fine, _)) = (defect(4e-4), defect(2e-4));
+    println!("defect {coarse:e}, {fine:e} of {work:e} J");
+    assert!(work > 0.0 && coarse < 1e-3 * work, "{coarse:e} {work:e}");
+    assert!(order(coarse, fine) > 1.8, "{coarse:e} {fine:e}");
+}

@@ -4,6 +4,8 @@
 //! For q' = v, v' = a a stage is v_i = v* + hγ a_i and q_i = q* + (hγ)² a_i with v* = vⁿ + h Σ_{j<i} a_ij a_j and
 //! q* = qⁿ + h Σ_{j<i} a_ij v_j + hγ v*.
 
+use nalgebra::Complex;
+
 use super::{ExplicitPart, Integrator, Method, Stage, StepError};
 use crate::error::Result;
 use crate::linear::Direction;
@@ -53,10 +55,19 @@ impl Integrator for Esdirk3 {
         3
     }
 
-    // |R(iΩ)|: the one function of order 3 with the triple pole 1/γ that vanishes at infinity.
-    fn spectral_radius(&self, omega: f64) -> f64 {
-        let (real, imaginary) = (1.0 - (0.5 - 3.0 * G + 3.0 * G * G) * omega * omega, (1.0 - 3.0 * G) * omega);
-        real.hypot(imaginary) / (1.0 + (G * omega).powi(2)).powf(1.5)
+    // |R(z)| at both z of the oscillator: the one function of order 3 with the triple pole 1/γ that vanishes at infinity, in powers of
+    // 1/(1 − γz), as z may be large.
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
+        let part = Complex::new(damping * damping - 1.0, 0.0).sqrt();
+        let amplification = |sign: f64| {
+            let z = (part * sign - damping) * omega;
+            let inverse = (Complex::from(1.0) - z * G).inv();
+            let ratio = z * inverse;
+            let numerator =
+                inverse * inverse + ratio * inverse * (1.0 - 3.0 * G) + ratio * ratio * (0.5 - 3.0 * G + 3.0 * G * G);
+            (inverse * numerator).norm()
+        };
+        amplification(1.0).max(amplification(-1.0))
     }
 
     fn begin(&mut self, state: &mut State) {

@@ -43,11 +43,12 @@ impl OneStage for GeneralizedAlpha {
     }
 
     // The step of (q, hv, h²w) by the equations of Chung and Hulbert, with their own balance at the points between.
-    fn spectral_radius(&self, omega: f64) -> f64 {
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
         let Self { alpha_m, alpha_f, beta, gamma } = *self;
-        let square = omega * omega;
-        let left = Matrix3::new(1.0, 0.0, -beta, 0.0, 1.0, -gamma, square * (1.0 - alpha_f), 0.0, 1.0 - alpha_m);
-        let right = Matrix3::new(1.0, 1.0, 0.5 - beta, 0.0, 1.0, 1.0 - gamma, -square * alpha_f, 0.0, -alpha_m);
+        let (square, lost, new) = (omega * omega, 2.0 * damping * omega, 1.0 - alpha_f);
+        let left = Matrix3::new(1.0, 0.0, -beta, 0.0, 1.0, -gamma, square * new, lost * new, 1.0 - alpha_m);
+        let right =
+            Matrix3::new(1.0, 1.0, 0.5 - beta, 0.0, 1.0, 1.0 - gamma, -square * alpha_f, -lost * alpha_f, -alpha_m);
         let step = left.lu().solve(&right).unwrap_or_else(|| Matrix3::from_element(f64::NAN));
         step.complex_eigenvalues().iter().map(|root| root.norm()).fold(0.0, f64::max)
     }

@@ -1,6 +1,6 @@
 //! Implicit Euler: v = (qⁿ⁺¹−qⁿ)/h, a = (v−vⁿ)/h.
 
-use super::{Method, OneStage, StepWeights};
+use super::{Method, OneStage, StepWeights, largest_root};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -21,8 +21,10 @@ impl OneStage for ImplicitEuler {
         1
     }
 
-    fn spectral_radius(&self, omega: f64) -> f64 {
-        1.0 / (1.0 + omega * omega).sqrt()
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
+        let lost = 2.0 * damping * omega;
+        let divisor = 1.0 + lost + omega * omega;
+        largest_root((2.0 + lost) / divisor, 1.0 / divisor)
     }
 
     fn rule(&self, h: f64) -> StepWeights {

@@ -84,9 +84,9 @@ pub trait Integrator: std::fmt::Debug + Send {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 
-    /// Theory's spectral radius of one step on the undamped oscillator q'' = −(`omega`/h)² q, with omega = ωh: above 1
-    /// the step amplifies.
-    fn spectral_radius(&self, omega: f64) -> f64;
+    /// Theory's spectral radius of one step on the oscillator q'' = −2ζω q' − ω² q, with `omega` = ωh and the damping ratio
+    /// `damping` = ζ: above 1 the step amplifies.
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64;
 
     /// Prepares for a run from `state`, whose accelerations fulfil the equation of motion.
     fn begin(&mut self, _state: &mut State) {}
@@ -117,10 +117,11 @@ fn largest_root(trace: f64, determinant: f64) -> f64 {
     if discriminant < 0.0 { determinant.sqrt() } else { 0.5 * (trace.abs() + discriminant.sqrt()) }
 }
 
-/// The largest ωh up to which `method` does not amplify, by theory; `None` where that is without limit.
-pub fn stability_limit(method: &dyn Integrator) -> Option<f64> {
+/// The largest ωh up to which `method` does not amplify an oscillator of damping ratio `damping`, by theory; `None` where that is
+/// without limit.
+pub fn stability_limit(method: &dyn Integrator, damping: f64) -> Option<f64> {
     const ROUNDING: f64 = 1e-9;
-    let amplifies = |omega: f64| method.spectral_radius(omega) > 1.0 + ROUNDING;
+    let amplifies = |omega: f64| method.spectral_radius(omega, damping) > 1.0 + ROUNDING;
     let grid = |i: i32| 10.0_f64.powf(-3.0 + f64::from(i) / 100.0);
     let first = (0..=900).find(|i| amplifies(grid(*i)))?;
     let (mut low, mut high) = (if first == 0 { 0.0 } else { grid(first - 1) }, grid(first));
@@ -153,7 +154,7 @@ pub trait OneStage: std::fmt::Debug + Send {
     fn order(&self) -> u32;
 
     /// See [`Integrator::spectral_radius`].
-    fn spectral_radius(&self, omega: f64) -> f64;
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64;
 
     /// The rule of its steps of `h` (s).
     fn rule(&self, h: f64) -> StepWeights;
@@ -164,8 +165,8 @@ impl<T: OneStage> Integrator for T {
         OneStage::order(self)
     }
 
-    fn spectral_radius(&self, omega: f64) -> f64 {
-        OneStage::spectral_radius(self, omega)
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
+        OneStage::spectral_radius(self, omega, damping)
     }
 
     fn begin(&mut self, state: &mut State) {

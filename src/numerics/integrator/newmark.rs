@@ -28,9 +28,12 @@ impl OneStage for Newmark {
     }
 
     // T. J. R. Hughes, The Finite Element Method (1987), section 9.1.2.
-    fn spectral_radius(&self, omega: f64) -> f64 {
-        let part = omega * omega / (1.0 + self.beta * omega * omega);
-        largest_root(2.0 - (self.gamma + 0.5) * part, 1.0 - (self.gamma - 0.5) * part)
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
+        let Self { beta, gamma } = *self;
+        let (square, lost) = (omega * omega, 2.0 * damping * omega);
+        let divisor = 1.0 + gamma * lost + beta * square;
+        let [trace, determinant] = [0.5, -0.5].map(|half| (lost + (gamma + half) * square) / divisor);
+        largest_root(2.0 - trace, 1.0 - determinant)
     }
 
     fn rule(&self, h: f64) -> StepWeights {

@@ -28,8 +28,10 @@ impl Integrator for SymplecticEuler {
         1
     }
 
-    fn spectral_radius(&self, omega: f64) -> f64 {
-        largest_root(2.0 - omega * omega, 1.0)
+    // The rate of the step before is all that the force knows.
+    fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
+        let lost = 2.0 * damping * omega;
+        largest_root(2.0 - lost - omega * omega, 1.0 - lost)
     }
 
     fn begin(&mut self, state: &mut State) {

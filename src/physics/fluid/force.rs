@@ -227,11 +227,12 @@ pub struct StateDerivatives<'a> {
 /// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled
 /// for it.
 pub trait FusedForce {
-    /// Assembles `rod`, which moves through `fluid`, the same along all of it, with this force and with what `others` say, see
-    /// [`Deformed::assemble`].
+    /// Assembles `rod`, of a `damped` or of an elastic material, which moves through `fluid`, the same along all of it, with this force
+    /// and with what `others` say, see [`Deformed::assemble`].
     fn assemble(
         &self,
         rod: Deformed<'_>,
+        damped: Option<Damped<'_>>,
         fluid: Fluid,
         others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],
@@ -492,16 +493,14 @@ impl Forces {
         }
         let along = jacobian.as_ref().map(|(_, direction)| *direction);
         let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
-        // The pass of a damped rod is long enough: there all forces are looked at ahead.
-        let uniform = if damped.is_some() { None } else { moving.everywhere() };
-        let in_pass = uniform.and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
+        let in_pass = moving.everywhere().and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, ..)| [&self.0[..i], &self.0[i + 1..]]);
         let mut others = ExternalForces { forces, rod: moving, along, room };
         let around = (0..moving.edges.len()).map(|e| Some(others.on(e)));
         match (in_pass, damped) {
-            (_, Some(damped)) => rod.assemble_with(damped, around, residual, part),
+            (Some((_, force, fluid)), _) => force.assemble(rod, damped, fluid, others, residual, part),
+            (None, Some(damped)) => rod.assemble_with(damped, around, residual, part),
             (None, None) => rod.assemble(around, residual, part),
-            (Some((_, force, fluid)), None) => force.assemble(rod, fluid, others, residual, part),
         }
         for tip in self.on_tip(&moving, along) {
             if let Some(last) = residual.last_mut() {

@@ -12,6 +12,7 @@ use super::force::{EdgeForce, ExternalForces, Force, ForceAccumulator, FusedForc
 use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
 use super::validity::Validity;
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
+use crate::rod::damping::Damped;
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
 
@@ -328,6 +329,7 @@ impl<L: Law> FusedForce for LocalDrag<L> {
     fn assemble(
         &self,
         rod: Deformed<'_>,
+        damped: Option<Damped<'_>>,
         fluid: Fluid,
         mut others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],
@@ -346,7 +348,10 @@ impl<L: Law> FusedForce for LocalDrag<L> {
             }
             Some(on)
         });
-        rod.assemble(around, residual, jacobian);
+        match damped {
+            None => rod.assemble(around, residual, jacobian),
+            Some(damped) => rod.assemble_with(damped, around, residual, jacobian),
+        }
     }
 
     fn coefficients(&self, fluid: Fluid, e: usize) -> Option<[f64x2; 3]> {

@@ -232,6 +232,11 @@ impl Rod {
         self
     }
 
+    /// L²√(ρA/EI), s: the time in which it bends.
+    pub fn bending_time(&self) -> f64 {
+        self.length * self.length * (self.total_mass() / (self.length * self.ei)).sqrt()
+    }
+
     /// The shortest edge at rest, m.
     pub fn shortest(&self) -> f64 {
         self.cells[0].rest.min(self.spacing)

@@ -1,9 +1,10 @@
 //! Theory of flutter: a uniform cantilever beam in axial flow, clamped at the upstream end, by the Galerkin method.
 //!
-//! EI y⁗ + m_a U² y″ + 2 m_a U ẏ′ + (m + m_a) ÿ = 0, which is also that of a pipe that conveys fluid; of the force that the water
-//! loses with its tip, m_a U(ẏ + U y′), the wake takes the share χ. In lengths L and times L²√((m + m_a)/EI), with
-//! u = U L √(m_a/EI) and β = m_a/(m + m_a), Galerkin's method with the modes φ_i of the clamped beam, λ_i their wave numbers:
-//! ÿ_i + 2u√β Σ(∫φ_i φ_j′ − ½fφ_i(1)φ_j(1)) ẏ_j + λ_i⁴ y_i + u² Σ(∫φ_i φ_j″ − fφ_i(1)φ_j′(1)) y_j = 0, f = 1 − χ.
+//! EI(y⁗ + τ ẏ⁗) + m_a U² y″ + 2 m_a U ẏ′ + (m + m_a) ÿ = 0, which is also that of a pipe that conveys fluid, τ the damping time of
+//! the material; of the force that the water loses with its tip, m_a U(ẏ + U y′), the wake takes the share χ. In lengths L and times
+//! L²√((m + m_a)/EI), with u = U L √(m_a/EI), β = m_a/(m + m_a) and α the damping time, Galerkin's method with the modes φ_i of the
+//! clamped beam, λ_i their wave numbers: ÿ_i + αλ_i⁴ ẏ_i + 2u√β Σ(∫φ_i φ_j′ − ½fφ_i(1)φ_j(1)) ẏ_j + λ_i⁴ y_i +
+//! u² Σ(∫φ_i φ_j″ − fφ_i(1)φ_j′(1)) y_j = 0, f = 1 − χ.
 //! Sources: R. W. Gregory & M. P. Païdoussis, Proc. R. Soc. A 293 (1966); M. P. Païdoussis, Fluid-Structure Interactions (1998).
 
 use faer::{Mat, c64};
@@ -74,22 +75,22 @@ impl Beam {
         Self { wave_numbers, integrals, tip }
     }
 
-    /// Growth rate σ and frequency ω of the fastest growing motion, in units of time; `None` if the iteration fails.
-    pub(super) fn leading(&self, beta: f64, u: f64, shedding: f64) -> Option<[f64; 2]> {
-        let kept = 1.0 - shedding;
+    /// Growth rate σ and frequency ω of the fastest growing motion at the speed `u`, in units of time; `None` if the iteration fails.
+    fn leading(&self, flow: &BeamInFlow, u: f64) -> Option<[f64; 2]> {
+        let kept = 1.0 - flow.shedding;
         // Times of the highest mode, so that both halves of the matrix are of one size.
         let scale = self.wave_numbers[MODES - 1].powi(2);
+        let beam = |i: usize, j: usize| if i == j { self.wave_numbers[i].powi(4) } else { 0.0 };
         let matrix = Mat::from_fn(2 * MODES, 2 * MODES, |row, column| match (row.checked_sub(MODES), column) {
             (None, column) => f64::from(u8::from(row + MODES == column)),
             (Some(i), j) if j < MODES => {
-                let beam = if i == j { self.wave_numbers[i].powi(4) } else { 0.0 };
                 let flow = self.integrals[1][i][j] - kept * self.tip[i][0] * self.tip[j][1];
-                -(beam + u * u * flow) / (scale * scale)
+                -(beam(i, j) + u * u * flow) / (scale * scale)
             }
             (Some(i), j) => {
                 let j = j - MODES;
                 let coriolis = 2.0 * self.integrals[0][i][j] - kept * self.tip[i][0] * self.tip[j][0];
-                -u * beta.sqrt() * coriolis / scale
+                -(u * flow.mass_ratio.sqrt() * coriolis + flow.damping * beam(i, j)) / scale
             }
         });
         let values: Vec<c64> = matrix.eigenvalues().ok()?;
@@ -98,10 +99,21 @@ impl Beam {
     }
 
     /// The least u, up to `most`, at which the straight beam is unstable.
-    pub(super) fn critical(&self, beta: f64, shedding: f64, most: f64) -> Option<f64> {
-        let growth = |u: f64| self.leading(beta, u, shedding).map_or(f64::NEG_INFINITY, |[growth, _]| growth - GROWS);
+    pub(super) fn critical(&self, flow: &BeamInFlow, most: f64) -> Option<f64> {
+        let growth = |u: f64| self.leading(flow, u).map_or(f64::NEG_INFINITY, |[growth, _]| growth - GROWS);
         first_crossing(0.0, most, growth)
     }
+}
+
+/// What the speed from which a beam flutters depends on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BeamInFlow {
+    /// β.
+    pub mass_ratio: f64,
+    /// χ.
+    pub shedding: f64,
+    /// α.
+    pub damping: f64,
 }
 
 /// Growth rates below this are rounding errors.
@@ -114,9 +126,10 @@ mod tests {
     #[test]
     fn the_beam_flutters_and_diverges_where_it_is_published_to() {
         let beam = Beam::new();
+        let sharp = |mass_ratio: f64| BeamInFlow { mass_ratio, shedding: 1.0, damping: 0.0 };
         // Gregory and Paidoussis 5.6, 9.3, 13.5; more digits by an independent program.
         for (beta, published) in [(0.2, 5.5914), (0.5, 9.3224), (0.8, 13.493)] {
-            let found = beam.critical(beta, 1.0, 20.0).unwrap_or(f64::NAN);
+            let found = beam.critical(&sharp(beta), 20.0).unwrap_or(f64::NAN);
             // Measured: at most 4.5e-4, at 0.8.
             assert!((found / published - 1.0).abs() < 1e-3, "{beta}: {found}");
         }
@@ -124,16 +137,16 @@ mod tests {
         // 4000 speeds.
         for beta in [0.2935, 0.2945, 0.2955, 0.2965] {
             let speeds = (0..4000).map(|i| 20.0 * f64::from(i) / 4000.0);
-            let grows = |u: &f64| beam.leading(beta, *u, 1.0).is_some_and(|[growth, _]| growth > GROWS);
+            let grows = |u: &f64| beam.leading(&sharp(beta), *u).is_some_and(|[growth, _]| growth > GROWS);
             let scanned = { speeds }.find(grows).unwrap_or(f64::NAN);
-            let found = beam.critical(beta, 1.0, 20.0).unwrap_or(f64::NAN);
+            let found = beam.critical(&sharp(beta), 20.0).unwrap_or(f64::NAN);
             println!("β {beta}: {found}, scanned {scanned}");
             assert!((found - scanned).abs() < 6e-3, "{beta}: {found} {scanned}");
         }
         // cos u = 1 − 1/f.
         for kept in [1.0, 0.8, 0.6_f64] {
             let published = (1.0 - 1.0 / kept).acos();
-            let found = beam.critical(0.5, 1.0 - kept, 4.0).unwrap_or(f64::NAN);
+            let found = beam.critical(&BeamInFlow { shedding: 1.0 - kept, ..sharp(0.5) }, 4.0).unwrap_or(f64::NAN);
             assert!((found / published - 1.0).abs() < 1e-3, "{kept}: {found}");
         }
     }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::accuracy::{self, AccuracyOptions};
+use super::column;
 use super::fluid::{self, FluidOptions};
 use super::flutter;
 use super::modes::{self, ModesOptions};
@@ -72,6 +73,7 @@ impl Study {
             Self::Scaling(asked) => scaling::scaling(scene, asked, runner),
             Self::Accuracy(asked) => accuracy::accuracy(scene, asked, runner),
             Self::Stability(asked) if asked.vary == Vary::Flow => flutter::flutter(scene, asked, runner),
+            Self::Stability(asked) if asked.vary == Vary::Load => column::column(scene, asked, runner),
             Self::Stability(asked) => stability::stability(scene, asked, runner),
             Self::Fluid(asked) => fluid::fluid(scene, asked, runner),
         }
@@ -93,10 +95,9 @@ impl Study {
                 .or_else(|| not_rising("range", asked.range))
                 .or_else(|| not_rising("steps", asked.steps))
                 .or_else(|| {
-                    let flows = asked.vary == Vary::Flow && asked.steps.is_some();
-                    flows.then(|| {
-                        "steps: found with vary = flow; allowed: only with others, as no run is made".to_string()
-                    })
+                    let found = Vary::ALL.iter().find(|(_, vary)| *vary == asked.vary && vary.is_of_rest());
+                    let (name, _) = found.filter(|_| asked.steps.is_some())?;
+                    Some(format!("steps: found with vary = {name}; allowed: only with others, as no run is made"))
                 }),
         }
     }

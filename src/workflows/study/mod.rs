@@ -5,11 +5,13 @@
 
 mod accuracy;
 mod beam;
+mod column;
 mod definition;
 mod distributed;
 mod fluid;
 mod flutter;
 mod modes;
+mod rest_map;
 mod root_search;
 mod runner;
 mod scaling;

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::linear_stability::{NoSteadyState, SteadyState};
 use crate::model::Model;
-use crate::modes::{Matrices, Mode, ModeKind, Modes, lowest_within};
+use crate::modes::{Matrices, Mode, ModeKind, Modes, StableSteps, lowest_within};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::rod::Rod;
@@ -106,11 +106,11 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
             "The steps are those that the tolerance asks for; one that resolves the first mode (ωΔt ≤ {RESOLVED}) has at most {needed:.2e} s."
         ),
     });
-    match &all {
-        Some(all) => findings.answers.push(format!(
-            "The highest of all is {:.4e} Hz {with}: an explicit method needs steps below 2/ω_max = {:.4e} s.",
+    let explicit = all.as_ref().and_then(|all| all.explicit_steps(rod.damping.as_ref()));
+    match all.as_ref().zip(explicit) {
+        Some((all, StableSteps { largest, limit, .. })) => findings.answers.push(format!(
+            "The highest of all is {:.4e} Hz {with}: an explicit method needs steps below {largest:.4e} s (ωΔt ≤ {limit:.4}).",
             all.highest() / TAU,
-            2.0 / all.highest()
         )),
         None => findings.answers.push(format!(
             "All frequencies, and with them the limit of explicit methods, are computed up to {MAX_NODES_FOR_SPECTRUM} nodes."
@@ -119,7 +119,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     findings.numbers.insert("nodes".into(), json!(rod.nodes));
     findings.numbers.insert("lowest_frequency_hz".into(), json!(first.frequency / TAU));
     findings.numbers.insert("highest_frequency_hz".into(), json!(all.as_ref().map(|all| all.highest() / TAU)));
-    findings.numbers.insert("explicit_step_limit_s".into(), json!(all.as_ref().map(|all| 2.0 / all.highest())));
+    findings.numbers.insert("explicit_step_limit_s".into(), json!(explicit.map(|steps| steps.largest)));
 
     findings.tables.push(modes_table(&found, &matrices, step));
     findings.tables.push(shapes_table(&found, &rod));

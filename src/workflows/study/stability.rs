@@ -9,9 +9,9 @@ use serde_json::{Value, json};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::study_run::{Failure, RunOptions, SimulationMethod, StudyRun};
 use crate::error::{Error, Result};
-use crate::integrator::{StepControl, stability_limit};
+use crate::integrator::StepControl;
 use crate::jobs;
-use crate::modes::Modes;
+use crate::modes::{Modes, StableSteps};
 use crate::report::Figure;
 use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Findings, Table};
@@ -40,19 +40,30 @@ pub enum Vary {
     Nodes,
     /// The initial spin of a free rod.
     Spin,
+    /// The damping time of the material.
+    Damping,
     /// The speed of the flow and the mass ratio of the rod: stability of the rod itself, for any method.
     Flow,
+    /// The size of the point loads and the damping time of the material: stability of the rod itself, for any method.
+    Load,
 }
 
 impl Vary {
     /// All parameters, with their names.
-    pub const ALL: [(&str, Self); 5] = [
+    pub const ALL: [(&str, Self); 7] = [
         ("modulus", Self::Modulus),
         ("amplitude", Self::Amplitude),
         ("nodes", Self::Nodes),
         ("spin", Self::Spin),
+        ("damping", Self::Damping),
         ("flow", Self::Flow),
+        ("load", Self::Load),
     ];
+
+    /// True where small motions of the rod itself are looked at, without a run.
+    pub fn is_of_rest(self) -> bool {
+        matches!(self, Self::Flow | Self::Load)
+    }
 
     fn label(self) -> &'static str {
         match self {
@@ -60,7 +71,9 @@ impl Vary {
             Self::Amplitude => "amplitude kappa_amp",
             Self::Nodes => "number of nodes",
             Self::Spin => "spin at the start (rad/s)",
+            Self::Damping => "damping time of the material (s)",
             Self::Flow => "flow speed (m/s)",
+            Self::Load => "factor on the point loads",
         }
     }
 
@@ -75,6 +88,11 @@ impl Vary {
                 [0.25 * amplitude, 4.0 * amplitude]
             }
             Self::Nodes => [nodes, 8.0 * (nodes - 1.0) + 1.0],
+            Self::Damping => {
+                let rod = scene.rod_on(scene.rod.nodes.get());
+                [1e-4, 1.0].map(|share| share * rod.bending_time())
+            }
+            Self::Load => [0.1, 10.0],
             Self::Spin | Self::Flow => [1.0, 100.0],
         }
     }
@@ -98,7 +116,9 @@ impl Vary {
             Self::Amplitude => scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.amplitude())),
             Self::Nodes => scene.with_nodes(value as u64),
             Self::Spin => scene.with_spin(value),
+            Self::Damping => scene.with_damping_time(value),
             Self::Flow => scene.with_flow([value, 0.0]),
+            Self::Load => scene.with_point_loads(value),
         }
     }
 }
@@ -292,12 +312,14 @@ impl StabilityReport<'_> {
     /// The theoretical stability limit of a method at each value, if it has one and the modes are computed.
     fn boundary(&self, simulation: &SimulationMethod) -> Result<Vec<(f64, f64)>> {
         let method = (simulation.method.build)(&simulation.values);
-        let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
         let mut points = Vec::new();
         for value in self.values {
             let model = self.asked.vary.set(self.scene, *value).model()?;
             if model.rod.nodes as u64 <= MAX_NODES_FOR_MODES {
-                points.push((*value, limit / Modes::of_model(model)?.highest()));
+                let damping = model.rod.damping.clone();
+                let steps = Modes::of_model(model)?.stable_steps(&*method, damping.as_ref());
+                let Some(StableSteps { largest, .. }) = steps else { return Ok(Vec::new()) };
+                points.push((*value, largest));
             }
         }
         Ok(points)

@@ -87,10 +87,12 @@ pub fn plan(
     Ok((cases, left_out))
 }
 
-/// The stability limit (s) of explicit methods, 2/ω_max; `None` for meshes too fine to compute it.
+/// The stability limit (s) of explicit methods; `None` for meshes too fine to compute it.
 pub fn limit_step(scene: &Scene, nodes: u64) -> Result<Option<f64>> {
     if nodes > MAX_NODES_FOR_MODES {
         return Ok(None);
     }
-    Ok(Some(2.0 / Modes::of_model(scene.with_nodes(nodes).model()?)?.highest()))
+    let model = scene.with_nodes(nodes).model()?;
+    let damping = model.rod.damping.clone();
+    Ok(Modes::of_model(model)?.explicit_steps(damping.as_ref()).map(|steps| steps.largest))
 }

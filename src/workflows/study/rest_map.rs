@@ -1,0 +1,350 @@
+//! What small motions about the rest of a held tail do, over two parameters of its scene: one along which it loses its stability,
+//! and one that it is asked for at.
+
+use std::f64::consts::TAU;
+
+use faer::c64;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::root_search::{SAMPLES, first_rise};
+use crate::linear_stability::{SteadyState, grows};
+use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::outcome_map::{Category, OutcomeMap, Panel};
+use crate::report::{Figure, Findings, Table};
+use crate::scene::{HeadKind, Scene};
+
+/// Most nodes for which eigenvalues are computed: the cost grows as N³, and the error with this many is 0.1 %.
+pub(super) const MAX_NODES: usize = 65;
+
+/// Number of modes that are tracked.
+const TRACKED_MODES: usize = 5;
+
+/// Relative width of the interval that a critical value is known to.
+const CRITICAL: f64 = 1e-5;
+
+/// What happens to the equilibrium.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) enum RestStability {
+    Stable,
+    Flutter,
+    Divergence,
+    NoRest,
+}
+
+impl RestStability {
+    const ALL: [Self; 4] = [Self::Stable, Self::Flutter, Self::Divergence, Self::NoRest];
+
+    pub fn category(self) -> Category {
+        let (label, colour) = match self {
+            Self::Stable => ("stays at rest", [0, 158, 115]),
+            Self::Flutter => ("flutter", [213, 94, 0]),
+            Self::Divergence => ("divergence", [204, 121, 167]),
+            Self::NoRest => ("no rest found", [200, 200, 200]),
+        };
+        Category { label, colour }
+    }
+}
+
+/// The motions about the rest of one scene.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct RestPoint {
+    pub outcome: RestStability,
+    /// σ (1/s) and ω (rad/s) of the fastest growing motion; where none grows, of the one of the slowest that decays least.
+    pub leading: [f64; 2],
+    /// σ and ω of the slowest motions.
+    pub slowest: Vec<[f64; 2]>,
+}
+
+impl RestPoint {
+    const NONE: Self = Self { outcome: RestStability::NoRest, leading: [0.0; 2], slowest: Vec::new() };
+
+    /// That of `scene`.
+    pub fn of(scene: &Scene) -> Self {
+        let Ok(Ok(mut steady)) = scene.model().map(SteadyState::of) else { return Self::NONE };
+        let Ok(found) = steady.eigenvalues() else { return Self::NONE };
+        let fastest = |values: &mut dyn Iterator<Item = c64>| values.max_by(|a, b| a.re.total_cmp(&b.re));
+        let growing = found.iter().filter(|(value, uncertainty)| grows(*value, *uncertainty));
+        let growing = fastest(&mut growing.map(|(value, _)| *value));
+        let mut slowest: Vec<c64> = found.iter().map(|(value, _)| *value).collect();
+        slowest.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+        slowest.truncate(TRACKED_MODES);
+        let Some(leading) = growing.or_else(|| fastest(&mut slowest.iter().copied())) else { return Self::NONE };
+        let outcome = match growing {
+            None => RestStability::Stable,
+            Some(value) if value.im > 0.0 => RestStability::Flutter,
+            Some(_) => RestStability::Divergence,
+        };
+        let slowest = slowest.iter().map(|value| [value.re, value.im]).collect();
+        Self { outcome, leading: [leading.re, leading.im], slowest }
+    }
+
+    /// Positive if the equilibrium is unstable; otherwise minus the relative damping of the least damped oscillation.
+    fn rise(&self) -> f64 {
+        if self.outcome != RestStability::Stable {
+            return 1.0;
+        }
+        let swinging = self.slowest.iter().filter(|[_, omega]| *omega > 0.0);
+        let least = swinging.map(|[growth, omega]| growth / growth.hypot(*omega)).fold(-1.0, f64::max);
+        least.min(-f64::MIN_POSITIVE)
+    }
+}
+
+/// Where the tail leaves its rest.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(super) struct Critical {
+    /// The value there; zero where it does not stay at rest at zero either.
+    pub value: f64,
+    /// What happens beyond.
+    pub outcome: RestStability,
+    /// ω there, rad/s.
+    pub frequency: f64,
+}
+
+impl Critical {
+    /// In words: what happens beyond it.
+    pub fn beyond(&self) -> String {
+        match self.outcome {
+            RestStability::Divergence => "small motions about that rest diverge".to_string(),
+            RestStability::NoRest => "no rest is found".to_string(),
+            _ => format!("small motions about that rest flutter, at {:.4} Hz", self.frequency / TAU),
+        }
+    }
+}
+
+/// The motions at `values`, rising, of the one parameter, at one `place` of the other.
+#[derive(Debug)]
+pub(super) struct Scan {
+    pub place: f64,
+    pub values: Vec<f64>,
+}
+
+/// What was found along a [`Scan`].
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Scanned {
+    pub points: Vec<RestPoint>,
+    pub critical: Option<Critical>,
+}
+
+impl Scan {
+    /// Looks `at` every value, and for the critical one. Between values that are far apart others are looked at too, up to the
+    /// first that leaves the rest.
+    pub fn run(&self, at: impl Fn(f64) -> RestPoint) -> Scanned {
+        let points: Vec<RestPoint> = self.values.iter().map(|value| at(*value)).collect();
+        let between = SAMPLES.div_ceil(self.values.len());
+        let mut samples: Vec<(f64, f64)> = Vec::new();
+        for (i, point) in points.iter().enumerate() {
+            let (before, here) = (self.values[i.saturating_sub(1)], self.values[i]);
+            let inner = (1..between).filter(|_| i > 0).map(|k| before + (here - before) * k as f64 / between as f64);
+            samples.extend(inner.map(|value| (value, at(value).rise())));
+            samples.push((here, point.rise()));
+            if samples.iter().any(|(_, rise)| *rise > 0.0) {
+                break;
+            }
+        }
+        let left = first_rise(&samples, |value| at(value).rise());
+        let critical = left.map(|[mut below, mut above]| {
+            let mut then = at(above);
+            if below == above {
+                let still = at(0.0);
+                if still.outcome != RestStability::Stable {
+                    return Critical { value: 0.0, outcome: still.outcome, frequency: still.leading[1] };
+                }
+                below = 0.0;
+            }
+            while above - below > CRITICAL * above {
+                let value = 0.5 * (below + above);
+                let middle = at(value);
+                if middle.outcome == RestStability::Stable {
+                    below = value;
+                } else {
+                    above = value;
+                    then = middle;
+                }
+            }
+            Critical { value: 0.5 * (below + above), outcome: then.outcome, frequency: then.leading[1] }
+        });
+        Scanned { points, critical }
+    }
+}
+
+/// `count` numbers, evenly spaced from `low` to `high`.
+pub(super) fn even([low, high]: [f64; 2], count: usize) -> impl Iterator<Item = f64> {
+    let last = count.max(2) - 1;
+    (0..=last).map(move |i| low + (high - low) * i as f64 / last as f64)
+}
+
+/// Warns of what is left out of the motions about the rest of `scene`, looked at on `nodes` nodes.
+pub(super) fn left_out(scene: &Scene, nodes: usize, findings: &mut Findings) {
+    if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
+        findings
+            .answers
+            .push("Actuation and motion of the head are left out: the head is held where it starts.".into());
+    }
+    if nodes < scene.rod.nodes.get() {
+        findings.answers.push(format!(
+            "Computed on {nodes} nodes instead of {}: the cost grows as the cube of their number.",
+            scene.rod.nodes.get()
+        ));
+    }
+}
+
+/// A column of a table beside those that every map has: its name, and its entry at a place and a value.
+pub(super) type ExtraColumn<'a> = (&'a str, &'a dyn Fn(f64, f64) -> Value);
+
+/// The map of a scene, ready to be drawn.
+pub(super) struct RestMap<'a> {
+    /// Name of the scene.
+    pub name: &'a str,
+    /// What acts on the tail, as in "what the flow does to the tail".
+    pub cause: &'a str,
+    /// The parameter that the map is drawn over: label of its axis, column of its table, and whether the axis is linear.
+    pub place: (&'a str, &'a str, bool),
+    /// The parameter that the tail loses its stability along: label and column.
+    pub value: (&'a str, &'a str),
+    /// The columns of the map.
+    pub columns: Vec<(&'a Scan, &'a Scanned)>,
+    /// That of the scene itself.
+    pub own: (&'a Scan, &'a Scanned),
+    /// Where the scene is, if it is on the map.
+    pub here: Option<(f64, f64)>,
+    /// A line to compare the critical values with, and its label.
+    pub line: (&'a str, Vec<(f64, f64)>),
+}
+
+impl RestMap<'_> {
+    /// Adds figures and tables to `findings`; the tables of the map and of the critical values have the `extra` columns too.
+    pub fn add(&self, findings: &mut Findings, extra: [&[ExtraColumn<'_>]; 2]) {
+        let Self { columns, line, .. } = self;
+        let index =
+            |point: &RestPoint| RestStability::ALL.iter().position(|other| *other == point.outcome).unwrap_or(0);
+        let cells = columns.iter().map(|(_, found)| found.points.iter().map(index).collect()).collect();
+        let figure = OutcomeMap {
+            title: format!("{}: what the {} does to the tail", self.name, self.cause),
+            x: (self.place.0.into(), columns.iter().map(|(scan, _)| scan.place).collect()),
+            linear: self.place.2,
+            y: (self.value.0.into(), columns.first().map(|(scan, _)| scan.values.clone()).unwrap_or_default()),
+            boundary: line.0.into(),
+            categories: RestStability::ALL.map(RestStability::category).to_vec(),
+            panels: vec![Panel { title: "small motions about the rest".into(), cells, boundary: line.1.clone() }],
+        };
+        let caption = "Where the tail stays at rest, flutters and diverges.";
+        findings.figures.push(Figure::new("stability.svg", caption, figure.svg()));
+        findings.figures.push(self.critical_figure());
+        findings.figures.extend(self.motion_figures());
+        findings.tables.push(self.map_table(extra[0]));
+        findings.tables.push(self.critical_table(extra[1]));
+        findings.tables.push(self.motions_table());
+    }
+
+    fn critical_figure(&self) -> Figure {
+        let of = |outcome: RestStability| {
+            let critical = self.columns.iter().filter_map(|(scan, found)| Some((scan.place, found.critical?)));
+            let points = critical.filter(|(_, critical)| critical.outcome == outcome);
+            points.map(|(place, critical)| (place, critical.value)).collect::<Vec<_>>()
+        };
+        let chart = Chart {
+            title: format!("{}: critical {}", self.name, self.cause),
+            x: self.place.0.into(),
+            y: self.value.0.into(),
+            scale: if self.place.2 { Scale::Linear } else { Scale::LogX },
+            series: [
+                Series::new("flutter", of(RestStability::Flutter), Mark::Dotted),
+                Series::new("divergence", of(RestStability::Divergence), Mark::Dotted),
+                Series::new(self.line.0, self.line.1.clone(), Mark::Line),
+                Series::new("this scene", self.here.into_iter().collect(), Mark::Dots),
+            ]
+            .into_iter()
+            .filter(|series| !series.points.is_empty())
+            .collect(),
+        };
+        let caption = format!("The {} from which the tail leaves its rest.", self.cause);
+        Figure::new("critical.svg", caption, chart.svg())
+    }
+
+    fn motion_figures(&self) -> [Figure; 2] {
+        let (scan, found) = self.own;
+        [
+            (
+                "growth.svg",
+                "growth rates",
+                "growth rate (1/s)",
+                "How the slowest motions grow (above zero) or decay with the",
+            ),
+            ("frequency.svg", "frequencies", "frequency (Hz)", "How fast the slowest motions swing, over the"),
+        ]
+        .map(|(file, what, label, caption)| {
+            let growth = file == "growth.svg";
+            let of = |value: &[f64; 2]| if growth { value[0] } else { value[1] / TAU };
+            let points = scan.values.iter().zip(&found.points);
+            let dots = points.clone().flat_map(|(x, point)| point.slowest.iter().map(move |one| (*x, of(one))));
+            let mut series = vec![Series::new("slowest motions", dots.collect(), Mark::Dots)];
+            if growth {
+                let fastest = points.map(|(x, point)| (*x, point.leading[0])).collect();
+                series.push(Series::new("fastest growing", fastest, Mark::Line));
+            }
+            let title = format!("{}: {what} of small motions", self.name);
+            let chart = Chart { title, x: self.value.0.into(), y: label.into(), scale: Scale::Linear, series };
+            Figure::new(file, format!("{caption} {}.", self.cause), chart.svg())
+        })
+    }
+
+    fn map_table(&self, extra: &[ExtraColumn<'_>]) -> Table {
+        let rows = self.columns.iter().flat_map(|(scan, found)| {
+            scan.values.iter().zip(&found.points).map(|(value, point)| {
+                let mut row = vec![json!(scan.place), json!(value)];
+                row.extend(extra.iter().map(|(_, of)| of(scan.place, *value)));
+                let [growth, omega] = point.leading;
+                row.extend([json!(point.outcome.category().label), json!(growth), json!(omega / TAU)]);
+                row
+            })
+        });
+        let columns = [self.place.1, self.value.1].into_iter().chain(extra.iter().map(|(name, _)| *name));
+        let columns = columns.chain(["outcome", "growth_rate_1_s", "frequency_hz"]);
+        Table {
+            file: "stability.csv",
+            title: "Map",
+            columns: columns.map(str::to_string).collect(),
+            rows: rows.collect(),
+        }
+    }
+
+    fn critical_table(&self, extra: &[ExtraColumn<'_>]) -> Table {
+        let rows = self.columns.iter().map(|(scan, found)| {
+            let critical = found.critical;
+            let mut row = vec![json!(scan.place), json!(critical.map(|critical| critical.value))];
+            row.extend(
+                extra.iter().map(|(_, of)| of(scan.place, critical.map_or(f64::NAN, |critical| critical.value))),
+            );
+            row.push(critical.map_or(Value::Null, |critical| json!(critical.outcome.category().label)));
+            row.push(json!(critical.map(|critical| critical.frequency / TAU)));
+            row
+        });
+        let value = format!("critical_{}", self.value.1);
+        let columns = [self.place.1, &value].into_iter().chain(extra.iter().map(|(name, _)| *name));
+        let columns = columns.chain(["outcome", "frequency_hz"]);
+        Table {
+            file: "critical.csv",
+            title: "Critical values",
+            columns: columns.map(str::to_string).collect(),
+            rows: rows.collect(),
+        }
+    }
+
+    fn motions_table(&self) -> Table {
+        let (scan, found) = self.own;
+        let rows = scan.values.iter().zip(&found.points).flat_map(|(value, point)| {
+            (1..).zip(&point.slowest).map(move |(i, [growth, omega])| {
+                vec![json!(value), json!(i), json!(growth), json!(omega / TAU), json!(-growth / growth.hypot(*omega))]
+            })
+        });
+        Table {
+            file: "motions.csv",
+            title: "The slowest motions of the scene's tail",
+            columns: [self.value.1, "motion", "growth_rate_1_s", "frequency_hz", "damping_ratio"]
+                .map(str::to_string)
+                .to_vec(),
+            rows: rows.collect(),
+        }
+    }
+}
