@@ -1,4 +1,5 @@
-"""Writes THIRD-PARTY.txt, which goes into every FMU: the crates that its library is linked from, their licences and notices.
+"""Writes THIRD-PARTY.txt, which goes into every FMU: the crates that its library is linked from and the font of its
+figures, their licences and notices.
 
     python3 bindings/fmi/third_party.py        # after a change of dependencies; it fetches what is not there
 
@@ -58,6 +59,7 @@ def main() -> None:
     for body, entries in texts.values():
         notices = [f"{crate}: {'; '.join(notices) or 'no notice of its own'}" for crate, notices in entries]
         parts.append("\n".join(notices) + "\n\n" + body)
+    parts.append((ROOT / "src/report/fonts/LICENSE-DejaVu.txt").read_text().strip())
     (ROOT / "THIRD-PARTY.txt").write_text(f"\n\n{'=' * 100}\n\n".join(parts) + "\n")
 
 

@@ -93,7 +93,7 @@ impl FilmSettings {
     /// may stop it.
     ///
     /// # Errors
-    /// [`Error::Write`] for another extension, a run of one time, a window outside the run, no font, no ffmpeg for an MP4, or a
+    /// [`Error::Write`] for another extension, a run of one time, a window outside the run, no ffmpeg for an MP4, or a
     /// full disk.
     pub fn write(
         &self,

@@ -1,16 +1,21 @@
-//! Figures as PNG and PDF files: SVG rendered by resvg with the fonts of the system.
+//! Figures as PNG and PDF files: SVG rendered by resvg with a font of its own, so that they look the same on every system.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::fontdb::Source;
 use resvg::usvg::{Options, Tree, WriteOptions};
 
 use super::folder::{Claim, Folder, Owner};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 
-/// Sans-serif font families, of which most systems have one.
-const FAMILIES: [&str; 6] = ["Inter", "Noto Sans", "DejaVu Sans", "Liberation Sans", "Arial", "Helvetica"];
+/// The font of figures; its licence lies beside it.
+const FONT: &[u8] = include_bytes!("fonts/DejaVuSans.ttf");
+
+/// Its family.
+const FAMILY: &str = "DejaVu Sans";
 
 /// Pixels per px of a figure.
 pub const SHARPNESS: f64 = 2.0;
@@ -33,7 +38,7 @@ impl PictureFormat {
     }
 }
 
-/// Renders SVG with the fonts of the system.
+/// Renders SVG. Letters that [`FONT`] lacks are taken from the fonts of the system.
 #[derive(Debug)]
 pub struct SvgRenderer {
     options: Options<'static>,
@@ -44,12 +49,9 @@ impl SvgRenderer {
     pub fn new() -> Self {
         let mut options = Options::default();
         let fonts = options.fontdb_mut();
+        fonts.load_font_source(Source::Binary(Arc::new(FONT)));
+        fonts.set_sans_serif_family(FAMILY);
         fonts.load_system_fonts();
-        let has = |family: &&&str| fonts.faces().any(|face| face.families.iter().any(|(name, _)| name == **family));
-        let first = || fonts.faces().next().and_then(|face| face.families.first()).map(|(name, _)| name.clone());
-        if let Some(family) = FAMILIES.iter().find(has).map(|family| (*family).to_string()).or_else(first) {
-            fonts.set_sans_serif_family(family);
-        }
         Self { options }
     }
 
@@ -82,9 +84,6 @@ impl SvgRenderer {
     }
 
     fn tree(&self, svg: &str) -> std::result::Result<Tree, String> {
-        if self.options.fontdb.is_empty() {
-            return Err("this system has no font; install one, as DejaVu Sans (fonts-dejavu-core)".to_string());
-        }
         Tree::from_str(svg, &self.options).map_err(|error| error.to_string())
     }
 }

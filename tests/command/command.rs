@@ -260,9 +260,6 @@ fn the_variables_of_a_scene_are_listed_with_their_sizes() {
 #[cfg(feature = "pictures")]
 #[test]
 fn films_and_positions_go_to_folders_that_are_made_for_them() {
-    if !crate::has_font("films and positions in folders of their own") {
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("films/of/today");
     let more = ["--set", "solver.duration_s=0.2", "--gif", "--vtk", "--out", out.to_str().unwrap()];
@@ -283,9 +280,6 @@ fn pictures(file: &std::path::Path) -> usize {
 #[cfg(feature = "pictures")]
 #[test]
 fn a_film_shows_the_part_of_the_run_that_is_asked_for() {
-    if !crate::has_font("films of a part of a run") {
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
     let film = |more: &[&str]| {
         let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.4", "--gif", "--force", "--out"];

@@ -25,16 +25,3 @@ fn interrupt(child: &std::process::Child) {
         std::process::Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
     assert!(signalled.success());
 }
-
-/// Whether this system has a font, which pictures need; says what is skipped where it has none.
-#[cfg(feature = "pictures")]
-fn has_font(what: &str) -> bool {
-    use caudal::report::picture::{PictureFormat, SvgRenderer};
-    let drawn =
-        SvgRenderer::new().bytes("<svg xmlns='http://www.w3.org/2000/svg' width='1' height='1'/>", PictureFormat::Png);
-    if let Err(reason) = &drawn {
-        assert!(reason.contains("no font"), "{reason}");
-        skip::skip(what, reason);
-    }
-    drawn.is_ok()
-}

@@ -135,7 +135,8 @@ fn the_tip_of_a_rod_whose_base_moves_answers_with_the_amplitude_and_phase_of_bea
                 );
                 // A peak is as uncertain as the mesh's frequencies over its width. Measured: at most 2.6e-2, 8.8e-2 of the second mode.
                 assert!(fine < 0.1 && (order(coarse, fine) - 2.0).abs() < 0.3, "{loss} {part}: {coarse:e} {fine:e}");
-                assert!(limit < 0.02, "{loss} {part}: {limit:e}");
+                // Measured: at most 2.5e-3, 2.8e-2 of the second mode.
+                assert!(limit < if wave == WAVES[0] { 5e-3 } else { 5e-2 }, "{loss} {part}: {limit:e}");
             }
         }
     }

@@ -39,20 +39,6 @@ def pytest_runtest_logreport(report):
             file.write(" ".join(reason.split()) + "\n")
 
 
-@pytest.fixture(scope="session")
-def missing_font(tmp_path_factory):
-    """Why no picture can be drawn on this machine, which has no font; None where it has one."""
-    folder = tmp_path_factory.mktemp("font")
-    caudal.run(caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.01}), out=folder)
-    try:
-        caudal.export(folder, "png", figures="shape")
-    except caudal.errors.Error as error:
-        if "no font" not in str(error):
-            raise
-        return str(error)
-    return None
-
-
 @pytest.fixture(params=SCENES)
 def scene(request):
     """Each of the scenes."""

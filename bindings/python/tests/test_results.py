@@ -95,9 +95,7 @@ def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, mon
     assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith((".", "other"))) == []
 
 
-def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, command, missing_font):
-    if missing_font:
-        pytest.skip(f"figures as PNG and PDF: {missing_font}")
+def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, command):
     image = pytest.importorskip("PIL.Image")
     folder = tmp_path / "run"
     scene = caudal.load("models/driven-head.toml", set={"solver.duration_s": 0.1})

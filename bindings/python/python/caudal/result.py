@@ -155,7 +155,7 @@ def export(
     Raises
     ------
     caudal.errors.ReadError, caudal.errors.WriteError
-        Where there are no such figures, no font, or the files cannot be written.
+        Where there are no such figures, or the files cannot be written.
 
     Examples
     --------
