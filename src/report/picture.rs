@@ -50,8 +50,8 @@ impl SvgRenderer {
         let mut options = Options::default();
         let fonts = options.fontdb_mut();
         fonts.load_font_source(Source::Binary(Arc::new(FONT)));
+        fonts.load_system_fonts(); // which says what is sans-serif here
         fonts.set_sans_serif_family(FAMILY);
-        fonts.load_system_fonts();
         Self { options }
     }
 
@@ -137,4 +137,28 @@ pub fn convert(
         }
     }
     Ok(pictures.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use super::*;
+    use crate::report::svg::{Anchor, Colour, Svg};
+
+    #[test]
+    fn letters_of_figures_are_drawn_with_the_font_that_is_brought_along() {
+        let mut svg = Svg::new(200.0, 40.0, "letters");
+        svg.text((10.0, 30.0), "κ̄ΔL 10⁻⁶ m/s² ≤ ½", 17.0, Anchor::Start, Colour::INK);
+        let svg = svg.finish();
+        let dark = |renderer: &SvgRenderer| {
+            let pixels = renderer.pixels(&svg, 1.0).unwrap();
+            pixels.pixels().iter().filter(|pixel| pixel.alpha() > 0 && pixel.red() < 128).count()
+        };
+        let renderer = SvgRenderer::new();
+        let mut alone = SvgRenderer { options: Options::default() };
+        alone.options.fontdb_mut().load_font_source(Source::Binary(Arc::new(FONT)));
+        alone.options.fontdb_mut().set_sans_serif_family(FAMILY);
+        assert!(dark(&renderer) > 300, "{}", dark(&renderer));
+        assert_eq!(dark(&renderer), dark(&alone));
+    }
 }

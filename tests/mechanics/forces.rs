@@ -334,10 +334,8 @@ fn the_momentum_of_the_fluid_gains_what_opposes_the_rod_and_the_pull_and_its_ene
 fn drag_takes_energy_whatever_the_motion_and_vanishes_with_it() {
     let rod = rod();
     // What acts on the whole rod at once takes energy from motions that the mesh resolves: tests/fluid/nonlocal.rs.
-    let takes = |force: &Box<dyn Force>| {
-        !matches!(force.power_kind(), Some(PowerKind::Load | PowerKind::Other)) && force.global().is_none()
-    };
-    for force in all(&rod).into_iter().filter(takes) {
+    let takes = |kind: Option<PowerKind>| !matches!(kind, Some(PowerKind::Load | PowerKind::Other));
+    for force in all(&rod).into_iter().filter(|force| takes(force.power_kind()) && force.global().is_none()) {
         for seed in 0..120 {
             let mut dice = Dice(seed);
             let mut case = Case::random(&rod, &mut dice);
