@@ -25,7 +25,7 @@ use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Laye
 use crate::head::{HeadInput, HeadMotion, HostHead, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
-use crate::rod::damping::{Damped, StrainRates};
+use crate::rod::damping::{Damped, Damping, StrainRates};
 use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
@@ -961,7 +961,13 @@ impl System for Dynamics {
         }
         let rod = &self.model.rod;
         let free = self.held.is_none().then(|| rod.total_mass());
-        lengths::keep(from.q.as_chunks().0, to.nodes_mut(), &rod.mass, free, direction);
+        let [q, v] = [&from.q, &from.v].map(|part| part.as_chunks().0);
+        match &rod.damping {
+            None => lengths::keep(q, to.nodes_mut(), &rod.mass, free, direction),
+            Some(Damping { stretching, .. }) => {
+                lengths::keep_tensions([q, v], to.nodes_mut(), &rod.mass, free, direction, stretching)
+            }
+        }
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector2;
 
+use super::EdgeValues;
 use crate::linear::{Direction, Number, Pair, Real, pair};
 
 /// Moves the nodes beyond the first, given by positions, velocities and accelerations, along `direction` until every edge is as long
@@ -10,25 +11,61 @@ use crate::linear::{Direction, Number, Pair, Real, pair};
 #[inline(always)]
 pub(crate) fn keep<T: Real>(
     old: &[[T; 2]],
-    [q, v, a]: [&mut [[T; 2]]; 3],
+    nodes: [&mut [[T; 2]]; 3],
     mass: &[T],
     free: Option<T>,
     direction: Direction,
 ) {
+    let square = |edge: T::Pair| (edge * edge).sum();
+    stretch(old, nodes, mass, free, direction, |_, was, [edge, _]| (square(was) / square(edge)).sqrt());
+}
+
+/// The same where a material of the damping times `times` (s) keeps what it carries, ℓ + τ ℓ̇, from `old` positions and velocities.
+pub(crate) fn keep_tensions(
+    old: [&[[f64; 2]]; 2],
+    nodes: [&mut [[f64; 2]]; 3],
+    mass: &[f64],
+    free: Option<f64>,
+    direction: Direction,
+    times: &EdgeValues<f64>,
+) {
+    let per_move = direction.v / direction.q;
+    stretch(old[0], nodes, mass, free, direction, |e, was, [edge, opening]| {
+        let time = times[e];
+        let opened = pair(Vector2::from(old[1][e + 1]) - Vector2::from(old[1][e]));
+        let (was_long, long) = ((was * was).sum().sqrt(), (edge * edge).sum().sqrt());
+        let carried = was_long + time * (was * opened).sum() / was_long;
+        // ℓ̇ follows ℓ along the direction.
+        (carried - time * ((edge * opening).sum() / long - per_move * long)) / ((1.0 + time * per_move) * long)
+    });
+}
+
+/// Moves the nodes along `direction` until every edge is as many times as long as `ratio` says of its number, its vector between the
+/// `old` positions, and its vector and the rate of that as they are.
+#[inline(always)]
+fn stretch<T: Real>(
+    old: &[[T; 2]],
+    [q, v, a]: [&mut [[T; 2]]; 3],
+    mass: &[T],
+    free: Option<T>,
+    direction: Direction,
+    ratio: impl Fn(usize, T::Pair, [T::Pair; 2]) -> T,
+) {
     let ([old_first, ..], [first, ..], [some, ..]) = (old, &*q, mass) else { return };
     let like = |x: f64| some.like(x);
     let (mut old_before, mut before) = (T::Pair::new(*old_first), T::Pair::new(*first));
+    let mut speed_before = v.first().map_or(before, |speed| T::Pair::new(*speed));
     let (mut moved, mut mean) = (before.like(0.0), before.like(0.0));
-    let beyond = old.iter().zip(q.iter_mut()).zip(v.iter_mut()).zip(a.iter_mut()).zip(mass).skip(1);
-    for ((((old, q), v), a), mass) in beyond {
-        let (old, guessed) = (T::Pair::new(*old), T::Pair::new(*q));
+    let beyond = old.iter().zip(q.iter_mut()).zip(v.iter_mut()).zip(a.iter_mut()).zip(mass).skip(1).enumerate();
+    for (e, ((((old, q), v), a), mass)) in beyond {
+        let (old, guessed, speed) = (T::Pair::new(*old), T::Pair::new(*q), T::Pair::new(*v));
         let (was, edge) = (old - old_before, guessed - before);
-        let ratio = ((was * was).sum() / (edge * edge).sum()).sqrt();
+        let ratio = ratio(e, was, [edge, speed - speed_before]);
         // Nothing where it is not finite.
         moved += edge * T::where_at_most(ratio, like(f64::MAX), ratio - like(1.0), like(0.0));
         mean += moved * *mass;
         direction.move_node([q, v, a], (moved / moved.like(direction.q)).to_array());
-        (old_before, before) = (old, guessed);
+        (old_before, before, speed_before) = (old, guessed, speed);
     }
     if let Some(mass) = free {
         let back = (-(mean / T::Pair::new([mass * like(direction.q); 2]))).to_array();
