@@ -304,12 +304,32 @@ impl Dynamics {
     /// Places `state` at the start.
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
+        let [curvature, rate] = self.free_of_moment();
         let Model { rod, start, spin, .. } = &*self.model;
-        start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), state);
+        start.place(rod, &curvature, &rate, self.held.as_ref(), state);
         if *spin != 0.0 {
             add_spin(rod, *spin, state);
         }
         self.move_to(0.0, state);
+    }
+
+    /// The curvature at every node and its rate (1/s) with which the rod follows its natural curvature without a moment.
+    pub(crate) fn free_of_moment(&self) -> [Vec<f64>; 2] {
+        let mut followed = [self.natural.clone(), self.natural_rate.clone()];
+        if let Some(damping) = &self.model.rod.damping {
+            let omega = self.swing();
+            for k in self.model.rod.joints() {
+                let [curvature, rate] = damping.free_of_moment(k, omega, followed.each_ref().map(|values| values[k]));
+                (followed[0][k], followed[1][k]) = (curvature, rate);
+            }
+        }
+        followed
+    }
+
+    /// 2πf of the actuation at the start, rad/s; zero without one.
+    pub(crate) fn swing(&self) -> f64 {
+        let driven = self.model.actuation.is_some();
+        if driven { self.inputs.wave(&self.model.start, 0.0, self.course.as_deref()).phase_rate } else { 0.0 }
     }
 
     /// Takes over `inputs` as a whole.
@@ -491,25 +511,19 @@ impl Dynamics {
     /// Finds the rates of strain of the rod as it was just deformed, and what its joints resist them with.
     #[inline(never)] // most rods are elastic
     fn strain(&mut self, state: &State) {
-        let Self { model, edges, joints, kappa, natural, natural_rate, rates, held, .. } = self;
+        let Self { model, edges, joints, kappa, natural_rate, rates, held, .. } = self;
         let rod = &model.rod;
         let (Some(rates), Some(damping)) = (rates, &rod.damping) else { return };
         rates.wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
         if state.links.is_empty() {
             rates.read_edges(edges, state.v.as_chunks().0);
-            rates.read_joints(rod, damping, kappa, natural_rate);
+        }
+        rates.read_joints(rod, damping, kappa, natural_rate);
+        if state.links.is_empty() {
             for k in rod.joints() {
                 joints[k] = damping.damped(rod, k, joints[k], kappa[k], rates.joints[k], natural_rate[k]);
             }
-            return;
         }
-        // Of the links' moments, what resists the rates bends nothing.
-        rates.read_joints(rod, damping, kappa, natural_rate);
-        for k in rod.joints() {
-            let resisting = damping.moment(rod, k, rates.joints[k]) * bend::curvature_per_turning(kappa[k]);
-            kappa[k] = chain::from_moment(state.links[k].moment - resisting, rod.joint[k], natural[k], kappa[k]);
-        }
-        rates.read_joints(rod, damping, kappa, natural_rate);
     }
 
     /// The damping of the rod with its rates of strain as it was last deformed; `None` of an elastic one.
@@ -948,7 +962,7 @@ impl System for Dynamics {
     }
 
     fn move_links(&self, increment: &[f64], state: &mut State) {
-        self.move_links_back(increment, &mut state.links);
+        self.move_links_back(increment, state);
     }
 
     /// In positions every edge keeps its length, where the step does not resolve the slowest stretching mode: a guess that

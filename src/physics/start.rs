@@ -16,7 +16,8 @@ pub enum Start {
         /// τ, s.
         duration: f64,
     },
-    /// The rod starts in the shape of its natural curvature and moves with it, without momentum.
+    /// The rod starts in the shape of its natural curvature and moves with it, without momentum; where its material resists that motion,
+    /// as late as it follows without a moment.
     #[default]
     Shaped,
 }
@@ -46,8 +47,8 @@ impl Start {
 
     /// Writes the first positions and velocities into `state`.
     ///
-    /// `natural` and `rate` (1/s) are the natural curvatures at the first time, `held` the pose of a held head.
-    pub fn place(&self, rod: &Rod, natural: &[f64], rate: &[f64], held: Option<&Pose>, state: &mut State) {
+    /// `curvature` and `rate` (1/s) are those of every node where the rod is free of moments, `held` is the pose of a held head.
+    pub fn place(&self, rod: &Rod, curvature: &[f64], rate: &[f64], held: Option<&Pose>, state: &mut State) {
         let (origin, speed, angle, spin) = match held {
             Some([x, y, angle]) => {
                 (Vector2::new(x.value, y.value), Vector2::new(x.rate, y.rate), angle.value, angle.rate)
@@ -63,7 +64,7 @@ impl Start {
             state.links.iter_mut().take(rod.nodes - 1).for_each(|link| link.angle = angle);
             return;
         }
-        chain(rod, natural, rate, [origin, speed], [angle, spin], state);
+        chain(rod, curvature, rate, [origin, speed], [angle, spin], state);
         if held.is_none() {
             straighten(rod, state);
             rest(rod, state);
@@ -71,11 +72,11 @@ impl Start {
     }
 }
 
-/// The unstretched chain with turnings from `natural`, from node 0 at `origin` moving at `speed`, its base direction
+/// The unstretched chain with turnings from `curvature`, from node 0 at `origin` moving at `speed`, its base direction
 /// `angle` turning at `spin`.
 fn chain(
     rod: &Rod,
-    natural: &[f64],
+    curvature: &[f64],
     rate: &[f64],
     [origin, speed]: [Vector2<f64>; 2],
     [mut angle, mut spin]: [f64; 2],
@@ -86,10 +87,10 @@ fn chain(
     add(&mut state.v, 0, v);
     for e in 0..rod.nodes - 1 {
         if rod.joints().contains(&e) {
-            angle += bend::turning(natural[e]);
-            spin += rate[e] / bend::curvature_per_turning(natural[e]);
+            angle += bend::turning(curvature[e]);
+            spin += rate[e] / bend::curvature_per_turning(curvature[e]);
             if let Some(link) = state.links.get_mut(e) {
-                link.curvature = natural[e];
+                link.curvature = curvature[e];
             }
         }
         if let Some(link) = state.links.get_mut(e) {

@@ -4,7 +4,8 @@
 //! the drive.
 //!
 //! *Shape.* The joint moments m_k that hold the rod in its natural curvature give the deviation of a rod of finite stiffness:
-//! δκ_k = m_k/(EI_k/ΔL), quasi-static and to first order. The rigid motion is simulated for the prescribed shape, and for the shape
+//! δκ_k = m_k/(EI_k/ΔL), quasi-static and to first order, less τκ̄' where a damped material resists the rate of the natural curvature.
+//! The rigid motion is simulated for the prescribed shape, and for the shape
 //! plus δκ. Their difference is the error of a model without elasticity. For force and moment on a held head, the oscillation
 //! excited at the start is added.
 //!
@@ -600,9 +601,14 @@ impl Estimator {
         let bent = self.dynamics.shape(&self.state)?;
         bent.dynamics.write_applied(&bent.kinematics(), &mut self.applied);
         let rod = &self.dynamics.model.rod;
-        let deviation: Vec<f64> = (0..rod.nodes)
-            .map(|k| if rod.joints().contains(&k) { self.moment[k] / rod.joint[k] } else { 0.0 })
-            .collect();
+        let mut deviation = vec![0.0; rod.nodes];
+        for k in rod.joints() {
+            deviation[k] = self.moment[k] / rod.joint[k];
+            if let Some(damping) = &rod.damping {
+                let rate = self.dynamics.natural_rate[k];
+                deviation[k] -= damping.bending[k] * (rate - damping.given(rate));
+            }
+        }
         simulated.deviation = simulated.deviation.max(deviation.iter().map(|d| d.abs()).sum());
         let forces = rod.mass.iter().enumerate();
         let force = forces.map(|(k, m)| (node(&self.applied, k) + node(&self.state.a, k) * *m).norm()).sum();

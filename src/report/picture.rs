@@ -38,7 +38,7 @@ impl PictureFormat {
     }
 }
 
-/// Renders SVG. Letters that [`FONT`] lacks are taken from the fonts of the system.
+/// Renders SVG. Letters that the font brought along lacks are taken from the fonts of the system.
 #[derive(Debug)]
 pub struct SvgRenderer {
     options: Options<'static>,

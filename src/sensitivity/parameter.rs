@@ -78,6 +78,8 @@ pub(super) struct ParameterEffect {
     own: f64,
     natural: [f64; 2],
     rate: [f64; 3],
+    /// The change of 2πf, rad/s.
+    pub(super) swing: f64,
     pub(super) key: Option<Key>,
     /// Index of the finite difference, for a number of the scene.
     pub(super) scene_parameter: Option<usize>,
@@ -160,6 +162,7 @@ impl Parameter {
             own: 0.0,
             natural: [0.0; 2],
             rate: [0.0; 3],
+            swing: 0.0,
             key: None,
             scene_parameter: None,
         };
@@ -177,6 +180,7 @@ impl Parameter {
                     amplitude * gain * omega + size * (gain_rate * phase + gain * phase_rate),
                     size * gain * omega * phase,
                 ],
+                swing: phase_rate,
                 ..none.clone()
             }
         };

@@ -21,23 +21,34 @@ pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &Ac
     let rod = &dynamics.model.rod;
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
     if dynamics.model.start == Start::Shaped && effect.bends() {
+        let followed = dynamics.free_of_moment();
         let mut change = [vec![0.0; rod.nodes], vec![0.0; rod.nodes]];
         for k in effect.joints.clone() {
-            (change[0][k], change[1][k]) = (effect.natural(shape, k), effect.rate(shape, k));
+            let [mut curvature, mut rate] = [effect.natural(shape, k), effect.rate(shape, k)];
+            if let Some(damping) = &rod.damping {
+                let omega = dynamics.swing();
+                [curvature, rate] = damping.free_of_moment(k, omega, [curvature, rate]);
+                let natural = [dynamics.natural[k], dynamics.natural_rate[k]];
+                let by_swing = damping.free_of_moment_by(k, omega, effect.swing, natural);
+                curvature += by_swing[0];
+                rate += by_swing[1];
+            }
+            (change[0][k], change[1][k]) = (curvature, rate);
         }
-        let [natural, rate] = &change;
+        let [curvature, rate] = followed.each_ref().map(Vec::as_slice);
+        let [curvature_by, rate_by] = change.each_ref().map(Vec::as_slice);
         let [q, v] = &mut by;
-        shaped(rod, [&dynamics.natural, &dynamics.natural_rate], [natural, rate], dynamics.held.as_ref(), q, v);
+        shaped(rod, [curvature, rate], [curvature_by, rate_by], dynamics.held.as_ref(), q, v);
     }
     by
 }
 
 /// Writes the derivatives of the initial positions and velocities to `q` and `v`, two entries per node, along the directions `by` and
-/// `rate_by` of the natural curvatures `natural` and their rates `rate` (1/s); `held` is the pose of a held head. It differentiates
+/// `rate_by` of the curvatures `curvature` and their rates `rate` (1/s); `held` is the pose of a held head. It differentiates
 /// [`Start::place`](crate::start::Start::place) line by line.
 fn shaped(
     rod: &Rod,
-    [natural, rate]: [&[f64]; 2],
+    [curvature, rate]: [&[f64]; 2],
     [by, rate_by]: [&[f64]; 2],
     held: Option<&Pose>,
     q: &mut [f64],
@@ -53,9 +64,9 @@ fn shaped(
     }
     for e in 0..rod.nodes - 1 {
         if rod.joints().contains(&e) {
-            let s = bend::curvature_per_turning(natural[e]);
-            angle = [angle[0] + bend::turning(natural[e]), angle[1] + by[e] / s];
-            spin = [spin[0] + rate[e] / s, spin[1] + rate_by[e] / s - 0.5 * rate[e] * natural[e] * by[e] / (s * s)];
+            let s = bend::curvature_per_turning(curvature[e]);
+            angle = [angle[0] + bend::turning(curvature[e]), angle[1] + by[e] / s];
+            spin = [spin[0] + rate[e] / s, spin[1] + rate_by[e] / s - 0.5 * rate[e] * curvature[e] * by[e] / (s * s)];
         }
         let edge = Vector2::new(angle[0].cos(), angle[0].sin()) * rod.cells[e].rest;
         let across = turned(edge);

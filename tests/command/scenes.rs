@@ -102,7 +102,7 @@ const MISTAKES: &[Mistake] = &[
     ("angle_rad = 0.1", "angle_deg = 5", 0, "head.angle_deg", "unknown key; allowed: `kind`, `position_m`, `angle_rad`, `input`; did you mean `angle_rad`?"),
     ("time_step_s = 5e-3", "time_step_ms = 5", 0, "solver.time_step_ms", "unknown key; allowed: `integrator`, `time_step_s`, `tolerance`, `duration_s`, `newton_tolerance`, `linear`, `form`, `model`, `accuracy`, `accuracy_of`, `beta`, `gamma`; did you mean `time_step_s`?"),
     ("beta = 0.25", "betta = 0.25", 0, "solver.betta", "unknown key; allowed: `integrator`, `time_step_s`, `tolerance`, `duration_s`, `newton_tolerance`, `linear`, `form`, `model`, `accuracy`, `accuracy_of`, `beta`, `gamma`; did you mean `beta`?"),
-    ("force_n = [0.5, 0]", "force = [0.5, 0]", 0, "loads.point.1.force", "unknown key; allowed: `node` or `force_n`; did you mean `force_n`?"),
+    ("force_n = [0.5, 0]", "force = [0.5, 0]", 0, "loads.point.1.force", "unknown key; allowed: `node`, `force_n`, `follows`; did you mean `force_n`?"),
     ("frequency_hz = 1.0,", "frequency = 1.0,", 0, "head.position_m.1.frequency", "unknown key; allowed: `amplitude`, `frequency_hz`, `phase_rad`, `offset`, `table`; did you mean `frequency_hz`?"),
     ("every = 1", "each = 1", 0, "record.each", "unknown key; allowed: `every`, `interval_s`, `nodes_from_s`, `nodes`, `nodes_table`"),
     ("[solver]\n", "", 0, "head.integrator", "unknown key; allowed: `kind`, `position_m`, `angle_rad`, `input`"),

@@ -96,8 +96,11 @@ fn a_map_over_the_flow_shows_flutter_and_divergence_where_theory_has_them() {
     {
         let findings = flutter(changes, 5);
         let critical = findings.tables.iter().find(|table| table.file == "critical.csv").unwrap();
+        let column = |name: &str| critical.columns.iter().position(|column| column == name).unwrap();
+        let [speed, by_theory, what] = ["critical_flow_m_s", "theory_flow_m_s", "outcome"].map(column);
         for row in &critical.rows {
-            let [Some(share), Some(found), Some(theory)] = [0, 2, 6].map(|i| row[i].as_f64()) else {
+            let numbers = [0, speed, by_theory].map(|i| row[i].as_f64());
+            let [Some(share), Some(found), Some(theory)] = numbers else {
                 // Beyond the highest speed of the map.
                 assert!(row[0].as_f64() > Some(0.9) && outcome == "flutter", "{row:?}");
                 continue;
@@ -106,11 +109,11 @@ fn a_map_over_the_flow_shows_flutter_and_divergence_where_theory_has_them() {
             // −3.8e-3); divergence 2.9e-4 … 3.1e-4.
             let off = found / theory - 1.0;
             assert!(off.abs() < if share > 0.9 { 1.5e-2 } else { 1e-2 }, "{share}: {found} {theory}");
-            assert_eq!(row[4], outcome, "{share}");
+            assert_eq!(row[what], outcome, "{share}");
         }
         let map = findings.tables.iter().find(|table| table.file == "stability.csv").unwrap();
         for row in &map.rows {
-            let beyond = critical.rows.iter().find(|critical| critical[0] == row[0]).unwrap()[2].as_f64();
+            let beyond = critical.rows.iter().find(|critical| critical[0] == row[0]).unwrap()[speed].as_f64();
             let beyond = beyond.unwrap_or(f64::INFINITY);
             let below = row[1].as_f64().unwrap() < beyond;
             // Beyond divergence the Coriolis force may bring the rest back, and at a share of 0.95 the flutter that begins at u = 17.5

@@ -283,6 +283,44 @@ fn so_it_does_in_water() {
     honest(&water, &[("rod.youngs_modulus_pa", 1.3e6), ("drag.form_drag", 1.3)], 1e-3, 40);
 }
 
+/// A silicone tail in air: its motion knows its stiffness, its damping and its drag apart.
+#[test]
+fn so_it_does_of_the_damping_of_a_material() {
+    let silicone = [
+        "medium.viscosity_pa_s=0.02",
+        "medium.density_kg_m3=1.2",
+        COEFFICIENTS,
+        "drag.along_n_s_m2=0.02",
+        "drag.across_n_s_m2=0.02",
+        "rod.damping_time_s=0.02",
+        "solver.duration_s=1.5",
+        DRIVEN,
+    ];
+    let truth = [("rod.youngs_modulus_pa", 1.3e6), ("rod.damping_time_s", 0.013), ("drag.across_n_s_m2", 0.03)];
+    honest(&silicone, &truth, 1e-3, 40);
+}
+
+/// A tail that is turned slowly through a thick fluid hardly shows its damping.
+#[test]
+fn damping_that_the_data_do_not_know_is_not_identified() {
+    let slow = [
+        COEFFICIENTS,
+        "rod.damping_time_s=1e-3",
+        "solver.integrator=implicit-euler",
+        r#"head={ kind = "driven", angle_rad = { amplitude = 0.6, frequency_hz = 0.05 } }"#,
+        "solver.duration_s=40.0",
+        "solver.time_step_s=0.1",
+    ];
+    let markers = noisy(&clean(&document(&slow)), 1e-3, &mut Dice(5));
+    let unknown = document(
+        &[&slow[..], &[r#"design.variables=["stiffness", "rod.damping_time_s"]"#, "design.knots=[0.5]"]].concat(),
+    );
+    let found = identified(&unknown, &markers);
+    println!("{:?} {:?} {:?}", found.numbers, found.deviations, found.confused);
+    assert!(found.deviations[0] < 0.1, "{:?}", found.deviations);
+    assert!(found.numbers[0].verdict != Some(Identifiability::Identified), "{:?}", found.numbers);
+}
+
 /// Without inertia only the ratio of stiffness and drag moves a tail that its head drives.
 #[test]
 fn what_the_data_know_only_together_is_said() {

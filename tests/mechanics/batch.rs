@@ -85,7 +85,10 @@ fn every_scene_has_the_same_bits_beside_others_as_alone() {
             .map(|factor| {
                 let mut document = Document::new(&path, &text);
                 document.set(&duration).unwrap();
-                document.set(&format!("rod.youngs_modulus_pa={:e}", factor * own.rod.youngs_modulus())).unwrap();
+                let measured = own.rod.bending_stiffness_n_m2.as_ref().map(|stiffness| stiffness.profile().at(0.5));
+                let modulus = || ("youngs_modulus_pa", own.rod.youngs_modulus());
+                let (key, stiffness) = measured.map_or_else(modulus, |stiffness| ("bending_stiffness_n_m2", stiffness));
+                document.set(&format!("rod.{key}={:e}", factor * stiffness)).unwrap();
                 document.scene().unwrap()
             })
             .collect();

@@ -1,6 +1,7 @@
 //! Kelvin–Voigt damping of the material, and stiffness and mass as measured, against closed forms and an independent program.
 
 use crate::common;
+use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use caudal::scene::{Document, Scene};
@@ -125,6 +126,71 @@ fn damped(dice: &mut Dice, method: &str, form: &str, time_step: f64) -> Stepper 
     }
     let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
     stepper_of(SOFT, &changes)
+}
+
+/// `CAUDAL_DAMPED=10000` asks for more scenes.
+#[test]
+fn the_power_of_the_material_is_never_negative_in_random_scenes() {
+    let scenes = std::env::var("CAUDAL_DAMPED").map_or(100, |count| count.parse().unwrap());
+    let mut largest = 0.0_f64;
+    for seed in 0..scenes {
+        let method = ["implicit-euler", "newmark", "generalized-alpha", "esdirk3"][seed as usize % 4];
+        let form = ["positions", "chain"][seed as usize / 4 % 2];
+        let mut stepper = damped(&mut Dice(1000 + seed), method, form, 4e-3);
+        let mut last = 0.0;
+        for _ in 0..20 {
+            stepper.do_step(0.01).unwrap();
+            let power = stepper.get_scalar("material_power_w").unwrap();
+            let work = stepper.get_scalar("material_work_j").unwrap();
+            assert!(power >= 0.0 && work >= last, "{seed} {method} {form}: {power} W, {work} J after {last} J");
+            (last, largest) = (work, largest.max(power));
+        }
+    }
+    println!("{scenes} scenes, at most {largest:.2} W");
+    assert!(largest > 0.0);
+}
+
+/// The work of the material, its largest power and that of the first joint's turning, of a damped tail whose head a host turns, by words
+/// of its angle every `step` s, and of its rate too if it tells those; without a step, as the scene's own formula turns it.
+fn turned(step: Option<f64>, rates: bool) -> [f64; 2] {
+    let changes = [
+        "actuation={ kind = \"travelling-wave\", kappa_amp = 0.0, frequency_hz = 1.0, wavelength_m = 1.0 }",
+        "rod.damping_time_s=0.05",
+        "solver.integrator=newmark",
+        "solver.time_step_s=1e-3",
+        "head.kind=driven",
+    ];
+    let formula = "head.angle_rad={ amplitude = 0.3, frequency_hz = 1.0 }";
+    let mut stepper = stepper_of(SOFT, &[&changes[..], &[formula][..usize::from(step.is_none())]].concat());
+    let (mut largest, span) = (0.0_f64, step.unwrap_or(5e-3));
+    if step.is_some() {
+        stepper.set("head_spin_rad_s", &[0.3 * TAU]).unwrap();
+    }
+    for k in 1..=(2.0 / span).round() as usize {
+        let t = (k - 1) as f64 * span;
+        if step.is_some() {
+            stepper.set("head_angle_rad", &[0.3 * (TAU * t).sin()]).unwrap();
+            if rates {
+                stepper.set("head_spin_rad_s", &[0.3 * TAU * (TAU * t).cos()]).unwrap();
+            }
+        }
+        stepper.do_step(span).unwrap();
+        largest = largest.max(stepper.get_scalar("material_power_w").unwrap());
+    }
+    [stepper.get_scalar("material_work_j").unwrap(), largest]
+}
+
+#[test]
+fn poses_that_a_host_gives_without_rates_turn_the_first_joint_smoothly() {
+    let [work, power] = turned(None, true);
+    for rates in [true, false] {
+        let off =
+            [0.02, 0.01, 0.005].map(|step| turned(Some(step), rates)).map(|[w, p]| [w / work - 1.0, p / power - 1.0]);
+        println!("with rates: {rates}; work and largest power off by {off:.2?}");
+        // The rate follows from the poses: no spike, and the work converges.
+        assert!(off.iter().all(|[_, power]| *power < 0.05), "{off:?}");
+        assert!(off[2][0].abs() < 0.02 && off[2][0].abs() < 0.6 * off[0][0].abs(), "{off:?}");
+    }
 }
 
 #[test]

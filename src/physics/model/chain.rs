@@ -270,7 +270,8 @@ impl Dynamics {
     }
 
     /// See [`System::move_links`](crate::system::System::move_links).
-    pub(super) fn move_links_back(&self, increment: &[f64], links: &mut [Link]) {
+    pub(super) fn move_links_back(&self, increment: &[f64], state: &mut State) {
+        let State { v, links, .. } = state;
         for (link, d) in links.iter_mut().zip(increment.chunks(6)) {
             link.moment -= d[2];
             if let [_, _, _, fx, fy, turn] = d {
@@ -280,10 +281,24 @@ impl Dynamics {
             }
         }
         let rod = &self.model.rod;
+        // How fast the edges turn now that their nodes have moved; only a damped joint asks.
+        let spin = |e: usize, links: &[Link]| {
+            let (sin, cos) = links[e].angle.sin_cos();
+            (node(v, e + 1) - node(v, e)).dot(&Vector2::new(-sin, cos)) * self.edges[e].per_length
+        };
+        let mut before = self.damped().map_or(0.0, |damped| damped.rates.wall);
         for k in rod.joints() {
             let guess = curvature(self.turning(links, k));
-            let s = bend::curvature_per_turning(guess);
-            let resisting = self.joint_rate(k, s).map_or(0.0, |(time, rate, _)| rod.joint[k] * time * rate * s);
+            let mut resisting = 0.0;
+            if let Some(damping) = &rod.damping {
+                if k == rod.joints().start && k > 0 {
+                    before = spin(k - 1, links);
+                }
+                let after = spin(k, links);
+                let s = bend::curvature_per_turning(guess);
+                resisting = damping.moment(rod, k, s * (after - before) - damping.given(self.natural_rate[k])) * s;
+                before = after;
+            }
             links[k].curvature = from_moment(links[k].moment - resisting, rod.joint[k], self.natural[k], guess);
         }
     }

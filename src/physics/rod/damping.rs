@@ -156,6 +156,28 @@ impl Damping {
         if self.rate == DampedRate::Elastic { natural_rate } else { 0.0 }
     }
 
+    /// The curvature of joint `k`, with its rate (1/s), as it follows `natural`, a natural curvature with its rate that swings at `omega`
+    /// (rad/s), without a moment: κ + τκ̇ = κ̄, or κ = κ̄ where the natural curvature's own rate is not resisted. Linear in `natural`.
+    pub fn free_of_moment(&self, k: usize, omega: f64, natural: [f64; 2]) -> [f64; 2] {
+        if self.rate == DampedRate::Elastic {
+            return natural;
+        }
+        let ([curvature, rate], time) = (natural, self.bending[k]);
+        let share = 1.0 / (1.0 + (omega * time).powi(2));
+        [share * (curvature - time * rate), share * (rate + time * omega * omega * curvature)]
+    }
+
+    /// The first change of [`Damping::free_of_moment`] when `omega` changes by `by`.
+    pub fn free_of_moment_by(&self, k: usize, omega: f64, by: f64, natural: [f64; 2]) -> [f64; 2] {
+        if self.rate == DampedRate::Elastic {
+            return [0.0; 2];
+        }
+        let time = self.bending[k];
+        let slope = 2.0 * omega * time * by / (1.0 + (omega * time).powi(2));
+        let [curvature, rate] = self.free_of_moment(k, omega, natural);
+        [-slope * time * curvature, slope * (natural[0] - time * rate)]
+    }
+
     /// The part (N m) of the moment conjugate to the curvature of joint `k` of `rod` that resists its rate `rate` (1/s).
     #[inline(always)]
     pub fn moment(&self, rod: &Rod, k: usize, rate: f64) -> f64 {
