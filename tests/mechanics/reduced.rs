@@ -741,7 +741,8 @@ fn what_auto_takes_is_as_accurate_as_it_says() {
 
 #[test]
 fn so_is_what_auto_takes_of_a_damped_material() {
-    as_accurate_as_they_say(2_000_000..2_000_400, any_damped_scene);
+    // Of 2000000..2002000 the first that takes `overdamped` is 2001881.
+    as_accurate_as_they_say(2_001_700..2_002_100, any_damped_scene);
 }
 
 /// `CAUDAL_SCENES=from..to` asks for other scenes; docs/src/notes/reduced-models.md has the tables.
