@@ -17,7 +17,7 @@ use crate::linear::Real;
 use crate::model::{Dynamics, Mechanics};
 use crate::rod::damping::Damped;
 use crate::rod::energies::{MovingRod, RodSums};
-use crate::rod::{Cell, DampedRate, Edge, Rod, bend, node};
+use crate::rod::{Cell, DampedRate, Edge, bend, node};
 use crate::system::{Link, State, System};
 
 /// What a batched step measured: the sums over a rod, of one case or of all lanes.
@@ -381,10 +381,7 @@ impl Measurements {
             };
             sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).enumerate().map(stored).sum();
         }
-        let material = match dynamics.damped() {
-            None => 0.0,
-            Some(damped) => self.resist(damped, rod, &dynamics.natural_rate, taken, &mut sums.actuation),
-        };
+        let material = self.resist(dynamics, taken, &mut sums.actuation);
         let held = || holding.unwrap_or_else(|| bent.reaction());
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let moving = bent.kinematics();
@@ -400,11 +397,16 @@ impl Measurements {
         self.assemble(dynamics, state, &sums, material, forces, held)
     }
 
-    /// Adds what a `damped` material resists the rates of its strains with to the moments, unless these are `all` that balance asks
+    /// Adds what a damped material resists the rates of its strains with to the moments, unless these are `all` that balance asks
     /// for, and its share of the power of the `actuation`; returns the power that it takes, W.
+    fn resist(&mut self, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
+        dynamics.damped().map_or(0.0, |damped| self.resist_by(damped, dynamics, all, actuation))
+    }
+
     #[inline(never)] // most rods are elastic
-    fn resist(&mut self, damped: Damped<'_>, rod: &Rod, natural_rate: &[f64], all: bool, actuation: &mut f64) -> f64 {
+    fn resist_by(&mut self, damped: Damped<'_>, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
         let Damped { damping, rates } = damped;
+        let (rod, natural_rate) = (&dynamics.model.rod, &dynamics.natural_rate);
         let whole = damping.rate == DampedRate::Whole;
         self.drives_all = !whole;
         self.elastic.clone_from(&self.moment);
@@ -457,7 +459,9 @@ impl Measurements {
             }
             (stored, momentum)
         };
-        self.assemble(dynamics, state, &measured.sums, 0.0, forces, || measured.held)
+        let mut sums = measured.sums;
+        let material = self.resist(dynamics, false, &mut sums.actuation);
+        self.assemble(dynamics, state, &sums, material, forces, || measured.held)
     }
 
     /// Assembles the measurements from the `sums` of `state`, after curvatures, moments and tangents. `forces` adds the powers and

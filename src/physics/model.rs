@@ -260,7 +260,7 @@ pub struct Dynamics {
     joints: Vec<Joint>,
     kappa: Vec<f64>,
     /// Rates of strain of the rod as it was last deformed; `None` of an elastic one.
-    rates: Option<StrainRates>,
+    pub(crate) rates: Option<StrainRates>,
     /// The fluid along the rod as it was last deformed; nothing in a uniform medium.
     runs: FluidRuns,
     /// Room for forces and loads.
@@ -285,7 +285,7 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
-            rates: model.rod.damping.as_ref().map(|_| StrainRates::with_room(nodes)),
+            rates: model.rod.damping.as_ref().map(|_| StrainRates::with_room(nodes, 0.0)),
             runs: FluidRuns::with_room(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
             unused: Vec::new(),
@@ -518,11 +518,9 @@ impl Dynamics {
         if state.links.is_empty() {
             rates.read_edges(edges, state.v.as_chunks().0);
         }
-        rates.read_joints(rod, damping, kappa, natural_rate);
+        rates.read_joints(rod.joints(), &rod.joint, damping, kappa, natural_rate);
         if state.links.is_empty() {
-            for k in rod.joints() {
-                joints[k] = damping.damped(rod, k, joints[k], kappa[k], rates.joints[k], natural_rate[k]);
-            }
+            damping.resist(rod.joints(), &rod.joint, rates, [kappa, natural_rate], joints);
         }
     }
 

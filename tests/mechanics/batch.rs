@@ -113,18 +113,40 @@ fn every_method_head_and_load_has_the_same_bits_beside_others_as_alone() {
         NO_FLUID,
         &["medium.viscosity_pa_s=0.5", "medium.flow_m_s=[0.05, 0.02]", "loads.gravity_m_s2=[0.0, -0.2]"],
     ];
+    let materials: [&[&str]; 3] = [
+        &[],
+        &["rod.damping_time_s=1e-4"],
+        &["rod.damping_time_s={ stretch = [[0.0, 1e-5], [1.0, 2e-5]], bending = 0.02 }", "rod.damping_of=elastic"],
+    ];
     for method in METHODS.iter().filter(|method| method.implicit) {
-        for (head, around) in heads.iter().flat_map(|head| around.iter().map(move |around| (head, around))) {
-            let method = format!("solver.integrator=\"{}\"", method.name);
-            let common = [&method, "solver.duration_s=0.02", "solver.time_step_s=5e-4"];
-            let changes = |amplitude: &str| baseline(&[&common, *head, *around, &[amplitude]].concat());
+        let kinds = heads.iter().flat_map(|head| around.iter().map(move |around| (head, around)));
+        for ((head, around), material) in kinds.flat_map(|kind| materials.iter().map(move |material| (kind, material)))
+        {
+            let named = format!("solver.integrator=\"{}\"", method.name);
+            let common = [&named, "solver.duration_s=0.02", "solver.time_step_s=5e-4"];
+            let changes = |amplitude: &str| baseline(&[&common, *head, *around, *material, &[amplitude]].concat());
             let amplitudes = ["0.4", "0.8", "1.2", "1.0"].map(|k| format!("actuation.kappa_amp={k}"));
             let scenes: Vec<Scene> = amplitudes.iter().map(|amplitude| changes(amplitude)).collect();
             for width in 2..=WIDTH {
-                compare(&scenes[..width], &format!("{method} {head:?} {around:?}, {width} cases"));
+                let what = format!("{named} {head:?} {around:?} {material:?}, {width} cases");
+                let (_, taken) = compare(&scenes[..width], &what);
+                assert_eq!(taken, lanes() && method.name != "esdirk3", "{what}");
             }
         }
     }
+}
+
+/// One number of each case differs: every one of them has its own lane.
+#[test]
+fn cases_of_other_damping_beside_each_other_have_the_bits_they_have_alone() {
+    let scenes: Vec<Scene> = ["1e-5", "1e-3", "{ stretch = 1e-4, bending = [[0.0, 1e-3], [1.0, 1e-2]] }", "2e-3"]
+        .iter()
+        .map(|time| {
+            let time = format!("rod.damping_time_s={time}");
+            baseline(&[IN_FLUID, &["solver.duration_s=0.05", "solver.time_step_s=1e-3", &time]].concat())
+        })
+        .collect();
+    assert_eq!(compare(&scenes, "damping").1, lanes());
 }
 
 #[test]

@@ -40,7 +40,7 @@ impl<'a> DeformedRod<'a> {
         match self.dynamics.damped() {
             None => joint,
             Some(Damped { damping, rates }) => {
-                damping.damped(&model.rod, k, joint, kappa[k], rates.joints[k], natural_rate[k])
+                damping.damped(k, model.rod.joint[k], joint, kappa[k], rates.joints[k], natural_rate[k])
             }
         }
     }

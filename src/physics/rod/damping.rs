@@ -8,6 +8,8 @@
 //! Along a change δe of an edge vector with the factors c_q of positions and c_v of velocities, δω = w·δe with
 //! w = ((c_v − c_q ℓ̇/ℓ) n − c_q ω t)/ℓ, and δℓ̇ = (c_v t + c_q ω n)·δe. These join the derivatives of elasticity in the same blocks.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 use serde::Deserialize;
 
@@ -53,90 +55,138 @@ impl MaterialDamping {
 
 /// The damping of the material of a rod on a mesh.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Damping {
+pub struct Damping<T = f64> {
     /// τ of stretching, s, of every edge.
-    pub stretching: EdgeValues<f64>,
+    pub stretching: EdgeValues<T>,
     /// τ of bending, s, one entry per node.
-    pub bending: Vec<f64>,
+    pub bending: Vec<T>,
     /// The rate of curvature that is resisted.
     pub rate: DampedRate,
 }
 
 /// How an edge moves.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct EdgeRate {
+pub struct EdgeRate<T = f64> {
     /// Rate ℓ̇ of its length, m/s.
-    pub stretching: f64,
+    pub stretching: T,
     /// Angular velocity ω, rad/s.
-    pub spin: f64,
+    pub spin: T,
 }
 
-impl EdgeRate {
+impl<T: Real> EdgeRate<T> {
     /// That of an `edge` whose vector changes by `rate` (m/s).
     #[inline(always)]
-    pub fn new(edge: &Edge, rate: Vector2<f64>) -> Self {
-        Self { stretching: edge.t.dot(&rate), spin: edge.n().dot(&rate) * edge.per_length }
+    pub fn new(edge: &Edge<T>, rate: Vector2<T>) -> Self {
+        let along = |direction: Vector2<T>| direction.x * rate.x + direction.y * rate.y;
+        Self { stretching: along(edge.t), spin: along(edge.n()) * edge.per_length }
     }
 
     /// w: the derivative of ω by the vector of `edge`, along `direction`.
     #[inline(always)]
-    pub fn spin_slope(&self, edge: &Edge, direction: Direction) -> Vector2<f64> {
-        let across = direction.v - direction.q * self.stretching * edge.per_length;
-        (edge.n() * across - edge.t * (direction.q * self.spin)) * edge.per_length
+    pub fn spin_slope(&self, edge: &Edge<T>, direction: Direction) -> Vector2<T> {
+        let (c_q, c_v) = (edge.length.like(direction.q), edge.length.like(direction.v));
+        let (along, across) = (c_q * self.spin, c_v - c_q * self.stretching * edge.per_length);
+        let (t, n) = (edge.t, edge.n());
+        Vector2::new((n.x * across - t.x * along) * edge.per_length, (n.y * across - t.y * along) * edge.per_length)
     }
 
     /// The derivative of ℓ̇ by the vector of `edge`, along `direction`.
     #[inline(always)]
-    pub fn stretching_slope(&self, edge: &Edge, direction: Direction) -> Vector2<f64> {
-        edge.t * direction.v + edge.n() * (direction.q * self.spin)
+    pub fn stretching_slope(&self, edge: &Edge<T>, direction: Direction) -> Vector2<T> {
+        let (c_q, c_v) = (edge.length.like(direction.q), edge.length.like(direction.v));
+        let (t, n, across) = (edge.t, edge.n(), c_q * self.spin);
+        Vector2::new(t.x * c_v + n.x * across, t.y * c_v + n.y * across)
     }
 }
 
 /// How the material of a rod is strained at one time, and what it resists that with.
-#[derive(Debug, Clone, Default)]
-pub struct StrainRates {
+#[derive(Debug, Clone)]
+pub struct StrainRates<T = f64> {
     /// Of every edge.
-    pub edges: Vec<EdgeRate>,
+    pub edges: Vec<EdgeRate<T>>,
     /// Angular velocity (rad/s) of what holds the first edge; zero where nothing does.
-    pub wall: f64,
+    pub wall: T,
     /// The rate r (1/s) that each joint resists, one entry per node; zero where there is no joint.
-    pub joints: Vec<f64>,
+    pub joints: Vec<T>,
     /// The change of a joint's couple with Ω, B τ s² (N m s), one entry per node.
-    pub viscosity: Vec<f64>,
+    pub viscosity: Vec<T>,
 }
 
-impl StrainRates {
-    /// Room for a rod of `nodes` nodes.
-    pub fn with_room(nodes: usize) -> Self {
+impl<T: Real> StrainRates<T> {
+    /// Room for a rod of `nodes` nodes, in numbers like `zero`.
+    pub fn with_room(nodes: usize, zero: T) -> Self {
         Self {
-            edges: vec![EdgeRate::default(); nodes - 1],
-            wall: 0.0,
-            joints: vec![0.0; nodes],
-            viscosity: vec![0.0; nodes],
+            edges: vec![EdgeRate { stretching: zero, spin: zero }; nodes - 1],
+            wall: zero,
+            joints: vec![zero; nodes],
+            viscosity: vec![zero; nodes],
         }
     }
 
     /// Reads the rates of `edges` from velocities `v` (m/s).
     #[inline(always)]
-    pub fn read_edges(&mut self, edges: &[Edge], v: &[[f64; 2]]) {
+    pub fn read_edges(&mut self, edges: &[Edge<T>], v: &[[T; 2]]) {
         for ((rate, edge), ends) in self.edges.iter_mut().zip(edges).zip(v.windows(2)) {
-            *rate = EdgeRate::new(edge, Vector2::from(ends[1]) - Vector2::from(ends[0]));
+            let [from, to] = [ends[0], ends[1]];
+            *rate = EdgeRate::new(edge, Vector2::new(to[0] - from[0], to[1] - from[1]));
         }
     }
 
     /// The rate Ω (rad/s) of the turning at the joint of node `k`.
     #[inline(always)]
-    pub fn turning(&self, k: usize) -> f64 {
+    pub fn turning(&self, k: usize) -> T {
         self.edges[k].spin - if k == 0 { self.wall } else { self.edges[k - 1].spin }
     }
 
-    /// Reads the rates of the joints of `rod`, of curvatures `kappa` and natural curvatures that change at `natural_rate` (1/s), from
-    /// those of its edges and of the wall.
-    pub fn read_joints(&mut self, rod: &Rod, damping: &Damping, kappa: &[f64], natural_rate: &[f64]) {
-        for k in rod.joints() {
+    /// Reads the rates of the `joints` of a rod of bending `stiffness` (N m), of curvatures `kappa` and natural curvatures that change at
+    /// `natural_rate` (1/s), from those of its edges and of the wall.
+    #[inline(always)]
+    pub fn read_joints(
+        &mut self,
+        joints: Range<usize>,
+        stiffness: &[T],
+        damping: &Damping<T>,
+        kappa: &[T],
+        natural_rate: &[T],
+    ) {
+        for k in joints {
             let s = bend::curvature_per_turning(kappa[k]);
             self.joints[k] = s * self.turning(k) - damping.given(natural_rate[k]);
-            self.viscosity[k] = rod.joint[k] * damping.bending[k] * s * s;
+            self.viscosity[k] = stiffness[k] * damping.bending[k] * s * s;
+        }
+    }
+}
+
+impl<T: Real> Damping<T> {
+    /// What of the rate of a curvature is not resisted, where the natural one changes at `natural_rate` (1/s).
+    #[inline(always)]
+    pub fn given(&self, natural_rate: T) -> T {
+        if self.rate == DampedRate::Elastic { natural_rate } else { natural_rate.like(0.0) }
+    }
+
+    /// `joint` at node `k`, of the bending `stiffness` (N m) and the curvature `kappa`, with what resists the rate `rate` (1/s), along a
+    /// change of its turning at constant Ω.
+    #[inline(always)]
+    pub fn damped(&self, k: usize, stiffness: T, joint: Joint<T>, kappa: T, rate: T, natural_rate: T) -> Joint<T> {
+        let (s, viscosity) = (bend::curvature_per_turning(kappa), stiffness * self.bending[k]);
+        let given = self.given(natural_rate);
+        // d/dθ of B τ s (s Ω − κ̄') with ds/dθ = κ s/2.
+        let slope = viscosity * kappa.like(0.5) * kappa * s * (kappa.like(2.0) * rate + given);
+        Joint { couple: joint.couple + viscosity * s * rate, stiffness: joint.stiffness + slope }
+    }
+
+    /// Adds what resists the `rates` of the joints at `nodes`, of a rod of bending `stiffness` (N m), to its `joints`.
+    #[inline(always)]
+    pub fn resist(
+        &self,
+        nodes: Range<usize>,
+        stiffness: &[T],
+        rates: &StrainRates<T>,
+        [kappa, natural_rate]: [&[T]; 2],
+        joints: &mut [Joint<T>],
+    ) {
+        for k in nodes {
+            joints[k] = self.damped(k, stiffness[k], joints[k], kappa[k], rates.joints[k], natural_rate[k]);
         }
     }
 }
@@ -148,12 +198,6 @@ impl Damping {
         self.stretching = edges.collect::<Vec<_>>().into();
         self.bending.insert(0, 0.0);
         self
-    }
-
-    /// What of the rate of a curvature is not resisted, where the natural one changes at `natural_rate` (1/s).
-    #[inline(always)]
-    pub fn given(&self, natural_rate: f64) -> f64 {
-        if self.rate == DampedRate::Elastic { natural_rate } else { 0.0 }
     }
 
     /// The curvature of joint `k`, with its rate (1/s), as it follows `natural`, a natural curvature with its rate that swings at `omega`
@@ -196,16 +240,6 @@ impl Damping {
         let bending = |k: usize| self.moment(rod, k, rates.joints[k]) * rates.joints[k];
         rates.edges.iter().enumerate().map(stretching).sum::<f64>() + rod.joints().map(bending).sum::<f64>()
     }
-
-    /// `joint`, of curvature `kappa`, with what resists the rate `rate` (1/s), along a change of its turning at constant Ω.
-    #[inline(always)]
-    pub fn damped(&self, rod: &Rod, k: usize, joint: Joint, kappa: f64, rate: f64, natural_rate: f64) -> Joint {
-        let (s, viscosity) = (bend::curvature_per_turning(kappa), rod.joint[k] * self.bending[k]);
-        let given = self.given(natural_rate);
-        // d/dθ of B τ s (s Ω − κ̄') with ds/dθ = κ s/2.
-        let stiffness = viscosity * 0.5 * kappa * s * (2.0 * rate + given);
-        Joint { couple: joint.couple + viscosity * s * rate, stiffness: joint.stiffness + stiffness }
-    }
 }
 
 /// What resists the rate of strains in the pass over a rod, see [`Deformed::assemble_with`](super::elastic::Deformed::assemble_with).
@@ -244,11 +278,11 @@ impl<T: Real> MaterialLaw<T> for Elastic {
 
 /// A damped material that is strained at some rates.
 #[derive(Debug, Clone, Copy)]
-pub struct Damped<'a> {
+pub struct Damped<'a, T = f64> {
     /// Its damping.
-    pub damping: &'a Damping,
+    pub damping: &'a Damping<T>,
     /// The rates.
-    pub rates: &'a StrainRates,
+    pub rates: &'a StrainRates<T>,
 }
 
 impl Damped<'_> {
@@ -263,25 +297,28 @@ impl Damped<'_> {
     }
 }
 
-impl MaterialLaw<f64> for Damped<'_> {
+impl<T: Real> MaterialLaw<T> for Damped<'_, T> {
     #[inline(always)]
-    fn tension(self, e: usize, cell: &Cell, tension: f64) -> f64 {
+    fn tension(self, e: usize, cell: &Cell<T>, tension: T) -> T {
         tension + cell.axial * self.damping.stretching[e] * self.rates.edges[e].stretching
     }
 
     #[inline(always)]
-    fn own(self, e: usize, edge: &Edge, cell: &Cell, block: Block, direction: Direction) -> Block {
+    fn own(self, e: usize, edge: &Edge<T>, cell: &Cell<T>, block: Block<T>, direction: Direction) -> Block<T> {
         let (rate, viscosity) = (&self.rates.edges[e], &self.rates.viscosity);
-        let along = rate.stretching_slope(edge, direction) * (cell.axial * self.damping.stretching[e]);
-        let across = rate.spin_slope(edge, direction) * ((viscosity[e] + viscosity[e + 1]) * edge.per_length);
-        block - (Block::outer(edge.t, pair(along)) + Block::outer(edge.n(), pair(across)))
+        let along = pair(rate.stretching_slope(edge, direction)) * (cell.axial * self.damping.stretching[e]);
+        let across = pair(rate.spin_slope(edge, direction)) * ((viscosity[e] + viscosity[e + 1]) * edge.per_length);
+        block - (Block::outer(edge.t, along) + Block::outer(edge.n(), across))
     }
 
     #[inline(always)]
-    fn couplings(self, k: usize, [before, after]: [&Edge; 2], q: Block, direction: Direction) -> [Block; 2] {
-        let slope = |e: usize, edge: &Edge| self.rates.edges[e].spin_slope(edge, direction) * self.rates.viscosity[k];
-        let by_after = Block::outer(before.n() * before.per_length, pair(slope(k, after)));
-        let by_before = Block::outer(after.n() * after.per_length, pair(slope(k - 1, before)));
+    fn couplings(self, k: usize, [before, after]: [&Edge<T>; 2], q: Block<T>, direction: Direction) -> [Block<T>; 2] {
+        let slope = |e: usize, edge: &Edge<T>, by: &Edge<T>| {
+            let slope = self.rates.edges[e].spin_slope(edge, direction);
+            pair(slope) * (self.rates.viscosity[k] * by.per_length)
+        };
+        let by_after = Block::outer(before.n(), slope(k, after, before));
+        let by_before = Block::outer(after.n(), slope(k - 1, before, after));
         [q + by_after, q.transpose() + by_before]
     }
 }

@@ -21,22 +21,23 @@ pub(crate) fn keep<T: Real>(
 }
 
 /// The same where a material of the damping times `times` (s) keeps what it carries, ℓ + τ ℓ̇, from `old` positions and velocities.
-pub(crate) fn keep_tensions(
-    old: [&[[f64; 2]]; 2],
-    nodes: [&mut [[f64; 2]]; 3],
-    mass: &[f64],
-    free: Option<f64>,
+#[inline(always)]
+pub(crate) fn keep_tensions<T: Real>(
+    old: [&[[T; 2]]; 2],
+    nodes: [&mut [[T; 2]]; 3],
+    mass: &[T],
+    free: Option<T>,
     direction: Direction,
-    times: &EdgeValues<f64>,
+    times: &EdgeValues<T>,
 ) {
-    let per_move = direction.v / direction.q;
     stretch(old[0], nodes, mass, free, direction, |e, was, [edge, opening]| {
         let time = times[e];
-        let opened = pair(Vector2::from(old[1][e + 1]) - Vector2::from(old[1][e]));
+        let (one, per_move) = (time.like(1.0), time.like(direction.v / direction.q));
+        let opened = T::Pair::new(old[1][e + 1]) - T::Pair::new(old[1][e]);
         let (was_long, long) = ((was * was).sum().sqrt(), (edge * edge).sum().sqrt());
         let carried = was_long + time * (was * opened).sum() / was_long;
         // ℓ̇ follows ℓ along the direction.
-        (carried - time * ((edge * opening).sum() / long - per_move * long)) / ((1.0 + time * per_move) * long)
+        (carried - time * ((edge * opening).sum() / long - per_move * long)) / ((one + time * per_move) * long)
     });
 }
 

@@ -1,5 +1,6 @@
 //! Newton's method for four rods, each in a SIMD lane: assembly, block-tridiagonal elimination, convergence, measurements.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use fearless_simd::prelude::*;
@@ -19,10 +20,11 @@ use crate::metrics::Measured;
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, Progress};
 use crate::rod::bend::{self, Joint};
+use crate::rod::damping::{Damped, EdgeRate, MaterialLaw, StrainRates};
 use crate::rod::edge_force::EdgeForce;
 use crate::rod::elastic::{self, Deformed};
 use crate::rod::energies::{MovingRod, RodSums};
-use crate::rod::{Cell, Edge, EdgeValues, lengths};
+use crate::rod::{Cell, Damping, Edge, EdgeValues, lengths};
 use crate::stepper::Stepper;
 use crate::stepper::presolved_step::PresolvedStep;
 use crate::system::State;
@@ -52,6 +54,10 @@ struct BatchedRods {
     mass: Vec<Lanes>,
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
+    /// Damping of the materials; `None` of elastic ones.
+    damping: Option<Damping<Lanes>>,
+    /// The nodes with a joint.
+    joints: Range<usize>,
     /// Lengths of the halves of each edge, and drag coefficients along and across them, see
     /// [`coefficients`](crate::fluid::force::FusedForce::coefficients); empty without drag. `in_pass` is the index of that drag among the forces.
     drag: Vec<[PairLanes; 3]>,
@@ -70,6 +76,8 @@ struct TimeDependent {
     wall: Option<Vector2<Lanes>>,
     /// The same at the start of the step.
     wall_before: Option<Vector2<Lanes>>,
+    /// Angular velocity of a held head, rad/s.
+    wall_rate: Lanes,
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
@@ -101,6 +109,8 @@ struct Workspace {
     wholes: Vec<ForceTotals>,
     tips: Vec<BatchedTipForce>,
     joints: Vec<Joint<Lanes>>,
+    /// Rates of strain, of damped materials.
+    rates: Option<StrainRates<Lanes>>,
     kappa: Vec<Lanes>,
     /// Moments conjugate to the curvatures.
     moment: Vec<Lanes>,
@@ -163,6 +173,15 @@ impl Kernel {
             [0, 1, 2].map(|part| two(simd, |lane| cases[lane][part].to_array()))
         };
         let zero = pack(&|_| 0.0);
+        let damping = first.model().rod.damping.as_ref().map(|Damping { rate, .. }| {
+            let time = |of: &dyn Fn(&Damping) -> f64| pack(&|lane| rod(lane).damping.as_ref().map_or(0.0, of));
+            let stretching = |e: usize| time(&|damping| damping.stretching[e]);
+            Damping {
+                stretching: EdgeValues::all((0..nodes - 1).map(stretching).collect(), stretching(nodes - 2)),
+                bending: (0..nodes).map(|k| time(&|damping| damping.bending[k])).collect(),
+                rate: *rate,
+            }
+        });
         let edge = Edge::new(Vector2::new(zero.like(1.0), zero));
         let vectors = || vec![[zero; 2]; nodes];
         let loads = dynamics(first).loads().count();
@@ -179,6 +198,8 @@ impl Kernel {
                 cells: EdgeValues::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
                 mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
                 stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
+                damping,
+                joints: first.model().rod.joints(),
                 drag: (0..dragged).map(of_drag).collect(),
                 in_pass,
                 lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
@@ -189,6 +210,7 @@ impl Kernel {
                 natural_rate: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
                 wall_before: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
+                wall_rate: zero,
                 flow: Vector2::new(zero, zero),
                 fluids: [Fluid::NONE; WIDTH],
                 loads: vec![vectors(); loads],
@@ -202,6 +224,7 @@ impl Kernel {
                 wholes: vec![ForceTotals::none(zero); first.model().forces.0.len()],
                 tips: vec![tip; others.tips()],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
+                rates: first.model().rod.damping.as_ref().map(|_| StrainRates::with_room(nodes, zero)),
                 kappa: vec![zero; nodes],
                 moment: vec![zero; nodes],
                 rows: vec![[[zero; 4]; 5]; nodes],
@@ -265,6 +288,7 @@ impl Kernel {
                 if meaningful {
                     stepper.store_presolved_measurements(
                         &measured.of(lane),
+                        |rates| self.unload_rates(lane, rates),
                         |i, force| self.of_force(lane, i, force),
                         |kappa, moment, tangent| self.unload_shape(lane, kappa, moment, tangent),
                     );
@@ -289,7 +313,7 @@ impl Kernel {
         simd.vectorize(
             #[inline(always)]
             || StepChecks {
-                least: bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
+                least: bend(rods, at, motion, room),
                 least_turn: {
                     let walls = at.wall_before.zip(at.wall).map(|(before, after)| [before, after]);
                     lengths::least_turn(walls, &before.motion.q, &motion.q).unwrap_or(at.flow.x.like(0.0))
@@ -337,6 +361,7 @@ impl Kernel {
         if let (Some(to), Some(wall)) = (&mut at.wall, dynamics.wall()) {
             write_vector(to, lane, wall);
         }
+        at.wall_rate.set(lane, dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate));
         if let (Some(to), Some(wall)) = (&mut at.wall_before, dynamics.wall_before(from.t)) {
             write_vector(to, lane, wall);
         }
@@ -352,6 +377,18 @@ impl Kernel {
             for (from, to) in from.iter().zip(to.as_chunks_mut().0) {
                 *to = [from[0].get(lane), from[1].get(lane)];
             }
+        }
+    }
+
+    /// Writes the rates of strain of a case of a damped material.
+    fn unload_rates(&self, lane: usize, to: &mut StrainRates) {
+        let Some(from) = &self.room.rates else { return };
+        for (to, from) in to.edges.iter_mut().zip(&from.edges) {
+            *to = EdgeRate { stretching: from.stretching.get(lane), spin: from.spin.get(lane) };
+        }
+        to.wall = from.wall.get(lane);
+        for (to, from) in [(&mut to.joints, &from.joints), (&mut to.viscosity, &from.viscosity)] {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = from.get(lane));
         }
     }
 
@@ -371,7 +408,7 @@ impl Kernel {
         let Self { simd, models, rods, others, at, motion, room, .. } = self;
         let least = simd.vectorize(
             #[inline(always)]
-            || bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
+            || bend(rods, at, motion, room),
         );
         if !others.are_none() {
             let motions = motions(motion, &room.edges, at);
@@ -455,16 +492,11 @@ impl Measured<Lanes> {
     }
 }
 
-/// Evaluates the geometry of the rods; returns the distances of edges and joints from invalid states.
+/// Evaluates the geometry of the rods, and how damped materials are strained; returns the distances of edges and joints from invalid
+/// states.
 #[inline(always)]
-fn bend(
-    rods: &BatchedRods,
-    at: &TimeDependent,
-    q: &NodalVectors,
-    edges: &mut [Edge<Lanes>],
-    joints: &mut [Joint<Lanes>],
-    kappa: &mut [Lanes],
-) -> [Lanes; 3] {
+fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut Workspace) -> [Lanes; 3] {
+    let (NodalMotion { q, v, .. }, Workspace { edges, joints, kappa, rates, .. }) = (motion, room);
     let zero = at.flow.x.like(0.0);
     let [mut short, mut long, mut folded] = [-zero.like(f64::INFINITY); 3];
     for (edge, ends) in edges.iter_mut().zip(q.windows(2)) {
@@ -481,6 +513,12 @@ fn bend(
         #[inline(always)]
         |_, beyond_fold| folded = folded.larger(-beyond_fold),
     );
+    if let Some((damping, rates)) = rods.damping.as_ref().zip(rates.as_mut()) {
+        rates.wall = at.wall_rate;
+        rates.read_edges(edges, v);
+        rates.read_joints(rods.joints.clone(), &rods.stiffness, damping, kappa, &at.natural_rate);
+        damping.resist(rods.joints.clone(), &rods.stiffness, rates, [kappa, &at.natural_rate], joints);
+    }
     let [shortest, longest] = rods.lengths;
     [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)]
 }
@@ -508,7 +546,12 @@ fn guess(
     }
     if keeps_lengths {
         let free = (!rods.held).then_some(rods.total_mass);
-        lengths::keep(&before.q, [q, v, a], &rods.mass, free, direction);
+        match &rods.damping {
+            None => lengths::keep(&before.q, [q, v, a], &rods.mass, free, direction),
+            Some(Damping { stretching, .. }) => {
+                lengths::keep_tensions([&before.q, &before.v], [q, v, a], &rods.mass, free, direction, stretching);
+            }
+        }
     }
 }
 
@@ -562,11 +605,16 @@ fn held(
     NodalMotion { a, .. }: &NodalMotion,
     room: &Workspace,
 ) -> Vector2<Lanes> {
-    let (Workspace { edges, joints, wholes, .. }, zero) = (room, at.flow.x.like(0.0));
+    let (Workspace { edges, joints, wholes, rates, .. }, zero) = (room, at.flow.x.like(0.0));
     if !rods.held {
         return Vector2::new(zero, zero);
     }
-    let carried = elastic::force(&edges[0], rods.cells[0].tension(&edges[0]), &joints[0], &joints[1]);
+    let (cell, edge) = (&rods.cells[0], &edges[0]);
+    let tension = match rods.damping.as_ref().zip(rates.as_ref()) {
+        None => cell.tension(edge),
+        Some((damping, rates)) => Damped { damping, rates }.tension(0, cell, cell.tension(edge)),
+    };
+    let carried = elastic::force(edge, tension, &joints[0], &joints[1]);
     let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
     let mut opposing = PairLanes::new([zero; 2]);
     for whole in wholes {
@@ -583,7 +631,7 @@ fn solve(
     rods: &BatchedRods,
     at: &TimeDependent,
     NodalMotion { q, v, a }: &mut NodalMotion,
-    Workspace { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Workspace,
+    Workspace { edges, joints, rates, around: others, tips, rows, residual, solution, band, .. }: &mut Workspace,
     direction: Direction,
     going: mask64x4<Avx2>,
 ) -> ResidualSizes<PairLanes> {
@@ -603,7 +651,12 @@ fn solve(
             Some(on)
         },
     );
-    deformed.assemble(around, residual, Some((rows, direction)));
+    match rods.damping.as_ref().zip(rates.as_ref()) {
+        None => deformed.assemble(around, residual, Some((rows, direction))),
+        Some((damping, rates)) => {
+            deformed.assemble_with(Damped { damping, rates }, around, residual, Some((rows, direction)));
+        }
+    }
     if let ([.., r], [.., row]) = (&mut residual[..], &mut rows[..]) {
         for tip in &*tips {
             *r = [r[0] + tip.force[0], r[1] + tip.force[1]];

@@ -213,10 +213,10 @@ impl StepInterpolation {
         let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));
         let [pull, couple] = [pulls, couples].map(|[a, b]| a.max(b));
         if let Some(damping) = &rod.damping {
-            let rates = now.rates.get_or_insert_with(|| StrainRates::with_room(rod.nodes));
+            let rates = now.rates.get_or_insert_with(|| StrainRates::with_room(rod.nodes, 0.0));
             rates.read_edges(&now.edges, out.v.as_chunks().0);
             rates.wall = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
-            rates.read_joints(rod, damping, &now.bent, &dynamics.natural_rate);
+            rates.read_joints(rod.joints(), &rod.joint, damping, &now.bent, &dynamics.natural_rate);
         }
         let damped = || rod.damping.as_ref().zip(now.rates.as_ref()).map(|(damping, rates)| Damped { damping, rates });
         out.links.clear();

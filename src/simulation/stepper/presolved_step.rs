@@ -8,6 +8,8 @@ use crate::fluid::{Fluid, Force};
 use crate::integrator::{StepControl, StepWeights};
 use crate::metrics::Measured;
 use crate::newton::Progress;
+use crate::rod::DampedRate;
+use crate::rod::damping::StrainRates;
 use crate::system::{State, System};
 
 /// A time step that was solved together with other cases in SIMD lanes and waits to be accepted.
@@ -40,6 +42,7 @@ pub(crate) struct BatchKey {
     held: bool,
     forces: Vec<&'static str>,
     loads: usize,
+    damped: Option<DampedRate>,
 }
 
 impl Stepper {
@@ -50,13 +53,13 @@ impl Stepper {
         let same = self.model_stepper.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
-            && model.rod.damping.is_none()
             && (model.flow.is_none() || !model.forces.are_inertial());
         let shape = BatchKey {
             nodes: model.rod.nodes,
             held: model.head.is_some(),
             forces: model.forces.iter().map(Force::name).collect(),
             loads: dynamics.loads().count(),
+            damped: model.rod.damping.as_ref().map(|damping| damping.rate),
         };
         same.then_some(shape)
     }
@@ -107,10 +110,14 @@ impl Stepper {
     pub(crate) fn store_presolved_measurements(
         &mut self,
         measured: &Measured,
+        read_rates: impl FnOnce(&mut StrainRates),
         of_force: impl Fn(usize, &dyn Force) -> (Powers, (f64, Vector2<f64>)),
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
     ) {
         if let Some(solved) = &mut self.presolved {
+            if let Some(rates) = &mut self.dynamics.rates {
+                read_rates(rates);
+            }
             solved.measured =
                 self.measurements.measure_presolved(&self.dynamics, &self.next, measured, of_force, fill).is_ok();
         }
