@@ -13,10 +13,14 @@ export CAUDAL_SKIPPED
 failed=
 
 # Runs a check; goes on where it fails.
+times=
 check() {
     printf '\n## %s\n' "$*"
+    begin=$(date +%s)
     "$@" || failed="$failed
     $*"
+    times="$times
+    $(($(date +%s) - begin)) s: $*"
 }
 
 skip() {
@@ -61,6 +65,7 @@ check mdbook build docs
 command -v cargo-deny >/dev/null || check cargo install --quiet --debug --locked --root target/tools --version 0.20.2 cargo-deny
 check cargo deny --workspace --all-features check licenses bans sources
 
+printf '\ntook:%s\n' "$times"
 if [ -s "$CAUDAL_SKIPPED" ]; then
     printf '\nskipped on this machine:\n'
     sort -u "$CAUDAL_SKIPPED" | sed 's/^/    /'
