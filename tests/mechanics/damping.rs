@@ -186,10 +186,10 @@ fn poses_that_a_host_gives_without_rates_turn_the_first_joint_smoothly() {
     for rates in [true, false] {
         let off =
             [0.02, 0.01, 0.005].map(|step| turned(Some(step), rates)).map(|[w, p]| [w / work - 1.0, p / power - 1.0]);
-        println!("with rates: {rates}; work and largest power off by {off:.2?}");
-        // The rate follows from the poses: no spike, and the work converges.
-        assert!(off.iter().all(|[_, power]| *power < 0.05), "{off:?}");
-        assert!(off[2][0].abs() < 0.02 && off[2][0].abs() < 0.6 * off[0][0].abs(), "{off:?}");
+        println!("with rates: {rates}; work and largest power off by {off:.6?}");
+        // The rate follows from the poses. Measured without rates: work off by 1.6e-4, 5e-6, 1e-6, power never beyond its own.
+        assert!(off.iter().all(|[_, power]| power.abs() < 3e-3 && *power < 1e-6), "{off:?}");
+        assert!(off[0][0].abs() < 3e-4 && off[2][0].abs() < 3e-6, "{off:?}");
     }
 }
 
