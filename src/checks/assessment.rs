@@ -19,7 +19,7 @@ use crate::number_format::{signed, significant, two_digits};
 use crate::reduced::MODELS;
 use crate::reduced::fluid_estimates::SAFETY_FACTOR;
 use crate::regime::{self, Regime};
-use crate::rod::{Profile, Rod, Shape, bend, node};
+use crate::rod::{DampedRate, Damping, Profile, Rod, Shape, bend, node};
 use crate::scene::value::{Finite, Positive};
 use crate::scene::{Document, HeadKind, KeyError, NodesTable, Scene, StartKind};
 use crate::spectrum::Spectrum;
@@ -41,7 +41,7 @@ const MAX_WAVE_PHASE: f64 = 0.5;
 /// Young's moduli (Pa) below are those of rubbers and gels.
 const SOFT: f64 = 1e8;
 /// Factors above this are worth a word.
-const NOTICED: f64 = 1.02;
+const NOTICED: f64 = 1.05;
 /// Largest ω₁Δt that resolves the ringing of an abrupt start.
 const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
@@ -342,7 +342,11 @@ impl Assessment {
         let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
         match &rod.damping {
             Some(damping) => {
-                fact("damping of the material", describe_damping(damping.bending[rod.nodes / 2], modes, drive))
+                let given = scene.actuation.is_some() && damping.rate == DampedRate::Elastic;
+                fact(
+                    "damping of the material",
+                    describe_damping(damping, rod, modes, drive.map(|omega| (omega, given))),
+                )
             }
             None if scene.rod.youngs_modulus_pa.is_some_and(|modulus| modulus.get() < SOFT) => fact(
                 "damping of the material",
@@ -356,10 +360,16 @@ impl Assessment {
             Ok(_) => " m, half of how far the tip moves",
             Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
         };
+        let resists = rod.damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Whole);
+        let followed = if resists && scene.actuation.is_some() {
+            ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
+        } else {
+            ": far below 1 the rod takes its natural curvature"
+        };
         let numbers = [
             ("tip amplitude", self.tip_amplitude, tip),
             ("Reynolds number", self.reynolds, ", ρwD/μ of the motion across the rod"),
-            ("frequency ratio ω/ω₁", self.frequency_ratio, ": far below 1 the rod takes its natural curvature"),
+            ("frequency ratio ω/ω₁", self.frequency_ratio, followed),
             ("sperm number", self.sperm_number, ", L(ξ⊥ω/EI)^¼: below about 1 the fluid does not bend the rod"),
             ("inertia against drag", self.inertia_ratio, ", ω(ρA + m_a)/ξ⊥, m_a of the fluid that it accelerates"),
         ];
@@ -586,7 +596,7 @@ impl Assessment {
             && step > largest
         {
             self.warnings.push(format!(
-                "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's highest natural frequency, {} Hz (allowed: up to {limit:.3}); take at most solver.time_step_s = {:e}, or an implicit method",
+                "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's natural frequency of {} Hz (allowed: up to {limit:.3}); take at most solver.time_step_s = {:e}, or an implicit method",
                 step * frequency,
                 significant(frequency / TAU, 4),
                 rounded_down(largest)
@@ -698,10 +708,15 @@ fn describe_section(rod: &Rod) -> String {
     format!("{outline}{hole}{at}")
 }
 
-/// The mass of `rod`, with its body, over the displaced mass of a fluid of this `density` (kg/m³), and what follows from it.
-/// A material of the damping time `time` (s), in a rod of these natural `modes` that is driven at the frequency `drive` (rad/s), if it is.
-/// Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
-fn describe_damping(time: f64, modes: &Modes, drive: Option<f64>) -> String {
+/// The `damping` of a `rod` of these natural `modes` that is driven at a frequency (rad/s), if it is: where `given` by a natural curvature
+/// whose rate is not resisted. Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
+fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(f64, bool)>) -> String {
+    let Some(time) = damping.uniform(rod) else {
+        let [least, most] = damping.range(rod).map(|time| significant(time, 3));
+        return format!(
+            "τ = {least} to {most} s in bending along the rod; `caudal study modes` says the damping ratios of its modes"
+        );
+    };
     let ratios: Vec<String> = modes.bending.iter().take(3).map(|omega| significant(0.5 * time * omega, 3)).collect();
     let mut text = format!(
         "τ = {} s in bending, damping ratios of the first modes by it {}",
@@ -712,7 +727,7 @@ fn describe_damping(time: f64, modes: &Modes, drive: Option<f64>) -> String {
     if let Some(mode) = critical {
         text += &format!("; from mode {} on they do not swing", mode + 1);
     }
-    let Some((omega, first)) = drive.zip(modes.bending.first()) else { return text };
+    let Some(((omega, given), first)) = drive.zip(modes.bending.first()) else { return text };
     text += &format!(
         "; loss factor {} at the {} Hz of the drive",
         significant(time * omega, 3),
@@ -720,7 +735,8 @@ fn describe_damping(time: f64, modes: &Modes, drive: Option<f64>) -> String {
     );
     // What the first mode answers at this frequency with and without.
     let square = 1.0 - (omega / first).powi(2);
-    let without = square.hypot(time * omega) / square.abs();
+    let driven = if given { 1.0_f64.hypot(time * omega) } else { 1.0 };
+    let without = square.hypot(time * omega) / (square.abs() * driven);
     if without > NOTICED {
         text += &format!(
             ", without which the first mode would answer {} times as high but for the fluid",
@@ -730,6 +746,7 @@ fn describe_damping(time: f64, modes: &Modes, drive: Option<f64>) -> String {
     text
 }
 
+/// The mass of `rod`, with its body, over the displaced mass of a fluid of this `density` (kg/m³), and what follows from it.
 fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
     let ratio = rod.total_mass() / (density * rod.displaced_volume());
     match head {

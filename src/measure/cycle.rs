@@ -42,6 +42,9 @@ const PHASE_ROUNDING: f64 = 1e-9;
 /// The parabola of three steps' ends is not used if a step is longer than this many times the one before.
 const MAX_STEP_RATIO: f64 = 4.0;
 
+/// Share of the power of the actuation from which on loads drive a swimmer too.
+pub(crate) const PULLED: f64 = 0.01;
+
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
 
@@ -329,10 +332,16 @@ impl Cycle {
         (speed * self.period() >= MIN_DISTANCE * dynamics.model.rod.length).then_some(speed)
     }
 
-    /// |U| and the mean power of the actuation, if both are positive and the head is free.
+    /// |U| and the mean power of the actuation, if both are positive, the head is free, and nothing else drives the swimmer.
     fn speed_and_power(&self, dynamics: &Dynamics) -> Option<(f64, f64)> {
         let power = self.power(0);
-        self.net_speed(dynamics).filter(|_| power > 0.0 && dynamics.model.head.is_none()).map(|speed| (speed, power))
+        let alone = dynamics.model.head.is_none() && !self.is_pulled();
+        self.net_speed(dynamics).filter(|_| power > 0.0 && alone).map(|speed| (speed, power))
+    }
+
+    /// True if loads and other forces put in more than a hundredth of the power of the actuation.
+    fn is_pulled(&self) -> bool {
+        self.power(2).max(0.0) + self.power(6).max(0.0) > PULLED * self.power(0).abs()
     }
 
     /// Thrust (N) and speed (m/s) along the axis of a held head that moves relative to the flow, and the mean power of actuation and
@@ -358,6 +367,9 @@ impl Cycle {
             Some(_) if held && self.axis().is_none() => "the head turns all round: nowhere is ahead",
             Some(_) if held => "neither actuation nor head puts power in",
             Some(_) if self.power(0) <= 0.0 => "the actuation puts no power in",
+            Some(_) if self.is_pulled() => {
+                "loads put power in too, and what the swimmer does by itself is not known apart"
+            }
             Some(_) if dynamics.model.forces.is_empty() => "nothing resists the straight rod: give [drag]",
             Some(_) => "the drag of the straight rod is not the same everywhere in this medium",
         })
@@ -570,6 +582,14 @@ measure!(
     |c, _| Some(c.power(4))
 );
 measure!(
+    OTHER_POWER,
+    "other_power",
+    "_w",
+    "W",
+    "mean power of other forces, those that follow the rod, over the last whole cycles",
+    |c, _| Some(c.power(6))
+);
+measure!(
     COST_OF_TRANSPORT,
     "cost_of_transport",
     "",
@@ -590,7 +610,7 @@ measure!(
 );
 
 /// All measures, in the order of display.
-pub const MEASURES: [CycleMeasure; 22] = [
+pub const MEASURES: [CycleMeasure; 23] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
@@ -611,6 +631,7 @@ pub const MEASURES: [CycleMeasure; 22] = [
     LOAD_POWER,
     HEAD_POWER,
     FLOW_POWER,
+    OTHER_POWER,
     COST_OF_TRANSPORT,
     EFFICIENCY,
 ];

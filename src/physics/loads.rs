@@ -8,10 +8,9 @@ use crate::fluid::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerK
 use crate::fluid::validity::Validity;
 use crate::linear::{Block, Direction, pair};
 
-/// A force of constant size in the axes of the edge before its node, like that of a jet or of a propeller: F = f_t t + f_n n. It has
-/// no potential; ∂F/∂e = (f_t n − f_n t) nᵀ/ℓ.
+/// A load that turns with an edge.
 #[derive(Debug, Clone, Copy)]
-pub struct FollowerLoad {
+struct FollowerLoad {
     edge: usize,
     /// The end of the edge that it acts on.
     end: usize,
@@ -19,16 +18,31 @@ pub struct FollowerLoad {
     force: Vector2<f64>,
 }
 
-impl FollowerLoad {
-    /// The force (N) along and across the edge before `node`, at the head along and across the first edge.
-    pub fn new(node: usize, force: Vector2<f64>) -> Self {
-        Self { edge: node.saturating_sub(1), end: usize::from(node > 0), force }
+/// Forces of constant size in the axes of the edges before their nodes, like those of jets or propellers: F = f_t t + f_n n. They have
+/// no potential; ∂F/∂e = (f_t n − f_n t) nᵀ/ℓ.
+#[derive(Debug, Clone)]
+pub struct FollowerLoads {
+    /// In the order of their edges.
+    loads: Vec<FollowerLoad>,
+}
+
+impl FollowerLoads {
+    /// Forces (N) along and across the edge before each node, at the head along and across the first edge.
+    pub fn new(at_nodes: impl IntoIterator<Item = (usize, Vector2<f64>)>) -> Self {
+        let load = |(node, force): (usize, _)| FollowerLoad {
+            edge: node.saturating_sub(1),
+            end: usize::from(node > 0),
+            force,
+        };
+        let mut loads: Vec<_> = at_nodes.into_iter().map(load).collect();
+        loads.sort_by_key(|load| load.edge);
+        Self { loads }
     }
 }
 
-impl Force for FollowerLoad {
+impl Force for FollowerLoads {
     fn name(&self) -> &'static str {
-        "follower load"
+        "follower loads"
     }
 
     fn validity(&self) -> Validity {
@@ -58,15 +72,15 @@ impl Force for FollowerLoad {
         edges: Range<usize>,
         sums: &mut ForceAccumulator<'_>,
     ) {
-        if !edges.contains(&self.edge) {
-            return;
+        let first = self.loads.partition_point(|load| load.edge < edges.start);
+        for load in self.loads[first..].iter().take_while(|load| load.edge < edges.end) {
+            let edge = &rod.edges[load.edge];
+            let (t, n) = (edge.t, edge.n());
+            let mut on = EdgeForce::ZERO;
+            let turned = (n * load.force.x - t * load.force.y) * (along.map_or(0.0, |along| along.q) * edge.per_length);
+            on.force[load.end] = pair(-(t * load.force.x + n * load.force.y));
+            on.edge[load.end] = Block::outer(-turned, pair(n));
+            sums.one(load.edge - edges.start, &on);
         }
-        let edge = &rod.edges[self.edge];
-        let (t, n) = (edge.t, edge.n());
-        let mut on = EdgeForce::ZERO;
-        let turned = (n * self.force.x - t * self.force.y) * (along.map_or(0.0, |along| along.q) * edge.per_length);
-        on.force[self.end] = pair(-(t * self.force.x + n * self.force.y));
-        on.edge[self.end] = Block::outer(-turned, pair(n));
-        sums.one(self.edge - edges.start, &on);
     }
 }

@@ -311,6 +311,19 @@ impl Dynamics {
             add_spin(rod, *spin, state);
         }
         self.move_to(0.0, state);
+        self.resist_opening(state);
+    }
+
+    /// Gives the links of a damped rod without strain what resists the rates of their lengths: forces are unknowns of the chain form.
+    fn resist_opening(&self, state: &mut State) {
+        let Model { rod, .. } = &*self.model;
+        let Some(damping) = &rod.damping else { return };
+        let State { v, links, .. } = state;
+        for (k, link) in links.iter_mut().enumerate().take(rod.nodes - 1) {
+            let along = Vector2::new(link.angle.cos(), link.angle.sin());
+            let opening = along.dot(&(node(v, k + 1) - node(v, k)));
+            link.force = (along * damping.tension(rod, k, opening)).into();
+        }
     }
 
     /// The curvature at every node and its rate (1/s) with which the rod follows its natural curvature without a moment.

@@ -749,7 +749,7 @@ impl Scene {
             }
         }
         if let Some(loads) = &self.loads {
-            forces.extend(loads.followers(rod).map(|load| Box::new(load) as Box<dyn Force>));
+            forces.extend(loads.followers(rod).map(|loads| Box::new(loads) as Box<dyn Force>));
         }
         Ok(Forces(forces))
     }

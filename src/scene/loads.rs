@@ -7,7 +7,7 @@ use super::Scene;
 use super::key_error::KeyError;
 use super::record::{allowed_nodes, is_node};
 use super::value::{self, Finite};
-use crate::loads::FollowerLoad;
+use crate::loads::FollowerLoads;
 use crate::rod::Rod;
 
 /// `[loads]`.
@@ -83,10 +83,11 @@ impl LoadsTable {
         Some(force)
     }
 
-    /// The point loads that follow the rod.
-    pub(super) fn followers(&self, rod: &Rod) -> impl Iterator<Item = FollowerLoad> {
-        let loads = self.point.iter().filter(|load| load.follows);
-        loads.map(|load| FollowerLoad::new(load.node_of(rod), load.force_n.map(Finite::get).into()))
+    /// The point loads that follow the rod, if there are any.
+    pub(super) fn followers(&self, rod: &Rod) -> Option<FollowerLoads> {
+        let mut loads = self.point.iter().filter(|load| load.follows).peekable();
+        loads.peek()?;
+        Some(FollowerLoads::new(loads.map(|load| (load.node_of(rod), load.force_n.map(Finite::get).into()))))
     }
 
     /// The forces of gravity and of point loads that keep their direction (N), two entries per node, or None without any.

@@ -86,6 +86,11 @@ impl DampingTime {
         self.bending.number().filter(|_| self.stretch == self.bending)
     }
 
+    /// The numbers of stretching and of bending, if both are numbers.
+    pub fn numbers(&self) -> Option<[NotNegative; 2]> {
+        Some([self.stretch.number()?, self.bending.number()?])
+    }
+
     /// The points [ξ, τ] of both, if they are one profile.
     pub fn points(&self) -> Option<&[[f64; 2]]> {
         self.bending.points().filter(|_| self.stretch == self.bending)
@@ -93,13 +98,19 @@ impl DampingTime {
 }
 
 impl Scene {
-    /// Refuses a loss factor where no frequency is known.
+    /// Refuses a loss factor where no frequency is known, or more than one.
     pub(super) fn check_loss_factor(&self) -> Result<(), KeyError> {
-        if self.rod.loss_factor.is_none() || self.loss_frequency().is_some() {
+        if self.rod.loss_factor.is_none() {
             return Ok(());
         }
-        let problem = "found without a frequency; allowed: with rod.loss_frequency_hz, or where the actuation or the head's motion has one";
-        Err(KeyError { key: "rod.loss_factor".into(), problem: problem.into() })
+        let problem = match self.loss_frequencies()[..] {
+            [_] => return Ok(()),
+            [] => "found without a frequency; allowed: with rod.loss_frequency_hz, or where the actuation or the head's motion has one".to_string(),
+            [first, second, ..] => format!(
+                "found beside motions of {first} and {second} Hz, which do not say the frequency that it holds at; allowed: with rod.loss_frequency_hz"
+            ),
+        };
+        Err(KeyError { key: "rod.loss_factor".into(), problem })
     }
 
     /// Refuses forces of a fluid on a rod without radius.
@@ -113,18 +124,26 @@ impl Scene {
         self.rod.ask_for_radius(asks)
     }
 
-    /// The frequency (Hz) that the loss factor holds at: its own, or that of the actuation, or of the head's motion.
-    fn loss_frequency(&self) -> Option<f64> {
+    /// The frequencies (Hz) that the loss factor may hold at: its own, or those of what moves the rod, the actuation and the head; of
+    /// what is there but does not move it where nothing does.
+    fn loss_frequencies(&self) -> Vec<f64> {
+        if let Some(own) = self.rod.loss_frequency_hz {
+            return vec![own.get()];
+        }
         let of = |signal: &SignalValue| match signal.formula() {
-            Some(Signal::Sinusoid { frequency, .. }) if *frequency > 0.0 => Some(*frequency),
+            Some(Signal::Sinusoid { frequency, amplitude, .. }) => Some((frequency.abs(), amplitude != &0.0)),
             _ => None,
         };
         let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
         let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
-        let own = self.rod.loss_frequency_hz.map(|frequency| frequency.get());
-        let actuation = self.actuation.as_ref().map(|actuation| actuation.frequency_hz.get());
-        let driven = actuation.filter(|frequency| *frequency > 0.0);
-        own.or(driven).or_else(|| position.chain(angle).find_map(of))
+        let head = position.chain(angle).filter_map(of);
+        let actuation = self.actuation.as_ref();
+        let driven = actuation.map(|actuation| (actuation.frequency_hz.get(), actuation.amplitude() != 0.0));
+        let all: Vec<(f64, bool)> = driven.into_iter().chain(head).filter(|(frequency, _)| *frequency > 0.0).collect();
+        let moves = all.iter().any(|(_, moves)| *moves);
+        let mut frequencies: Vec<f64> = all.iter().filter(|own| own.1 == moves).map(|own| own.0).collect();
+        frequencies.dedup();
+        if moves { frequencies } else { frequencies.into_iter().take(1).collect() }
     }
 
     /// The damping of the rod's material, if it has any.
@@ -133,7 +152,7 @@ impl Scene {
         let [stretching, bending] = match (&table.damping_time_s, &table.loss_factor) {
             (Some(time), _) => [time.stretch.profile(), time.bending.profile()],
             (None, Some(loss)) => {
-                let per_loss = 1.0 / (TAU * self.loss_frequency()?);
+                let per_loss = 1.0 / (TAU * self.loss_frequencies().first()?);
                 let time = loss.profile().times(per_loss);
                 [time.clone(), time]
             }

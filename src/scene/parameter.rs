@@ -155,6 +155,9 @@ impl Scene {
         list.optional("rod.mass_per_length_kg_m", "kg/m", "mass per length", &rod.mass_per_length_kg_m);
         if let Some(time) = rod.damping_time_s.as_ref().and_then(DampingTime::number) {
             list.add(DAMPING_TIME, "s", "damping time of the material, eta/E", time);
+        } else if let Some([stretch, bending]) = rod.damping_time_s.as_ref().and_then(DampingTime::numbers) {
+            list.add("rod.damping_time_s.stretch", "s", "damping time of stretching", stretch);
+            list.add("rod.damping_time_s.bending", "s", "damping time of bending", bending);
         }
         list.optional("rod.loss_factor", "1", "loss factor of the material at its frequency", &rod.loss_factor);
         if let Some(frequency) = rod.loss_frequency_hz {

@@ -1,5 +1,7 @@
 //! The numbers of a scene, by their keys, as parameters of a differentiable simulation.
 
+use std::f64::consts::TAU;
+
 use super::finite_difference::FiniteDifference;
 use super::parameter::Parameter;
 use crate::error::{Error, Result};
@@ -126,8 +128,10 @@ impl<'a> SceneParameters<'a> {
     /// True if a number affects more of the model than its parameter of the equations.
     fn reaches_further(&self, key: &str) -> bool {
         let law = self.scene.drag.as_ref().map(|drag| drag.law_name());
+        // A damping time follows from the loss factor and the frequency that it holds at.
+        let loss = self.scene.rod.loss_factor.is_some();
         key == DENSITY && self.scene.head_body.is_some() // its mass
-            || key.ends_with("frequency_hz") && law == Some("weak-inertia")
+            || key.ends_with("frequency_hz") && (law == Some("weak-inertia") || loss)
     }
 
     /// The scale of the finite difference by a number: its absolute value, or a typical value if it is zero. Forces are linear in the
@@ -138,6 +142,12 @@ impl<'a> SceneParameters<'a> {
             _ if own != 0.0 => own.abs(),
             "rod.inner_radius_m" => 1e-3 * rod.length,
             FLOW | "medium.beyond.offset_m" => rod.length,
+            // A start is not linear in the damping of a rod that is driven faster than this.
+            _ if key.starts_with("rod.damping_time_s") => {
+                let driven =
+                    self.model.actuation.as_ref().map_or(f64::INFINITY, |(_, drive)| 1.0 / (TAU * drive.frequency));
+                rod.bending_time().min(driven)
+            }
             _ => 1.0,
         }
     }

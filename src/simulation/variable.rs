@@ -905,6 +905,7 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::LOAD_POWER, |v, _| v.average(&cycle::LOAD_POWER)),
     average(&cycle::HEAD_POWER, |v, _| v.average(&cycle::HEAD_POWER)),
     average(&cycle::FLOW_POWER, |v, _| v.average(&cycle::FLOW_POWER)),
+    average(&cycle::OTHER_POWER, |v, _| v.average(&cycle::OTHER_POWER)).when(OTHER_FORCES),
     average(&cycle::COST_OF_TRANSPORT, |v, _| v.average(&cycle::COST_OF_TRANSPORT)).when(FREE),
     average(&cycle::EFFICIENCY, |v, _| v.average(&cycle::EFFICIENCY)).when(FREE).fed(&FLUID).changing(efficiency_change),
 

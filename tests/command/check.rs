@@ -245,3 +245,63 @@ fn the_added_mass_of_a_ball_at_the_head_is_half_of_the_water_that_it_displaces()
     near(after(&body, "kg along, "), half, 6e-5, "across");
     assert!(after(&body, "moment of inertia ").abs() < 1e-20, "{body}");
 }
+
+/// A clamped rod that a standing wave bends, far below its first mode.
+const BENT: &str = r#"name = "bent"
+[rod]
+nodes = 9
+length_m = 0.2
+outer_radius_m = 0.01
+youngs_modulus_pa = 1e6
+density_kg_m3 = 1000.0
+damping_time_s = 0.3
+[actuation]
+kind = "standing-wave"
+kappa_amp = 1.0
+frequency_hz = 0.5
+[head]
+kind = "clamped"
+[solver]
+time_step_s = 1e-3
+duration_s = 8.0
+"#;
+
+#[test]
+fn what_damping_does_to_the_answer_of_a_drive_is_what_runs_show() {
+    let tip = |changes: &[&str]| {
+        let scene = crate::common::scene_of(BENT, changes);
+        let mut stepper = caudal::stepper::Stepper::of(&scene).unwrap();
+        stepper.do_step(6.0).unwrap();
+        let swing = (0..200).map(|_| {
+            stepper.do_step(0.01).unwrap();
+            stepper.get_scalar("tip_dy_m").unwrap()
+        });
+        let [least, most] = swing.fold([f64::INFINITY, -f64::INFINITY], |[a, b], tip| [a.min(tip), b.max(tip)]);
+        0.5 * (most - least)
+    };
+    let undamped = tip(&["rod.damping_time_s=2e-3"]); // which ends the ringing of the start and little else
+    for rate in ["whole", "elastic"] {
+        let text = BENT.replace("damping_time_s = 0.3", &format!("damping_time_s = 0.3\ndamping_of = \"{rate}\""));
+        let (fact, _) = checked(&text);
+        let said = fact("damping of the material");
+        let shown = undamped / tip(&[&format!("rod.damping_of={rate}")]);
+        match said.split_once("would answer ") {
+            Some((_, rest)) => near(after(rest, ""), shown, 0.06, rate),
+            None => assert!(shown < 1.05, "{rate}: {said} {shown}"),
+        }
+        assert_eq!(said.contains("would answer"), rate == "whole", "{said}");
+        assert_eq!(fact("frequency ratio ω/ω₁").contains("less and later"), rate == "whole");
+    }
+}
+
+#[test]
+fn of_a_profile_of_damping_times_no_single_one_is_said() {
+    let text = BENT.replace("damping_time_s = 0.3", "damping_time_s = [[0.0, 0.1], [0.5, 0.0], [1.0, 0.1]]");
+    let (fact, _) = checked(&text);
+    let said = fact("damping of the material");
+    assert!(
+        said.starts_with("τ = 0 to 0.100 s in bending along the rod")
+            && !said.contains("ratios of the first modes by it"),
+        "{said}"
+    );
+}

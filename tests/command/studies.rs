@@ -261,3 +261,16 @@ fn what_cannot_be_studied_is_refused_as_wrong_input() {
         assert!(!out.exists(), "{arguments:?}");
     }
 }
+
+/// A column that bends a little from the start goes on bending as its load grows: it does not jump to another rest.
+#[test]
+fn the_rest_of_a_bent_column_is_followed_as_its_load_grows() {
+    let text = include_str!("../../models/beck-column.toml")
+        .replace("follows = true\n", "")
+        .replace("force_n = [-10.0, 0.0]", "force_n = [-1.0, 0.05]")
+        .replace("force_n = [0.0, 1e-3]", "force_n = [0.0, 0.0]");
+    let asked = StabilityOptions { vary: Vary::Load, points: 4, ..StabilityOptions::default() };
+    let findings = complete(made(&Study::Stability(asked), &scene_of(&text, &["rod.nodes=17"])));
+    let map = findings.tables.iter().find(|table| table.file == "stability.csv").unwrap();
+    assert!(map.rows.iter().all(|row| row[3] == "stays at rest"), "{:?}", map.rows);
+}

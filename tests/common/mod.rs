@@ -133,7 +133,7 @@ pub fn stepper_of(text: &str, overrides: &[&str]) -> Stepper {
     Stepper::of(&scene_of(text, overrides)).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn document_of(path: impl Into<PathBuf>, text: &str, changes: &[&str]) -> Document {
+pub fn document_of(path: impl Into<PathBuf>, text: &str, changes: &[&str]) -> Document {
     let mut document = Document::new(path, text);
     for change in changes {
         document.set(change).unwrap();

@@ -83,7 +83,8 @@ fn random(seed: u64) -> Document {
         set(format!("rod.mass_profile={}", dice.along(1.0, 0.5, 2.0)));
     }
     let frequency = dice.one(&[4.0, 6.0]);
-    if dice.of(0.75) {
+    let has_wave = dice.of(0.75);
+    if has_wave {
         let kind = dice.one(&["travelling-wave", "standing-wave", "sine-wave"]);
         let mut keys = format!("kind=\"{kind}\",frequency_hz={frequency:e}");
         if kind == "sine-wave" {
@@ -239,6 +240,32 @@ fn random(seed: u64) -> Document {
         if dice.of(0.4) {
             set("loads.point=[{node=-1,force_n=[0.01,0.02]}]".into());
         }
+    }
+    if dice.of(0.4) {
+        // One frequency moves all that moves here.
+        let moves = head == "driven" || has_wave;
+        let material = dice.one(&[
+            "0.004",
+            "0.0",
+            "{stretch=1e-4,bending=0.01}",
+            "[[0.0,0.002],[0.6,0.0],[1.0,0.01]]",
+            "loss",
+            "loss",
+        ]);
+        match material {
+            "loss" if moves => set(format!("rod.loss_factor={}", dice.along(0.4, 0.05, 0.4))),
+            "loss" => {
+                set("rod.loss_factor=0.2".into());
+                set("rod.loss_frequency_hz=3.0".into());
+            }
+            time => set(format!("rod.damping_time_s={time}")),
+        }
+        if dice.of(0.4) {
+            set("rod.damping_of=elastic".into());
+        }
+    }
+    if dice.of(0.15) && head != "free" {
+        set("loads.point=[{node=-1,force_n=[-0.02,0.01],follows=true},{node=2,force_n=[0.01,0.0]}]".into());
     }
     let method = dice.one(&["implicit-euler", "newmark", "generalized-alpha"]);
     set(format!("solver.integrator={method}"));

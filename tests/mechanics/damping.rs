@@ -292,3 +292,69 @@ fn a_rod_without_stiffness_mass_or_radius_is_refused_with_what_would_give_it() {
         assert!(error.contains(expected), "{line}: {error}");
     }
 }
+
+/// At the start nothing is stretched, but a head in motion opens the first edge, which its material resists.
+#[test]
+fn both_forms_begin_with_what_the_material_resists() {
+    for start in ["start={ kind = \"ramp\", ramp_s = 0.5 }", "start.kind=jump", "start.kind=shaped"] {
+        for material in ["rod.damping_of=whole", "rod.damping_of=elastic"] {
+            let changes = [
+                "rod.damping_time_s=0.01",
+                material,
+                start,
+                "solver.integrator=newmark",
+                "head={ kind = \"driven\", position_m = [{ amplitude = 0.01, frequency_hz = 2.0 }, 0.0] }",
+            ];
+            let ends = ["positions", "chain"].map(|form| {
+                let form = format!("solver.form={form}");
+                let mut stepper = stepper_of(SOFT, &[&changes[..], &[&form]].concat());
+                let first = ["head_force_x_n", "stretching_energy_j", "numerical_dissipation_j"]
+                    .map(|name| stepper.get_scalar(name).unwrap());
+                stepper.do_step(0.02).unwrap();
+                (first, stepper.get("x_m").unwrap(), stepper.get_scalar("numerical_dissipation_j").unwrap())
+            });
+            let [positions, chain] = &ends;
+            println!("{start} {material}: {positions:?} {chain:?}");
+            let size = positions.0[0].abs().max(1e-3);
+            assert!((positions.0[0] - chain.0[0]).abs() <= 1e-9 * size && size > 0.1, "{ends:?}");
+            assert!(positions.0[1].abs() < 1e-20 && chain.0[1].abs() < 1e-20 && chain.0[2] == 0.0, "{ends:?}");
+            let apart = common::largest(positions.1.iter().zip(&chain.1).map(|(a, b)| a - b));
+            assert!(apart < 1e-9 && (positions.2 - chain.2).abs() < 1e-9 * size, "{apart:e} {ends:?}");
+        }
+    }
+}
+
+/// A loss factor says τ by the frequency of what moves the rod, and of nothing that does not.
+#[test]
+fn a_loss_factor_holds_at_the_one_frequency_of_what_moves_the_rod() {
+    let wave = |amplitude: f64| {
+        format!(
+            "actuation={{ kind = \"travelling-wave\", kappa_amp = {amplitude}, frequency_hz = 2.0, wavelength_m = 1.0 }}"
+        )
+    };
+    let heave = |amplitude: f64| {
+        format!(
+            "head={{ kind = \"driven\", position_m = [0.0, {{ amplitude = {amplitude}, frequency_hz = 0.1 }}], angle_rad = {{ amplitude = 0.1, frequency_hz = 3.0 }} }}"
+        )
+    };
+    let time = |changes: &[&str]| {
+        let stepper = stepper_of(SOFT, &[&["rod.loss_factor=0.1"], changes].concat());
+        stepper.model().rod.damping.as_ref().unwrap().bending[2]
+    };
+    for (changes, frequency) in [
+        (vec![wave(1.0)], 2.0),
+        (vec![wave(0.0)], 2.0),
+        (vec![wave(0.0), heave(0.0)], 3.0),
+        (vec![wave(1.0), heave(0.1), "rod.loss_frequency_hz=7.0".into()], 7.0),
+    ] {
+        let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
+        let found = time(&changes) * TAU * frequency;
+        assert!((found / 0.1 - 1.0).abs() < 1e-12, "{changes:?}: {found}");
+    }
+    for changes in [vec![wave(1.0), heave(0.0)], vec![wave(0.0), heave(0.1)]] {
+        let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
+        let all = [&["rod.loss_factor=0.1"], &changes[..]].concat();
+        let error = common::document_of("soft.toml", SOFT, &all).scene().unwrap_err().to_string();
+        assert!(error.contains("which do not say the frequency") && error.contains("rod.loss_frequency_hz"), "{error}");
+    }
+}

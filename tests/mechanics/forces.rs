@@ -9,7 +9,7 @@ use caudal::fluid::laws::{LAWS, LawInputs};
 use caudal::fluid::medium::{BEYOND, Layer, Property};
 use caudal::fluid::reactive::Wake;
 use caudal::fluid::{Buoyancy, DENSITY, Fluid, HeadWeight, Kinematics, Layers, PowerKind, Reactive, Spray, VISCOSITY};
-use caudal::loads::FollowerLoad;
+use caudal::loads::FollowerLoads;
 use caudal::rod::{Edge, MassLumping, Material, Profile, Rod, Section, Sections, Spheroid, Stiffness, node};
 use common::{Dice, largest};
 use nalgebra::Vector2;
@@ -51,8 +51,10 @@ fn all(rod: &Rod) -> Vec<Box<dyn Force>> {
     forces.push(Box::new(Spray::new(rod)));
     forces.push(Box::new(Buoyancy::new(rod, Vector2::new(0.3, -9.8))));
     for node in [0, 2, NODES - 1] {
-        forces.push(Box::new(FollowerLoad::new(node, Vector2::new(-0.7, 0.4))));
+        forces.push(Box::new(FollowerLoads::new([(node, Vector2::new(-0.7, 0.4))])));
     }
+    let loads = [NODES - 1, 0, 2, 1, 2].map(|node| (node, Vector2::new(0.3, node as f64)));
+    forces.push(Box::new(FollowerLoads::new(loads)));
     forces
 }
 

@@ -241,6 +241,7 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
         "cycle_load_power_w" => by[index::WORK + 2] = per,
         "cycle_head_power_w" => by[index::WORK + 3] = per,
         "cycle_flow_power_w" => by[index::WORK + 4] = per,
+        "cycle_other_power_w" => by[index::WORK + 6] = per,
         "cycle_cost_of_transport" => {
             let (speed, power) = cycle.speed_and_power(dynamics)?;
             let weight = dynamics.model.rod.total_mass() * GRAVITY;

@@ -12,7 +12,7 @@ use super::force::{EdgeForce, ExternalForces, Force, ForceAccumulator, FusedForc
 use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
 use super::validity::Validity;
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
-use crate::rod::damping::Damped;
+use crate::rod::damping::{Damped, Elastic, MaterialLaw};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
 
@@ -325,11 +325,13 @@ pub(crate) fn add_powers<T: Real>(
     sums.opposing += pair(edge.t) * along.sum() + pair(edge.n()) * across.sum();
 }
 
-impl<L: Law> FusedForce for LocalDrag<L> {
-    fn assemble(
+impl<L: Law> LocalDrag<L> {
+    /// The pass over a rod of a `material`, compiled for each of them: with one closure for both it would be called for every edge.
+    #[inline(never)]
+    fn assemble_of(
         &self,
+        material: impl MaterialLaw<f64>,
         rod: Deformed<'_>,
-        damped: Option<Damped<'_>>,
         fluid: Fluid,
         mut others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],
@@ -348,9 +350,23 @@ impl<L: Law> FusedForce for LocalDrag<L> {
             }
             Some(on)
         });
+        rod.assemble_with(material, around, residual, jacobian);
+    }
+}
+
+impl<L: Law> FusedForce for LocalDrag<L> {
+    fn assemble(
+        &self,
+        rod: Deformed<'_>,
+        damped: Option<Damped<'_>>,
+        fluid: Fluid,
+        others: ExternalForces<'_>,
+        residual: &mut [[f64; 2]],
+        jacobian: Option<(&mut [BlockRow], Direction)>,
+    ) {
         match damped {
-            None => rod.assemble(around, residual, jacobian),
-            Some(damped) => rod.assemble_with(damped, around, residual, jacobian),
+            None => self.assemble_of(Elastic, rod, fluid, others, residual, jacobian),
+            Some(damped) => self.assemble_of(damped, rod, fluid, others, residual, jacobian),
         }
     }
 

@@ -192,6 +192,18 @@ impl<T: Real> Damping<T> {
 }
 
 impl Damping {
+    /// τ of bending (s) of the joints of `rod`, where it is the same for all.
+    pub fn uniform(&self, rod: &Rod) -> Option<f64> {
+        let [least, most] = self.range(rod);
+        (most - least <= 1e-9 * most).then_some(most)
+    }
+
+    /// The least and the largest τ of bending (s) of the joints of `rod`.
+    pub fn range(&self, rod: &Rod) -> [f64; 2] {
+        let times = || rod.joints().map(|k| self.bending[k]);
+        [times().fold(f64::INFINITY, f64::min), times().fold(0.0, f64::max)]
+    }
+
     /// The same behind a neck, which is like the first edge.
     pub(super) fn behind_neck(mut self) -> Self {
         let edges = std::iter::once(self.stretching[0]).chain(self.stretching.iter().copied());

@@ -20,7 +20,7 @@ use crate::metrics::Measured;
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, Progress};
 use crate::rod::bend::{self, Joint};
-use crate::rod::damping::{Damped, EdgeRate, MaterialLaw, StrainRates};
+use crate::rod::damping::{Damped, EdgeRate, Elastic, MaterialLaw, StrainRates};
 use crate::rod::edge_force::EdgeForce;
 use crate::rod::elastic::{self, Deformed};
 use crate::rod::energies::{MovingRod, RodSums};
@@ -625,18 +625,18 @@ fn held(
     Vector2::new(push(0), push(1))
 }
 
-/// Assembles and solves the linear system, and applies the increment.
+/// Assembles the linear system of rods of a `material`: inertia, elasticity, damping, and forces on edges.
 #[inline(always)]
-fn solve(
+fn assemble(
+    material: impl MaterialLaw<Lanes>,
     rods: &BatchedRods,
     at: &TimeDependent,
-    NodalMotion { q, v, a }: &mut NodalMotion,
-    Workspace { edges, joints, rates, around: others, tips, rows, residual, solution, band, .. }: &mut Workspace,
-    direction: Direction,
-    going: mask64x4<Avx2>,
-) -> ResidualSizes<PairLanes> {
-    let zero = at.flow.x.like(0.0);
-    let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
+    NodalMotion { v, a, .. }: &NodalMotion,
+    (edges, joints, others): (&[Edge<Lanes>], &[Joint<Lanes>], &[EdgeForce<Lanes>]),
+    residual: &mut NodalVectors,
+    (rows, direction): (&mut [BlockRow<Lanes>], Direction),
+) {
+    let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges, joints, a };
     let flow = PairLanes::new(at.flow.into());
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
@@ -651,10 +651,25 @@ fn solve(
             Some(on)
         },
     );
+    deformed.assemble_with(material, around, residual, Some((rows, direction)));
+}
+
+/// Assembles and solves the linear system, and applies the increment.
+#[inline(always)]
+fn solve(
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    motion: &mut NodalMotion,
+    Workspace { edges, joints, rates, around: others, tips, rows, residual, solution, band, .. }: &mut Workspace,
+    direction: Direction,
+    going: mask64x4<Avx2>,
+) -> ResidualSizes<PairLanes> {
+    let zero = at.flow.x.like(0.0);
+    let shape = (&edges[..], &joints[..], &others[..]);
     match rods.damping.as_ref().zip(rates.as_ref()) {
-        None => deformed.assemble(around, residual, Some((rows, direction))),
+        None => assemble(Elastic, rods, at, motion, shape, residual, (rows, direction)),
         Some((damping, rates)) => {
-            deformed.assemble_with(Damped { damping, rates }, around, residual, Some((rows, direction)));
+            assemble(Damped { damping, rates }, rods, at, motion, shape, residual, (rows, direction));
         }
     }
     if let ([.., r], [.., row]) = (&mut residual[..], &mut rows[..]) {
@@ -679,6 +694,7 @@ fn solve(
     solution.copy_from_slice(residual);
     band.eliminate(rows, solution);
     let sizes = ResidualSizes::of(rows, solution, residual);
+    let NodalMotion { q, v, a } = motion;
     for (((q, v), a), d) in q.iter_mut().zip(v).zip(a).zip(&*solution) {
         for i in 0..2 {
             let d = d[i].of(going);

@@ -125,7 +125,9 @@ impl StateTangent {
         let now = &mut metrics.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
         (now.resultants, now.momentum) = (Resultants::default(), Momentum::default());
-        now.momentum.rod = (0..rod.nodes).map(|k| node(&d.v, k) * rod.mass[k]).sum();
+        let inertia = dynamics.mechanics != Mechanics::Overdamped;
+        let mass = |k: usize| if inertia { rod.mass[k] } else { 0.0 };
+        now.momentum.rod = (0..rod.nodes).map(|k| node(&d.v, k) * mass(k)).sum();
         now.resultants.load = (0..rod.nodes).map(|k| node(force, k)).sum();
         let (energy, power) = (&mut now.energy, &mut now.power);
         now.com = rod.mean(&d.q);
@@ -146,7 +148,15 @@ impl StateTangent {
                 [longer + stretching, spin + rate.spin_slope(edge, *direction).dot(change)]
             })
         };
+        let drives_all = dynamics.damped().is_none_or(|damped| damped.damping.rate == DampedRate::Elastic);
         let spinning = |e: usize| rate_change(e)[1] - if e == 0 { angular_velocity } else { rate_change(e - 1)[1] };
+        // The change of the moment that resists the rate of a joint whose curvature changes by so much.
+        let resisting = |e: usize, kappa_change: f64| {
+            let Some(Damped { damping, .. }) = dynamics.damped() else { return 0.0 };
+            let rate =
+                0.5 * kappa[e] * bent.spin(e) * kappa_change + bend::curvature_per_turning(kappa[e]) * spinning(e);
+            damping.moment(rod, e, rate - damping.given(natural_rate[e]))
+        };
         let mut before = angle;
         for (e, edge) in edges.iter().enumerate() {
             let [longer, turned] = change(e);
@@ -158,34 +168,26 @@ impl StateTangent {
             if rod.joints().contains(&e) {
                 let turning = turned - before;
                 now.kappa[e] = bend::curvature_per_turning(kappa[e]) * turning;
+                let resisting = resisting(e, now.kappa[e]);
+                if let Some(Damped { rates, .. }) = dynamics.damped() {
+                    power.material += 2.0 * resisting * rates.joints[e];
+                }
                 if shape {
                     before = turned;
                     continue;
                 }
                 let moment = rod.joint[e] * (kappa[e] - dynamics.natural[e]);
-                now.moment[e] = rod.joint[e] * (now.kappa[e] - natural[e]);
+                let elastic = rod.joint[e] * (now.kappa[e] - natural[e]);
                 energy.bending += moment * (now.kappa[e] - natural[e]);
-                let mut driven = now.moment[e];
-                if let Some(Damped { damping, rates }) = dynamics.damped() {
-                    let s = bend::curvature_per_turning(kappa[e]);
-                    let mut rate = 0.5 * kappa[e] * bent.spin(e) * now.kappa[e] + s * spinning(e);
-                    if damping.rate == DampedRate::Elastic {
-                        rate -= natural_rate[e];
-                    }
-                    let resisting = damping.moment(rod, e, rate);
-                    now.moment[e] += resisting;
-                    power.material += 2.0 * resisting * rates.joints[e];
-                    if damping.rate == DampedRate::Elastic {
-                        driven += resisting;
-                    }
-                }
+                now.moment[e] = elastic + resisting;
+                let driven = if drives_all { now.moment[e] } else { elastic };
                 power.actuation -= driven * dynamics.natural_rate[e] + bent.driven_moment(e) * natural_rate[e];
             }
             before = turned;
         }
         for k in 0..rod.nodes {
             let (v, dv) = (node(&state.v, k), node(&d.v, k));
-            energy.kinetic += rod.mass[k] * v.dot(&dv);
+            energy.kinetic += mass(k) * v.dot(&dv);
             power.load += node(force, k).dot(&v) + dynamics.load(k).dot(&dv);
         }
         let mut on_head = [Vector2::zeros(); 2];
@@ -287,8 +289,11 @@ impl StateTangent {
                 if rod.joints().contains(&k) {
                     let more = measurements.moment[k] * 0.5 * kappa[k] * now.kappa[k];
                     now.moment[k] = -(turning + more) / bend::curvature_per_turning(kappa[k]);
-                    power.actuation -=
-                        now.moment[k] * dynamics.natural_rate[k] + measurements.moment[k] * natural_rate[k];
+                    // Of the moments by balance, what resists the rate of the whole curvature is not the drive's.
+                    let apart =
+                        if drives_all { [0.0; 2] } else { [resisting(k, now.kappa[k]), bent.damping_moment(k)] };
+                    power.actuation -= (now.moment[k] - apart[0]) * dynamics.natural_rate[k]
+                        + (measurements.moment[k] - apart[1]) * natural_rate[k];
                 }
                 held += node(&state.a, k) * rod.mass[k] + node(opposing, k);
                 held_change += node(&d.a, k) * rod.mass[k] + node(applied, k);
@@ -330,8 +335,8 @@ impl StateTangent {
                 after += t * tension_change + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
             }
-            let held = node(&state.a, 0) * rod.mass[0] - bent.carried() - dynamics.load(0) + on_head[0];
-            let held_change = node(&d.a, 0) * rod.mass[0] - after - node(force, 0) + on_head[1];
+            let held = node(&state.a, 0) * mass(0) - bent.carried() - dynamics.load(0) + on_head[0];
+            let held_change = node(&d.a, 0) * mass(0) - after - node(force, 0) + on_head[1];
             let s = bend::curvature_per_turning(kappa[0]);
             let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]) + bent.damping_moment(0);
             now.head_force = -held_change;
@@ -413,6 +418,18 @@ impl Stepper {
                 there.v.iter_mut().zip(&self.now.state.a).for_each(|(v, a)| *v += tau * a);
                 self.model_stepper.reinitialise(&mut self.dynamics, &mut self.newton, &mut there)?;
                 tangent.state.a.iter_mut().zip(&there.a).for_each(|(rate, a)| *rate += a / (2.0 * tau));
+            }
+            self.dynamics.move_to(t, &mut self.now.state);
+        }
+        if moving && self.dynamics.mechanics == Mechanics::Overdamped {
+            // Velocities follow from positions there.
+            tangent.state.v.fill(0.0);
+            for sign in [1.0, -1.0] {
+                let (mut there, tau) = (self.now.state.clone(), sign * half);
+                there.q.iter_mut().zip(&self.now.state.v).for_each(|(q, v)| *q += tau * v);
+                self.dynamics.move_to(t + tau, &mut there);
+                self.model_stepper.reinitialise(&mut self.dynamics, &mut self.newton, &mut there)?;
+                tangent.state.v.iter_mut().zip(&there.v).for_each(|(rate, v)| *rate += v / (2.0 * tau));
             }
             self.dynamics.move_to(t, &mut self.now.state);
         }

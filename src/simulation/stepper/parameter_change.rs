@@ -29,8 +29,8 @@ impl Stepper {
             return Err(Error::Fmu(problem.to_string()));
         }
         if let Some(key) = own.differs_beyond_tuning(scene) {
-            let problem = "differs from the stepper's scene; allowed between steps: other values of the stiffness and of \
-                 rod.damping_time_s, of the numbers of [drag] and of reactive.shedding (a scene that differs otherwise needs a stepper of its own)";
+            let problem = "differs from the stepper's scene; allowed between steps: other numbers for the stiffness and \
+                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding (a scene that differs otherwise needs a stepper of its own)";
             return Err(scene.error(&key, problem.to_string()));
         }
         let mut other = Self::in_form(scene, Some(self.form()))?;

@@ -24,7 +24,8 @@ impl Summary {
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
         let Power { actuation, material, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
         let displacement = metrics.net_displacement();
-        let swims = actuation > 0.0 && displacement.abs() >= MIN_DISPLACEMENT * model.rod.length;
+        let pulled = load.max(0.0) + other.max(0.0) > cycle::PULLED * actuation;
+        let swims = actuation > 0.0 && !pulled && displacement.abs() >= MIN_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
         let speed = mean(displacement.abs());
         let whole = stepper.cycles().since_start();
@@ -107,6 +108,7 @@ impl Summary {
             mean_load_power_w: mean(load),
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),
+            mean_other_power_w: mean(other),
             numerical_dissipation_j: metrics.numerical_dissipation(),
             rod_momentum_n_s: now.momentum.rod.into(),
             fluid_momentum_n_s: now.momentum.fluid.into(),
@@ -115,6 +117,8 @@ impl Summary {
             flow_impulse_n_s: metrics.totals.impulse.flow.into(),
             load_impulse_n_s: metrics.totals.impulse.load.into(),
             head_impulse_n_s: metrics.totals.impulse.head.into(),
+            spray_impulse_n_s: metrics.totals.impulse.spray.into(),
+            other_impulse_n_s: metrics.totals.impulse.other.into(),
             momentum_defect_n_s: metrics.momentum_defect().into(),
             notes: notes(scene, model, metrics, &stepper.state().q, stepper.pace(), warnings),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),

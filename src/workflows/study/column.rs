@@ -50,7 +50,10 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
     let coarse = if nodes > MAX_NODES { scene.with_nodes(MAX_NODES as u64) } else { scene.clone() };
     let model = coarse.model()?;
     let unit = model.rod.bending_time();
-    let own_time = model.rod.damping.as_ref().map(|damping| damping.bending[model.rod.nodes / 2]);
+    // Of a profile, the mean: it has no place of its own in the map.
+    let damping = model.rod.damping.as_ref();
+    let uniform = damping.and_then(|damping| damping.uniform(&model.rod));
+    let own_time = damping.map(|damping| uniform.unwrap_or(0.5 * damping.range(&model.rod).iter().sum::<f64>()));
     SteadyState::of(model).map_err(|error| refused(error.key, &error.problem))?;
     let range = asked.range.unwrap_or(DEFAULT_FACTORS);
     let factors = geometric_sequence(range, asked.points);
@@ -61,7 +64,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
     scans.extend(std::iter::once(&0.0).chain(&times).map(with));
     let run = |LoadScan { own, scan }: &LoadScan| {
         let damped = if *own { coarse.clone() } else { coarse.with_damping_time(scan.place) };
-        Some(scan.run(|factor| RestPoint::of(&damped.with_point_loads(factor))))
+        Some(scan.run(|factor, near| RestPoint::of(&damped.with_point_loads(factor), near)))
     };
     let found = match runner.run_all("columns", scene, &scans, jobs::cores(), run)? {
         Ok(found) => found,
@@ -114,7 +117,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
         value: ("factor on the point loads", "factor"),
         columns: map.to_vec(),
         own: *own,
-        here: own_time.map(|time| (time, 1.0)),
+        here: uniform.map(|time| (time, 1.0)),
         line: (
             "without damping of the material",
             bears.map_or(Vec::new(), |factor| times.iter().map(|time| (*time, factor)).collect()),

@@ -72,22 +72,18 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail
     let unit = (rod.ei / (masses[1] / rod.length)).sqrt() / rod.length;
     let alike = |values: &[f64]| values.iter().all(|value| (value / values[0] - 1.0).abs() < MAX_DEVIATION);
     let inner = 1..rod.nodes - 1;
-    let damping = rod.damping.as_ref().map_or(&[][..], |damping| &damping.bending[inner.clone()]);
-    let time = damping.first().copied().unwrap_or(0.0);
-    let uniform = alike(&rod.joint[inner.clone()])
-        && alike(&rod.mass[inner.clone()])
-        && alike(&added[inner])
-        && (time == 0.0 || alike(damping));
+    let time = rod.damping.as_ref().map_or(Some(0.0), |damping| damping.uniform(rod));
+    let uniform = alike(&rod.joint[inner.clone()]) && alike(&rod.mass[inner.clone()]) && alike(&added[inner]);
     let is_reversed = direction[0] * along[0] + direction[1] * along[1] < 0.0;
     let aligned = (direction[0] - along[0]).hypot(direction[1] - along[1]) < 1e-9;
     let load: f64 = (0..rod.nodes).map(|k| steady.load(k).dot(&nalgebra::Vector2::from(along)).abs()).sum();
     let pushed = load * rod.length * rod.length > MAX_DEVIATION * rod.ei || scene.has_followers();
     let tensioned = pushed || bend > MAX_DEVIATION * rod.length;
-    let theory = match (uniform, aligned, tensioned) {
-        (false, ..) => Err("it is for a rod that is the same all along"),
+    let theory = match (time.filter(|_| uniform), aligned, tensioned) {
+        (None, ..) => Err("it is for a rod that is the same all along"),
         (_, false, _) => Err("it is for a flow along the rod, from its head"),
         (.., true) => Err("it is for a straight rod without loads along it"),
-        _ => Ok([reactive.shedding.get(), time]),
+        (Some(time), ..) => Ok([reactive.shedding.get(), time]),
     };
     Ok(HeldTail { direction, is_reversed, masses, length: rod.length, unit, theory })
 }
@@ -117,15 +113,15 @@ pub(super) fn flutter(scene: &Scene, asked: &StabilityOptions, runner: StudyRunn
     let finer = even(range, TRACKING_REFINEMENT * asked.points).collect();
     let mut scans = vec![Scan { place: tail.share(), values: finer }];
     scans.extend(even(MASS_RATIO_RANGE, asked.points).map(|share| Scan { place: share, values: speeds.clone() }));
-    let at = |factor: f64, speed: f64| {
-        RestPoint::of(&coarse.with_rod_density(factor).with_flow(tail.direction.map(|x| x * speed)))
+    let at = |factor: f64, speed: f64, near: Option<&[f64]>| {
+        RestPoint::of(&coarse.with_rod_density(factor).with_flow(tail.direction.map(|x| x * speed)), near)
     };
-    let run = |scan: &Scan| Some(scan.run(|speed| at(tail.factor(scan.place), speed)));
+    let run = |scan: &Scan| Some(scan.run(|speed, near| at(tail.factor(scan.place), speed, near)));
     let found = match runner.run_all("flutter", scene, &scans, jobs::cores(), run)? {
         Ok(found) => found,
         Err(interrupted) => return Ok(interrupted),
     };
-    let own = (own_speed > 0.0).then(|| (own_speed, at(1.0, own_speed)));
+    let own = (own_speed > 0.0).then(|| (own_speed, at(1.0, own_speed, None).0));
     let report = FlutterReport { scene, tail: &tail, own, nodes: coarse.rod.nodes.get(), scans: &scans, found: &found };
     Ok(StudyOutcome::Complete(report.findings()))
 }

@@ -108,9 +108,10 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     });
     let explicit = all.as_ref().and_then(|all| all.explicit_steps(rod.damping.as_ref()));
     match all.as_ref().zip(explicit) {
-        Some((all, StableSteps { largest, limit, .. })) => findings.answers.push(format!(
-            "The highest of all is {:.4e} Hz {with}: an explicit method needs steps below {largest:.4e} s (ωΔt ≤ {limit:.4}).",
+        Some((all, StableSteps { largest, limit, frequency })) => findings.answers.push(format!(
+            "The highest of all is {:.4e} Hz {with}: an explicit method needs steps below {largest:.4e} s (ωΔt ≤ {limit:.4} at {:.4e} Hz).",
             all.highest() / TAU,
+            frequency / TAU,
         )),
         None => findings.answers.push(format!(
             "All frequencies, and with them the limit of explicit methods, are computed up to {MAX_NODES_FOR_SPECTRUM} nodes."

@@ -1,6 +1,7 @@
 //! What small motions about the rest of a held tail do, over two parameters of its scene: one along which it loses its stability,
 //! and one that it is asked for at.
 
+use std::cell::RefCell;
 use std::f64::consts::TAU;
 
 use faer::c64;
@@ -59,24 +60,30 @@ pub(super) struct RestPoint {
 impl RestPoint {
     const NONE: Self = Self { outcome: RestStability::NoRest, leading: [0.0; 2], slowest: Vec::new() };
 
-    /// That of `scene`.
-    pub fn of(scene: &Scene) -> Self {
-        let Ok(Ok(mut steady)) = scene.model().map(SteadyState::of) else { return Self::NONE };
-        let Ok(found) = steady.eigenvalues() else { return Self::NONE };
+    /// That of `scene`, next to the positions of another rest where one is given, and its own positions.
+    pub fn of(scene: &Scene, near: Option<&[f64]>) -> (Self, Vec<f64>) {
+        let none = (Self::NONE, Vec::new());
+        let find = |model| match near {
+            None => SteadyState::of(model),
+            Some(positions) => SteadyState::near(model, positions),
+        };
+        let Ok(Ok(mut steady)) = scene.model().map(find) else { return none };
+        let Ok(found) = steady.eigenvalues() else { return none };
+        let positions = steady.positions().to_vec();
         let fastest = |values: &mut dyn Iterator<Item = c64>| values.max_by(|a, b| a.re.total_cmp(&b.re));
         let growing = found.iter().filter(|(value, uncertainty)| grows(*value, *uncertainty));
         let growing = fastest(&mut growing.map(|(value, _)| *value));
         let mut slowest: Vec<c64> = found.iter().map(|(value, _)| *value).collect();
         slowest.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
         slowest.truncate(TRACKED_MODES);
-        let Some(leading) = growing.or_else(|| fastest(&mut slowest.iter().copied())) else { return Self::NONE };
+        let Some(leading) = growing.or_else(|| fastest(&mut slowest.iter().copied())) else { return none };
         let outcome = match growing {
             None => RestStability::Stable,
             Some(value) if value.im > 0.0 => RestStability::Flutter,
             Some(_) => RestStability::Divergence,
         };
         let slowest = slowest.iter().map(|value| [value.re, value.im]).collect();
-        Self { outcome, leading: [leading.re, leading.im], slowest }
+        (Self { outcome, leading: [leading.re, leading.im], slowest }, positions)
     }
 
     /// Positive if the equilibrium is unstable; otherwise minus the relative damping of the least damped oscillation.
@@ -128,8 +135,22 @@ pub(super) struct Scanned {
 
 impl Scan {
     /// Looks `at` every value, and for the critical one. Between values that are far apart others are looked at too, up to the
-    /// first that leaves the rest.
-    pub fn run(&self, at: impl Fn(f64) -> RestPoint) -> Scanned {
+    /// first that leaves the rest. Each rest is sought next to the stable one known at the largest value before it, so that it is that
+    /// of a rod to which the value has grown, and not another one.
+    pub fn run(&self, find: impl Fn(f64, Option<&[f64]>) -> (RestPoint, Vec<f64>)) -> Scanned {
+        let known: RefCell<Vec<(f64, Vec<f64>)>> = RefCell::default();
+        let at = |value: f64| {
+            let before = |rests: &[(f64, Vec<f64>)]| {
+                let least = rests.iter().filter(|(other, _)| *other <= value);
+                least.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, positions)| positions.clone())
+            };
+            let near = before(&known.borrow());
+            let (point, positions) = find(value, near.as_deref());
+            if point.outcome == RestStability::Stable {
+                known.borrow_mut().push((value, positions));
+            }
+            point
+        };
         let points: Vec<RestPoint> = self.values.iter().map(|value| at(*value)).collect();
         let between = SAMPLES.div_ceil(self.values.len());
         let mut samples: Vec<(f64, f64)> = Vec::new();

@@ -234,7 +234,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
 }
 
 /// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
-const RESULT_COLUMNS: [&str; 83] = [
+const RESULT_COLUMNS: [&str; 86] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -294,6 +294,7 @@ const RESULT_COLUMNS: [&str; 83] = [
     "mean_load_power_w",
     "mean_head_power_w",
     "mean_flow_power_w",
+    "mean_other_power_w",
     "numerical_dissipation_j",
     "rod_momentum_n_s",
     "fluid_momentum_n_s",
@@ -302,6 +303,8 @@ const RESULT_COLUMNS: [&str; 83] = [
     "flow_impulse_n_s",
     "load_impulse_n_s",
     "head_impulse_n_s",
+    "spray_impulse_n_s",
+    "other_impulse_n_s",
     "momentum_defect_n_s",
     "notes",
     "cost_of_transport",
