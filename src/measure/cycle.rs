@@ -587,7 +587,7 @@ measure!(
     "_w",
     "W",
     "mean power of other forces, those that follow the rod, over the last whole cycles",
-    |c, _| Some(c.power(6))
+    |c, d| d.model.forces.are_others().then(|| c.power(6))
 );
 measure!(
     COST_OF_TRANSPORT,

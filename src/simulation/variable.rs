@@ -660,7 +660,7 @@ fn has_spray(model: &Model) -> bool {
 }
 
 fn has_other_forces(model: &Model) -> bool {
-    model.forces.iter().any(|force| !force.is_of_fluid() && force.power_kind() != Some(PowerKind::Load))
+    model.forces.are_others()
 }
 
 fn has_body(model: &Model) -> bool {

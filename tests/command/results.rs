@@ -494,9 +494,6 @@ fn every_number_of_the_summary_is_had_a_second_way() {
             if name == "mean_material_power_w" {
                 return Some((0.0, 0.0)); // no material is damped here
             }
-            if name.starts_with("cycle_other_power") {
-                return Some((0.0, 0.0)); // nothing follows the rod here
-            }
             if let Some(of) = name.strip_prefix("mean_").and_then(|rest| rest.strip_suffix("_power_w")) {
                 let none = ["spray", "other"].contains(&of);
                 return Some((if none { 0.0 } else { work(of) / 2.0 }, 1e-14));

@@ -445,6 +445,11 @@ impl Forces {
         linear.find_map(|(i, force)| Some((i, force.fused()?)))
     }
 
+    /// True if there is one that is neither of a fluid nor a load that stores an energy.
+    pub fn are_others(&self) -> bool {
+        self.iter().any(|force| !force.is_of_fluid() && force.power_kind() != Some(PowerKind::Load))
+    }
+
     /// True where one of them adds to the inertia.
     pub fn are_inertial(&self) -> bool {
         self.iter().any(Force::is_inertial)
