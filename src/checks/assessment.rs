@@ -363,6 +363,8 @@ impl Assessment {
         let resists = rod.damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Whole);
         let followed = if resists && scene.actuation.is_some() {
             ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
+        } else if scene.actuation.is_none() {
+            ": far below 1 the rod follows its head without bending"
         } else {
             ": far below 1 the rod takes its natural curvature"
         };

@@ -276,6 +276,12 @@ impl RodTable {
                     "found beside axial_stiffness_n and bending_stiffness_n_m2; allowed: without one of them, which it then gives",
                 );
             }
+            (false, false) if bending => {
+                return fault(
+                    "axial_stiffness_n",
+                    "missing beside bending_stiffness_n_m2; allowed: a positive number, or youngs_modulus_pa in its place; where it was not measured, 12 times the bending stiffness over the square of the thickness is that of a solid strip, and a slender tail hardly feels it",
+                );
+            }
             (false, false) => {
                 return fault(
                     "youngs_modulus_pa",

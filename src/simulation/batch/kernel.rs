@@ -631,14 +631,13 @@ fn assemble(
     material: impl MaterialLaw<Lanes>,
     rods: &BatchedRods,
     at: &TimeDependent,
-    NodalMotion { v, a, .. }: &NodalMotion,
-    (edges, joints, others): (&[Edge<Lanes>], &[Joint<Lanes>], &[EdgeForce<Lanes>]),
+    deformed: Deformed<'_, Lanes>,
+    (v, others): (&NodalVectors, &[EdgeForce<Lanes>]),
     residual: &mut NodalVectors,
     (rows, direction): (&mut [BlockRow<Lanes>], Direction),
 ) {
-    let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges, joints, a };
     let flow = PairLanes::new(at.flow.into());
-    let around = edges.iter().zip(v.windows(2)).enumerate().map(
+    let around = deformed.edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
         |(e, (edge, v))| {
             let others = others.get(e);
@@ -665,11 +664,12 @@ fn solve(
     going: mask64x4<Avx2>,
 ) -> ResidualSizes<PairLanes> {
     let zero = at.flow.x.like(0.0);
-    let shape = (&edges[..], &joints[..], &others[..]);
+    let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges, joints, a: &motion.a };
+    let around = (&motion.v, &others[..]);
     match rods.damping.as_ref().zip(rates.as_ref()) {
-        None => assemble(Elastic, rods, at, motion, shape, residual, (rows, direction)),
+        None => assemble(Elastic, rods, at, deformed, around, residual, (rows, direction)),
         Some((damping, rates)) => {
-            assemble(Damped { damping, rates }, rods, at, motion, shape, residual, (rows, direction));
+            assemble(Damped { damping, rates }, rods, at, deformed, around, residual, (rows, direction));
         }
     }
     if let ([.., r], [.., row]) = (&mut residual[..], &mut rows[..]) {

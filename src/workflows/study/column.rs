@@ -85,7 +85,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
         ),
         None => format!("{of} the tail stays at rest under {low} to {high} times its point loads."),
     };
-    if own_time.is_some() {
+    if own_time.is_some_and(|time| time > 0.0) {
         findings.answers.push(words("With the damping of its material", own.1.critical));
     }
     findings.answers.push(words("Without damping of its material", undamped.critical));

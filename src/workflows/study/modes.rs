@@ -212,7 +212,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         vec![
             json!(i + 1),
             json!(kind.name()),
-            json!(mode.frequency / TAU),
+            json!(mode.frequency / TAU + 0.0), // no −0
             json!(mode.growth),
             json!(mode.damping_ratio()),
         ]
