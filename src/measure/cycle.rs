@@ -42,8 +42,10 @@ const PHASE_ROUNDING: f64 = 1e-9;
 /// The parabola of three steps' ends is not used if a step is longer than this many times the one before.
 const MAX_STEP_RATIO: f64 = 4.0;
 
-/// Share of the power of the actuation from which on loads drive a swimmer too.
-pub(crate) const PULLED: f64 = 0.01;
+/// True if loads and other forces drive a swimmer too: they put in more than a hundredth of the power, or work, of its actuation.
+pub(crate) fn is_pulled(actuation: f64, load: f64, other: f64) -> bool {
+    load.max(0.0) + other.max(0.0) > 0.01 * actuation.abs()
+}
 
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
@@ -339,9 +341,8 @@ impl Cycle {
         self.net_speed(dynamics).filter(|_| power > 0.0 && alone).map(|speed| (speed, power))
     }
 
-    /// True if loads and other forces put in more than a hundredth of the power of the actuation.
     fn is_pulled(&self) -> bool {
-        self.power(2).max(0.0) + self.power(6).max(0.0) > PULLED * self.power(0).abs()
+        is_pulled(self.power(0), self.power(2), self.power(6))
     }
 
     /// Thrust (N) and speed (m/s) along the axis of a held head that moves relative to the flow, and the mean power of actuation and

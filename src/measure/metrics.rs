@@ -15,7 +15,7 @@ use crate::head::{Row, hermite};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::linear::Real;
 use crate::model::{Dynamics, Mechanics};
-use crate::rod::damping::Damped;
+use crate::rod::damping::KelvinVoigt;
 use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, DampedRate, Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -404,8 +404,8 @@ impl Measurements {
     }
 
     #[inline(never)] // most rods are elastic
-    fn resist_by(&mut self, damped: Damped<'_>, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
-        let Damped { damping, rates } = damped;
+    fn resist_by(&mut self, damped: KelvinVoigt<'_>, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
+        let KelvinVoigt { damping, rates } = damped;
         let (rod, natural_rate) = (&dynamics.model.rod, &dynamics.natural_rate);
         let whole = damping.rate == DampedRate::Whole;
         self.drives_all = !whole;

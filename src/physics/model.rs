@@ -25,7 +25,7 @@ use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Laye
 use crate::head::{HeadInput, HeadMotion, HostHead, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
-use crate::rod::damping::{Damped, Damping, StrainRates};
+use crate::rod::damping::{Damping, KelvinVoigt, StrainRates};
 use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
@@ -304,7 +304,7 @@ impl Dynamics {
     /// Places `state` at the start.
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
-        let [curvature, rate] = self.free_of_moment();
+        let [curvature, rate] = self.free_of_moment([&self.natural, &self.natural_rate].map(Vec::clone));
         let Model { rod, start, spin, .. } = &*self.model;
         start.place(rod, &curvature, &rate, self.held.as_ref(), state);
         if *spin != 0.0 {
@@ -326,17 +326,17 @@ impl Dynamics {
         }
     }
 
-    /// The curvature at every node and its rate (1/s) with which the rod follows its natural curvature without a moment.
-    pub(crate) fn free_of_moment(&self) -> [Vec<f64>; 2] {
-        let mut followed = [self.natural.clone(), self.natural_rate.clone()];
+    /// The curvature at every node and its rate (1/s) with which the rod follows this `natural` curvature and its rate without a moment at
+    /// the start. Linear in these.
+    pub(crate) fn free_of_moment(&self, mut natural: [Vec<f64>; 2]) -> [Vec<f64>; 2] {
         if let Some(damping) = &self.model.rod.damping {
             let omega = self.swing();
             for k in self.model.rod.joints() {
-                let [curvature, rate] = damping.free_of_moment(k, omega, followed.each_ref().map(|values| values[k]));
-                (followed[0][k], followed[1][k]) = (curvature, rate);
+                let followed = damping.free_of_moment(k, omega, natural.each_ref().map(|values| values[k]));
+                (natural[0][k], natural[1][k]) = followed.into();
             }
         }
-        followed
+        natural
     }
 
     /// 2πf of the actuation at the start, rad/s; zero without one.
@@ -538,8 +538,8 @@ impl Dynamics {
     }
 
     /// The damping of the rod with its rates of strain as it was last deformed; `None` of an elastic one.
-    pub fn damped(&self) -> Option<Damped<'_>> {
-        Some(Damped { damping: self.model.rod.damping.as_ref()?, rates: self.rates.as_ref()? })
+    pub fn damped(&self) -> Option<KelvinVoigt<'_>> {
+        KelvinVoigt::of(self.model.rod.damping.as_ref(), self.rates.as_ref())
     }
 
     /// Finds the fluid along a rod at `q`.
@@ -895,7 +895,7 @@ impl Dynamics {
         let Self { model, edges, joints, inputs, room, runs, rates, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
-        let damped = rod.damping.as_ref().zip(rates.as_ref()).map(|(damping, rates)| Damped { damping, rates });
+        let damped = KelvinVoigt::of(rod.damping.as_ref(), rates.as_ref());
         let moving = Kinematics {
             t: *t,
             edges,

@@ -10,7 +10,7 @@ use crate::fluid::{DENSITY, Force, Key, PowerKind};
 use crate::head::Pose;
 use crate::linear::{Block, Direction};
 use crate::model::{DeformedRod, Dynamics, Model};
-use crate::rod::damping::{Damped, MaterialLaw};
+use crate::rod::damping::{KelvinVoigt, MaterialLaw};
 use crate::rod::{add, bend, elastic, node};
 use crate::system::State;
 use crate::variable;
@@ -423,7 +423,7 @@ impl LocalDerivatives {
             self.slopes[k] = [before, -before - after, after];
         }
         self.spins.clear();
-        if let Some(Damped { rates, .. }) = dynamics.damped() {
+        if let Some(KelvinVoigt { rates, .. }) = dynamics.damped() {
             self.spins.resize(self.slopes.len(), [Vector2::zeros(); 3]);
             let slope = |e: usize| rates.edges[e].spin_slope(&edges[e], Direction::POSITIONS);
             for k in dynamics.model.rod.joints() {
@@ -499,7 +499,7 @@ impl OutputContext<'_> {
     /// Adds `factor` times the gradient of the part of m_k that resists the rate r = s Ω − κ̄′: ∇r = ½κΩ ∇κ + s ∇Ω by positions, ∇κ by
     /// velocities.
     fn add_resisting(&self, k: usize, factor: f64, g: &mut Gradient) {
-        let Some(Damped { damping, rates }) = self.bent.dynamics.damped() else { return };
+        let Some(KelvinVoigt { damping, rates }) = self.bent.dynamics.damped() else { return };
         let (rod, kappa) = (&self.bent.dynamics.model.rod, self.bent.kappa()[k]);
         let (s, size) = (bend::curvature_per_turning(kappa), factor * damping.moment(rod, k, 1.0));
         let spin = self.bent.spin(k);
@@ -774,7 +774,7 @@ impl Quantity {
                 power
             }
             Self::MaterialPower => {
-                let Some(Damped { damping, rates }) = dynamics.damped() else { return 0.0 };
+                let Some(KelvinVoigt { damping, rates }) = dynamics.damped() else { return 0.0 };
                 for k in rod.joints() {
                     // P = Bτr²: the gradient of Bτr, and of the other r.
                     let rate = rates.joints[k];
@@ -821,7 +821,7 @@ impl Quantity {
                 at.point.scatter(k, factor * joint.stiffness / s, &mut g.q);
                 g.stiffness[k] += factor * s * (moment[1] + at.bent.resisted_curvature(k));
                 g.natural[k] -= factor * s * rod.joint[k];
-                if let Some(Damped { rates, .. }) = dynamics.damped() {
+                if let Some(KelvinVoigt { rates, .. }) = dynamics.damped() {
                     let viscosity = factor * rates.viscosity[k];
                     at.point.scatter_spin(k, viscosity, &mut g.q);
                     at.point.scatter(k, viscosity / s, &mut g.v);

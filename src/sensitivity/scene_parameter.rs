@@ -128,8 +128,8 @@ impl<'a> SceneParameters<'a> {
     /// True if a number affects more of the model than its parameter of the equations.
     fn reaches_further(&self, key: &str) -> bool {
         let law = self.scene.drag.as_ref().map(|drag| drag.law_name());
-        // A damping time follows from the loss factor and the frequency that it holds at.
-        let loss = self.scene.rod.loss_factor.is_some();
+        // A damping time follows from the loss factor and the drive's frequency, where that says what it holds at.
+        let loss = self.scene.rod.loss_factor.is_some() && self.scene.rod.loss_frequency_hz.is_none();
         key == DENSITY && self.scene.head_body.is_some() // its mass
             || key.ends_with("frequency_hz") && (law == Some("weak-inertia") || loss)
     }

@@ -21,19 +21,20 @@ pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &Ac
     let rod = &dynamics.model.rod;
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
     if dynamics.model.start == Start::Shaped && effect.bends() {
-        let followed = dynamics.free_of_moment();
+        let followed = dynamics.free_of_moment([&dynamics.natural, &dynamics.natural_rate].map(Vec::clone));
         let mut change = [vec![0.0; rod.nodes], vec![0.0; rod.nodes]];
         for k in effect.joints.clone() {
-            let [mut curvature, mut rate] = [effect.natural(shape, k), effect.rate(shape, k)];
-            if let Some(damping) = &rod.damping {
-                let omega = dynamics.swing();
-                [curvature, rate] = damping.free_of_moment(k, omega, [curvature, rate]);
+            (change[0][k], change[1][k]) = (effect.natural(shape, k), effect.rate(shape, k));
+        }
+        change = dynamics.free_of_moment(change);
+        if let Some(damping) = rod.damping.as_ref().filter(|_| effect.swing != 0.0) {
+            let omega = dynamics.swing();
+            for k in effect.joints.clone() {
                 let natural = [dynamics.natural[k], dynamics.natural_rate[k]];
                 let by_swing = damping.free_of_moment_by(k, omega, effect.swing, natural);
-                curvature += by_swing[0];
-                rate += by_swing[1];
+                change[0][k] += by_swing[0];
+                change[1][k] += by_swing[1];
             }
-            (change[0][k], change[1][k]) = (curvature, rate);
         }
         let [curvature, rate] = followed.each_ref().map(Vec::as_slice);
         let [curvature_by, rate_by] = change.each_ref().map(Vec::as_slice);

@@ -16,7 +16,7 @@ use super::fluid_along::{FluidAlong, FluidRuns};
 use super::medium::{DENSITY, Fluid, Key, Layers, LocalFluid, Property};
 use super::validity::Validity;
 use crate::linear::{BlockRow, Coupling, Direction, Pair, Real, pair};
-use crate::rod::damping::Damped;
+use crate::rod::damping::KelvinVoigt;
 pub use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -232,7 +232,7 @@ pub trait FusedForce {
     fn assemble(
         &self,
         rod: Deformed<'_>,
-        damped: Option<Damped<'_>>,
+        damped: Option<KelvinVoigt<'_>>,
         fluid: Fluid,
         others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],
@@ -483,7 +483,7 @@ impl Forces {
     pub fn assemble(
         &self,
         rod: Deformed<'_>,
-        damped: Option<Damped<'_>>,
+        damped: Option<KelvinVoigt<'_>>,
         moving: Kinematics<'_>,
         room: &mut [EdgeForce],
         residual: &mut [[f64; 2]],

@@ -12,7 +12,7 @@ use super::force::{EdgeForce, ExternalForces, Force, ForceAccumulator, FusedForc
 use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
 use super::validity::Validity;
 use crate::linear::{Block, BlockRow, Direction, Pair, Real, pair};
-use crate::rod::damping::{Damped, Elastic, MaterialLaw};
+use crate::rod::damping::{Elastic, KelvinVoigt, MaterialLaw};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
 
@@ -358,7 +358,7 @@ impl<L: Law> FusedForce for LocalDrag<L> {
     fn assemble(
         &self,
         rod: Deformed<'_>,
-        damped: Option<Damped<'_>>,
+        damped: Option<KelvinVoigt<'_>>,
         fluid: Fluid,
         others: ExternalForces<'_>,
         residual: &mut [[f64; 2]],

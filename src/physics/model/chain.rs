@@ -27,7 +27,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::{COLLAPSED, Dynamics};
 use crate::error::{Error, Result};
 use crate::linear::{ChainMatrix, ChainRow, ChainTerms, Direction};
-use crate::rod::damping::{Damped, EdgeRate};
+use crate::rod::damping::{EdgeRate, KelvinVoigt};
 use crate::rod::{Edge, Rod, bend, node};
 use crate::system::{Form, Link, State};
 
@@ -149,7 +149,7 @@ impl Dynamics {
     /// Of a damped joint at node `k`, where dκ/dθ is `s` and the edges move at the rates last found: τ (s), the rate r (1/s) that it
     /// resists, and what of the rate of its curvature is given (1/s).
     fn joint_rate(&self, k: usize, s: f64) -> Option<(f64, f64, f64)> {
-        let Damped { damping, rates } = self.damped()?;
+        let KelvinVoigt { damping, rates } = self.damped()?;
         let given = damping.given(self.natural_rate[k]);
         Some((damping.bending[k], s * rates.turning(k) - given, given))
     }

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::Dynamics;
 use crate::fluid::Kinematics;
 use crate::rod::bend::Joint;
-use crate::rod::damping::Damped;
+use crate::rod::damping::KelvinVoigt;
 use crate::rod::{DampedRate, Edge, elastic, node};
 use crate::system::State;
 
@@ -39,7 +39,7 @@ impl<'a> DeformedRod<'a> {
         let joint = Joint::new(model.rod.joint[k], kappa[k], natural[k]);
         match self.dynamics.damped() {
             None => joint,
-            Some(Damped { damping, rates }) => {
+            Some(KelvinVoigt { damping, rates }) => {
                 damping.damped(k, model.rod.joint[k], joint, kappa[k], rates.joints[k], natural_rate[k])
             }
         }
@@ -53,7 +53,8 @@ impl<'a> DeformedRod<'a> {
     /// Bτ, the change of the moment of the joint at node `k` with −dκ̄/dt, N m s; zero unless the material resists the rate of its
     /// elastic curvature alone.
     pub fn resisted_natural_rate(&self, k: usize) -> f64 {
-        let of = |damped: Damped<'_>| (damped.damping.rate == DampedRate::Elastic).then(|| damped.damping.bending[k]);
+        let of =
+            |damped: KelvinVoigt<'_>| (damped.damping.rate == DampedRate::Elastic).then(|| damped.damping.bending[k]);
         self.dynamics.damped().and_then(of).map_or(0.0, |time| self.dynamics.model.rod.joint[k] * time)
     }
 

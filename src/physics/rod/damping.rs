@@ -288,16 +288,24 @@ impl<T: Real> MaterialLaw<T> for Elastic {
     }
 }
 
-/// A damped material that is strained at some rates.
+/// A damped material that is strained at some rates: that of Kelvin and Voigt.
 #[derive(Debug, Clone, Copy)]
-pub struct Damped<'a, T = f64> {
+pub struct KelvinVoigt<'a, T = f64> {
     /// Its damping.
     pub damping: &'a Damping<T>,
     /// The rates.
     pub rates: &'a StrainRates<T>,
 }
 
-impl Damped<'_> {
+impl<'a, T> KelvinVoigt<'a, T> {
+    /// One of this `damping` at these `rates`, where there are both.
+    #[inline(always)]
+    pub fn of(damping: Option<&'a Damping<T>>, rates: Option<&'a StrainRates<T>>) -> Option<Self> {
+        Some(Self { damping: damping?, rates: rates? })
+    }
+}
+
+impl KelvinVoigt<'_> {
     /// The part (N) of the tension of edge `e` of `rod` that resists the rate of its length.
     pub fn tension_of_rate(self, rod: &Rod, e: usize) -> f64 {
         self.damping.tension(rod, e, self.rates.edges[e].stretching)
@@ -309,7 +317,7 @@ impl Damped<'_> {
     }
 }
 
-impl<T: Real> MaterialLaw<T> for Damped<'_, T> {
+impl<T: Real> MaterialLaw<T> for KelvinVoigt<'_, T> {
     #[inline(always)]
     fn tension(self, e: usize, cell: &Cell<T>, tension: T) -> T {
         tension + cell.axial * self.damping.stretching[e] * self.rates.edges[e].stretching

@@ -20,7 +20,7 @@ use crate::metrics::Measured;
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, Progress};
 use crate::rod::bend::{self, Joint};
-use crate::rod::damping::{Damped, EdgeRate, Elastic, MaterialLaw, StrainRates};
+use crate::rod::damping::{EdgeRate, Elastic, KelvinVoigt, MaterialLaw, StrainRates};
 use crate::rod::edge_force::EdgeForce;
 use crate::rod::elastic::{self, Deformed};
 use crate::rod::energies::{MovingRod, RodSums};
@@ -610,10 +610,9 @@ fn held(
         return Vector2::new(zero, zero);
     }
     let (cell, edge) = (&rods.cells[0], &edges[0]);
-    let tension = match rods.damping.as_ref().zip(rates.as_ref()) {
-        None => cell.tension(edge),
-        Some((damping, rates)) => Damped { damping, rates }.tension(0, cell, cell.tension(edge)),
-    };
+    let elastic = cell.tension(edge);
+    let damped = KelvinVoigt::of(rods.damping.as_ref(), rates.as_ref());
+    let tension = damped.map_or(elastic, |damped| damped.tension(0, cell, elastic));
     let carried = elastic::force(edge, tension, &joints[0], &joints[1]);
     let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
     let mut opposing = PairLanes::new([zero; 2]);
@@ -666,11 +665,9 @@ fn solve(
     let zero = at.flow.x.like(0.0);
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges, joints, a: &motion.a };
     let around = (&motion.v, &others[..]);
-    match rods.damping.as_ref().zip(rates.as_ref()) {
+    match KelvinVoigt::of(rods.damping.as_ref(), rates.as_ref()) {
         None => assemble(Elastic, rods, at, deformed, around, residual, (rows, direction)),
-        Some((damping, rates)) => {
-            assemble(Damped { damping, rates }, rods, at, deformed, around, residual, (rows, direction));
-        }
+        Some(damped) => assemble(damped, rods, at, deformed, around, residual, (rows, direction)),
     }
     if let ([.., r], [.., row]) = (&mut residual[..], &mut rows[..]) {
         for tip in &*tips {

@@ -17,7 +17,7 @@ use crate::linear::Direction;
 use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{DeformedRod, Dynamics, Inputs, Mechanics};
 use crate::newton::Work;
-use crate::rod::damping::Damped;
+use crate::rod::damping::KelvinVoigt;
 use crate::rod::{DampedRate, bend, node};
 use crate::system::{State, System};
 use crate::variable::{Variable, View};
@@ -139,7 +139,7 @@ impl StateTangent {
         // The changes of the rates of a damped rod: of an edge's length and angular velocity, and of the turning at its first node.
         let [angle, angular_velocity] = *angle;
         let rate_change = |e: usize| {
-            let Some(Damped { rates, .. }) = dynamics.damped() else { return [0.0; 2] };
+            let Some(KelvinVoigt { rates, .. }) = dynamics.damped() else { return [0.0; 2] };
             let ends = |values: &[f64]| node(values, e + 1) - node(values, e);
             let changes = [(Direction::POSITIONS, ends(&d.q)), (Direction::VELOCITIES, ends(&d.v))];
             changes.iter().fold([0.0; 2], |[longer, spin], (direction, change)| {
@@ -152,7 +152,7 @@ impl StateTangent {
         let spinning = |e: usize| rate_change(e)[1] - if e == 0 { angular_velocity } else { rate_change(e - 1)[1] };
         // The change of the moment that resists the rate of a joint whose curvature changes by so much.
         let resisting = |e: usize, kappa_change: f64| {
-            let Some(Damped { damping, .. }) = dynamics.damped() else { return 0.0 };
+            let Some(KelvinVoigt { damping, .. }) = dynamics.damped() else { return 0.0 };
             let rate =
                 0.5 * kappa[e] * bent.spin(e) * kappa_change + bend::curvature_per_turning(kappa[e]) * spinning(e);
             damping.moment(rod, e, rate - damping.given(natural_rate[e]))
@@ -169,7 +169,7 @@ impl StateTangent {
                 let turning = turned - before;
                 now.kappa[e] = bend::curvature_per_turning(kappa[e]) * turning;
                 let resisting = resisting(e, now.kappa[e]);
-                if let Some(Damped { rates, .. }) = dynamics.damped() {
+                if let Some(KelvinVoigt { rates, .. }) = dynamics.damped() {
                     power.material += 2.0 * resisting * rates.joints[e];
                 }
                 if shape {
@@ -316,7 +316,7 @@ impl StateTangent {
                 let change = joint.stiffness * kappa_change / s - rod.joint[k] * s * natural[k];
                 match dynamics.damped().filter(|_| rod.joints().contains(&k)) {
                     None => change,
-                    Some(Damped { rates, .. }) => {
+                    Some(KelvinVoigt { rates, .. }) => {
                         change + rates.viscosity[k] * spinning(k) - bent.resisted_natural_rate(k) * s * natural_rate[k]
                     }
                 }
@@ -324,7 +324,7 @@ impl StateTangent {
             let (edge, [longer, turned]) = (&edges[0], change(0));
             let (tension, t, n) = (bent.tension(0), edge.t, edge.n());
             let mut tension_change = rod.cells[0].axial * longer;
-            if let Some(Damped { damping, .. }) = dynamics.damped() {
+            if let Some(KelvinVoigt { damping, .. }) = dynamics.damped() {
                 tension_change += damping.tension(rod, 0, rate_change(0)[0]);
             }
             let shear = (bent.joint(0).couple - bent.joint(1).couple) * edge.per_length;
@@ -407,29 +407,26 @@ impl Stepper {
             }
             tangent.angle = [angle.rate, angle.acceleration];
         }
-        if moving && self.dynamics.mechanics == Mechanics::Shape {
-            // Moments follow from accelerations there, which follow from the shape.
+        if moving && self.dynamics.mechanics != Mechanics::Full {
+            // Moments follow from accelerations in a prescribed shape, and these from the shape; without inertia velocities follow from
+            // positions.
+            let follows: fn(&mut State) -> &mut Vec<f64> = match self.dynamics.mechanics {
+                Mechanics::Overdamped => |state| &mut state.v,
+                _ => |state| &mut state.a,
+            };
+            if self.dynamics.mechanics == Mechanics::Overdamped {
+                tangent.state.v.fill(0.0);
+            }
             for sign in [1.0, -1.0] {
                 let (mut there, tau) = (self.now.state.clone(), sign * half);
-                there.t = t + tau;
                 for (q, (v, a)) in there.q.iter_mut().zip(self.now.state.v.iter().zip(&self.now.state.a)) {
                     *q += tau * (v + 0.5 * tau * a);
                 }
                 there.v.iter_mut().zip(&self.now.state.a).for_each(|(v, a)| *v += tau * a);
-                self.model_stepper.reinitialise(&mut self.dynamics, &mut self.newton, &mut there)?;
-                tangent.state.a.iter_mut().zip(&there.a).for_each(|(rate, a)| *rate += a / (2.0 * tau));
-            }
-            self.dynamics.move_to(t, &mut self.now.state);
-        }
-        if moving && self.dynamics.mechanics == Mechanics::Overdamped {
-            // Velocities follow from positions there.
-            tangent.state.v.fill(0.0);
-            for sign in [1.0, -1.0] {
-                let (mut there, tau) = (self.now.state.clone(), sign * half);
-                there.q.iter_mut().zip(&self.now.state.v).for_each(|(q, v)| *q += tau * v);
                 self.dynamics.move_to(t + tau, &mut there);
                 self.model_stepper.reinitialise(&mut self.dynamics, &mut self.newton, &mut there)?;
-                tangent.state.v.iter_mut().zip(&there.v).for_each(|(rate, v)| *rate += v / (2.0 * tau));
+                let rates = follows(&mut tangent.state).iter_mut();
+                rates.zip(follows(&mut there)).for_each(|(rate, value)| *rate += *value / (2.0 * tau));
             }
             self.dynamics.move_to(t, &mut self.now.state);
         }

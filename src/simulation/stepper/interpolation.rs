@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 use crate::error::Result;
 use crate::fluid::FluidRuns;
 use crate::model::{Dynamics, Mechanics};
-use crate::rod::damping::{Damped, StrainRates};
+use crate::rod::damping::{KelvinVoigt, StrainRates};
 use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
 
@@ -218,7 +218,7 @@ impl StepInterpolation {
             rates.wall = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
             rates.read_joints(rod.joints(), &rod.joint, damping, &now.bent, &dynamics.natural_rate);
         }
-        let damped = || rod.damping.as_ref().zip(now.rates.as_ref()).map(|(damping, rates)| Damped { damping, rates });
+        let damped = || KelvinVoigt::of(rod.damping.as_ref(), now.rates.as_ref());
         out.links.clear();
         out.links.resize(rod.nodes, Link::default());
         for k in rod.joints() {

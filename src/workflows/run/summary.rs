@@ -24,7 +24,7 @@ impl Summary {
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
         let Power { actuation, material, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
         let displacement = metrics.net_displacement();
-        let pulled = load.max(0.0) + other.max(0.0) > cycle::PULLED * actuation;
+        let pulled = cycle::is_pulled(actuation, load, other);
         let swims = actuation > 0.0 && !pulled && displacement.abs() >= MIN_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
         let speed = mean(displacement.abs());

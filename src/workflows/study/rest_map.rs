@@ -140,11 +140,9 @@ impl Scan {
     pub fn run(&self, find: impl Fn(f64, Option<&[f64]>) -> (RestPoint, Vec<f64>)) -> Scanned {
         let known: RefCell<Vec<(f64, Vec<f64>)>> = RefCell::default();
         let at = |value: f64| {
-            let before = |rests: &[(f64, Vec<f64>)]| {
-                let least = rests.iter().filter(|(other, _)| *other <= value);
-                least.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, positions)| positions.clone())
-            };
-            let near = before(&known.borrow());
+            let before =
+                known.borrow().iter().filter(|rest| rest.0 <= value).max_by(|a, b| a.0.total_cmp(&b.0)).cloned();
+            let near = before.map(|(_, positions)| positions);
             let (point, positions) = find(value, near.as_deref());
             if point.outcome == RestStability::Stable {
                 known.borrow_mut().push((value, positions));
