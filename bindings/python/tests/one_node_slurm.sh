@@ -35,6 +35,17 @@ munge --no-input >/dev/null 2>&1 || {
 }
 slurmctld -i -f "$SLURM_CONF"
 slurmd -N "$name" -f "$SLURM_CONF"
-trap 'kill "$(cat "$folder/slurmd.pid")" "$(cat "$folder/slurmctld.pid")"; rm -rf "$folder"' EXIT
+# The end is the command's: the daemons, and what ends a job's last step, write into the folder for a moment after they are told.
+leave() {
+    daemons="$(cat "$folder/slurmd.pid") $(cat "$folder/slurmctld.pid")"
+    # shellcheck disable=SC2086
+    kill $daemons || true
+    for _ in $(seq 100); do
+        # shellcheck disable=SC2086
+        if ! kill -0 $daemons 2>/dev/null && rm -rf "$folder" 2>/dev/null; then return; fi
+        sleep 0.1
+    done
+}
+trap 'ended=$?; leave; exit $ended' EXIT
 until sinfo --noheader --states=idle | grep -q idle; do sleep 0.5; done
 "$@"
