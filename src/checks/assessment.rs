@@ -1,7 +1,7 @@
 //! Assessment of a scene before its run: dimensionless numbers, the models and fluid laws that apply, and warnings where model or
 //! method leave their range.
 
-use std::f64::consts::{FRAC_PI_4, TAU};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use nalgebra::Vector2;
 
@@ -13,7 +13,7 @@ use crate::fluid::{Fluid, Force, Forces};
 use crate::head::pose;
 use crate::integrator::{Integrator, StepControl};
 use crate::metrics::Energy;
-use crate::model::{Mechanics, Model, chain};
+use crate::model::{Drive, Mechanics, Model, chain};
 use crate::modes::{Matrices, Modes, StableSteps};
 use crate::number_format::{signed, significant, two_digits};
 use crate::reduced::MODELS;
@@ -624,6 +624,25 @@ impl Assessment {
                 "solver.model = \"shape\" gives the rod its natural shape, which without [actuation] never changes: a passive tail neither bends nor swims by bending; model = \"full\" or \"overdamped\" lets it bend".to_string(),
             );
         }
+        if scene.head.kind == HeadKind::Driven
+            && scene.head.position_m.is_none()
+            && scene.head.angle_rad.is_none()
+            && scene.head.input.is_none()
+        {
+            warnings.push(
+                "head.kind = \"driven\" has neither head.position_m nor head.angle_rad: the head stands still unless a host moves it".to_string(),
+            );
+        }
+        if let Some((_, Drive { amplitude, frequency: 0.0 })) = stepper.model().actuation
+            && amplitude != 0.0
+        {
+            let bends = |phase: f64| natural_curvature(stepper.model(), phase).iter().any(|kappa| *kappa != 0.0);
+            if !bends(0.0) && bends(FRAC_PI_2) {
+                warnings.push(
+                    "actuation.frequency_hz = 0 keeps this wave at its phase, where it bends nothing; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] keeps it at its crest".to_string(),
+                );
+            }
+        }
         // Steps that a tolerance chooses are judged by it.
         let fixed = match stepper.pace() {
             StepControl::Fixed(step) => Some(step),
@@ -788,6 +807,9 @@ fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
 /// Half the tip's range of motion (m) in the shape that the actuation prescribes.
 fn prescribed_tip(model: &Model) -> Option<f64> {
     let (actuation, drive) = model.actuation.as_ref()?;
+    if drive.frequency == 0.0 {
+        return Some(0.0);
+    }
     let head = model.head.as_ref().map(|motion| pose(motion, 0.0));
     let shapes = regime::shapes(&model.rod, &**actuation, *drive, head.as_ref());
     let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();

@@ -21,6 +21,7 @@ use crate::fluid::Fluid;
 use crate::head::Signal;
 use crate::metrics::{Measurements, Power, RunMetrics};
 use crate::model::{Dynamics, Model};
+use crate::number_format::percent;
 use crate::rod::node;
 use crate::system::State;
 
@@ -30,8 +31,22 @@ pub const MAX_CYCLES: usize = 4;
 /// Cycles are periodic if they differ by no more than this, relative.
 const PERIODIC_TOLERANCE: f64 = 0.01;
 
-/// Differences of means are relative to at least this fraction of the mean modulus, because means may nearly cancel over a cycle.
-const CANCELLATION_FLOOR: f64 = 0.01;
+/// Differences of speed and thrust are relative to at least this fraction of the mean modulus, because means may nearly cancel over a
+/// cycle. What a symmetric beat cancels wholly, lateral force and moment, is relative to the mean modulus itself.
+const CANCELLATION_FLOOR: f64 = 0.1;
+
+/// The names of the powers, in the order of the work in [`Integrals`].
+const POWERS: [&str; index::ALL - index::WORK] = [
+    "power of the actuation",
+    "power into drag",
+    "power of the loads",
+    "power of the head",
+    "power of the flow",
+    "power into the wake",
+    "power of other forces",
+    "power into spray",
+    "power into the material",
+];
 
 /// A swimmer that moves less than this fraction of its length per cycle is at rest.
 const MIN_DISTANCE: f64 = 1e-9;
@@ -376,27 +391,60 @@ impl Cycle {
         })
     }
 
-    /// True if it equals `other`, the next one, within [`PERIODIC_TOLERANCE`].
-    fn is_similar(&self, other: &Self) -> bool {
+    /// What differs most from `other`, the next cycle.
+    fn difference(&self, other: &Self) -> CycleDifference {
         let of = |cycle: &Self| {
             let [ahead, aside] = cycle.along_and_across(cycle.velocity());
             let [thrust, lift] = cycle.along_and_across(cycle.mean_vector(index::FORCE));
-            let means = [ahead, aside, thrust, lift, cycle.mean(index::MOMENT)];
-            (means, [0, 1, 2, 3, 4, 5, 6, 7].map(|i| cycle.power(i)))
+            [ahead, aside, thrust, lift, cycle.mean(index::MOMENT)]
         };
-        let ((means, powers), (others, other_powers)) = (of(self), of(other));
-        let sizes = |[a, b]: [f64; 2]| a.hypot(b);
-        let scale = |size: f64, place: usize| size.max(CANCELLATION_FLOOR * other.mean(place));
-        let (speed, force) = (
-            scale(sizes([others[0], others[1]]), index::PATH),
-            scale(sizes([others[2], others[3]]), index::FORCE_MODULUS),
-        );
-        let moment = scale(others[4].abs(), index::MOMENT_MODULUS);
-        let power = other_powers.iter().fold(0.0, |max: f64, power| max.max(power.abs()));
-        let near = |a: &[f64], b: &[f64], scales: &[f64]| {
-            a.iter().zip(b).zip(scales).all(|((a, b), scale)| (a - b).abs() <= PERIODIC_TOLERANCE * scale)
-        };
-        near(&means, &others, &[speed, speed, force, force, moment]) && near(&powers, &other_powers, &[power; 8])
+        let (means, others) = (of(self), of(other));
+        let scale = |size: f64, floor: f64, place: usize| size.max(floor * other.mean(place));
+        let (speed, force) = (others[0].hypot(others[1]), others[2].hypot(others[3]));
+        let scales = [
+            ("speed", scale(speed, CANCELLATION_FLOOR, index::PATH)),
+            ("lateral speed", scale(speed, 1.0, index::PATH)),
+            ("thrust", scale(force, CANCELLATION_FLOOR, index::FORCE_MODULUS)),
+            ("lateral force", scale(force, 1.0, index::FORCE_MODULUS)),
+            ("moment", scale(others[4].abs(), 1.0, index::MOMENT_MODULUS)),
+        ];
+        let power = (0..POWERS.len()).fold(0.0, |max: f64, i| max.max(other.power(i).abs()));
+        let of_means = scales.into_iter().enumerate().map(|(i, (name, scale))| (name, means[i] - others[i], scale));
+        let of_powers = POWERS.into_iter().enumerate().map(|(i, name)| (name, self.power(i) - other.power(i), power));
+        let none = CycleDifference { quantity: scales[0].0, relative: 0.0 };
+        of_means.chain(of_powers).fold(none, |largest, (quantity, change, scale)| {
+            let relative = if change == 0.0 { 0.0 } else { change.abs() / scale };
+            if relative > largest.relative { CycleDifference { quantity, relative } } else { largest }
+        })
+    }
+}
+
+/// What differs most between two cycles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleDifference {
+    /// The quantity, for messages.
+    pub quantity: &'static str,
+    /// Its difference over its size. The size of a lateral force or a moment, which a symmetric beat cancels, is the mean modulus.
+    pub relative: f64,
+}
+
+impl CycleDifference {
+    /// The largest of the differences between each of `cycles` and the next; none for fewer than two.
+    pub fn largest(cycles: &[Cycle]) -> Option<Self> {
+        let differences = cycles.windows(2).map(|pair| pair[0].difference(&pair[1]));
+        differences.reduce(|a, b| if b.relative > a.relative { b } else { a })
+    }
+
+    /// True if it is at most 1 %: the motion is periodic.
+    pub fn is_periodic(&self) -> bool {
+        self.relative <= PERIODIC_TOLERANCE
+    }
+}
+
+/// "the thrust differs by 3.1 %".
+impl std::fmt::Display for CycleDifference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "the {} differs by {}", self.quantity, percent(self.relative))
     }
 }
 
@@ -817,7 +865,7 @@ impl Cycles {
         CycleAverages {
             used: cycles.len(),
             span: cycles.first().zip(cycles.last()).map(|(first, last)| [first.from, last.until]),
-            periodic: is_periodic(cycles),
+            difference: CycleDifference::largest(cycles),
             reason: self.reason(dynamics),
             efficiency_reason: cycles
                 .iter()
@@ -835,12 +883,6 @@ impl Cycles {
     }
 }
 
-/// True if each of `cycles` equals the one before: velocity and force along and across the axis, moment and powers differ by at most
-/// 1 % of their size. None for fewer than two cycles.
-pub fn is_periodic(cycles: &[Cycle]) -> Option<bool> {
-    (cycles.len() > 1).then(|| cycles.windows(2).all(|pair| pair[0].is_similar(&pair[1])))
-}
-
 /// Averages over the last whole cycles of a run, with their spread.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleAverages {
@@ -848,8 +890,8 @@ pub struct CycleAverages {
     pub used: usize,
     /// Times of the start of the first and the end of the last, s.
     pub span: Option<[f64; 2]>,
-    /// Whether the motion [is periodic](is_periodic).
-    pub periodic: Option<bool>,
+    /// What differs most from one cycle to the next; none for fewer than two.
+    pub difference: Option<CycleDifference>,
     /// The reason why there are none.
     pub reason: Option<String>,
     /// The reason why there is no efficiency, if there is none.
@@ -933,9 +975,9 @@ impl std::fmt::Display for CycleAverages {
         if let Some(reason) = &self.efficiency_reason {
             part(f, format!("no efficiency ({reason})"))?;
         }
-        match self.periodic {
-            Some(true) => f.write_str("; periodic"),
-            Some(false) => f.write_str("; not periodic yet: they differ by more than 1 %"),
+        match &self.difference {
+            Some(difference) if difference.is_periodic() => f.write_str("; periodic"),
+            Some(difference) => write!(f, "; not periodic yet: {difference} from cycle to cycle"),
             None => Ok(()),
         }
     }
@@ -946,7 +988,10 @@ impl Serialize for CycleAverages {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("cycles_used", &self.used)?;
-        map.serialize_entry("cycles_periodic", &self.periodic)?;
+        let periodic = self.difference.as_ref().map(CycleDifference::is_periodic);
+        let reason = self.difference.as_ref().filter(|_| periodic == Some(false));
+        map.serialize_entry("cycles_periodic", &periodic)?;
+        map.serialize_entry("cycles_periodic_reason", &reason.map(ToString::to_string))?;
         map.serialize_entry("cycles_from_s", &self.span.map(|span| span[0]))?;
         map.serialize_entry("cycles_until_s", &self.span.map(|span| span[1]))?;
         map.serialize_entry("cycles_reason", &self.reason)?;

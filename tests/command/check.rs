@@ -305,3 +305,31 @@ fn of_a_profile_of_damping_times_no_single_one_is_said() {
         "{said}"
     );
 }
+
+#[test]
+fn what_cannot_move_is_told_before_a_run() {
+    let warned = |text: &str, word: &str| {
+        let (_, answer) = checked(text);
+        answer["warnings"].as_array().unwrap().iter().any(|warning| warning.as_str().unwrap().contains(word))
+    };
+    let still = STRIP.replace("position_m = [0.0, { amplitude = 0.01, frequency_hz = 0.5 }]", "");
+    let (moves, hosted) =
+        ("the head stands still", still.replace("kind = \"driven\"", "kind = \"driven\"\ninput = \"at-end\""));
+    assert!(warned(&still, moves) && !warned(STRIP, moves) && !warned(&hosted, moves));
+    // A standing wave of frequency 0 stays at its phase: at a zero, or at its crest.
+    let wave = "[actuation]\nkind = \"standing-wave\"\nkappa_amp = 3.0\nfrequency_hz = 0.0\n";
+    let bent = format!(
+        "{}{wave}",
+        STRIP.replace(
+            "kind = \"driven\"\nposition_m = [0.0, { amplitude = 0.01, frequency_hz = 0.5 }]",
+            "kind = \"clamped\""
+        )
+    );
+    let crest = format!("{bent}phase_profile_rad = [[0.0, -1.5707963267948966], [1.0, -1.5707963267948966]]\n");
+    let word = "actuation.frequency_hz = 0";
+    assert!(warned(&bent, word) && !warned(&crest, word));
+    for text in [&bent, &crest] {
+        let tip = checked(text).1["tip_amplitude_m"].as_f64();
+        assert!(tip.is_none_or(|tip| tip < 1e-15), "{tip:?}");
+    }
+}

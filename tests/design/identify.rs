@@ -56,7 +56,7 @@ fn clean(document: &Document) -> Markers {
     Markers {
         times: every.clone().map(|n| motion.times[n]).collect(),
         positions: every.map(|n| motion.positions(n).to_vec()).collect(),
-        missing: Vec::new(),
+        ..Markers::default()
     }
 }
 

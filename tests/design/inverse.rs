@@ -349,7 +349,7 @@ fn a_hidden_profile_is_tracked_to_ten_micrometres() {
             let even = scene(EEL, &[&changes[..], &["rod.stiffness_gradient=0.0"]].concat());
             let trajectory = Problem::of(&hidden).unwrap().simulate().unwrap();
             let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
-            let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
+            let target = Markers { times: trajectory.times.clone(), positions, ..Markers::default() };
             let table = DesignTable::of(&even).unwrap();
             let problem = Problem::of(&even).unwrap();
             let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
@@ -397,7 +397,7 @@ fn objectives_have_the_derivatives_of_differences() {
         let mut problem = Problem::of(&scene).unwrap();
         let trajectory = Problem::of(&scene).unwrap().simulate().unwrap();
         let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
-        let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
+        let target = Markers { times: trajectory.times.clone(), positions, ..Markers::default() };
         let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
         let mut dice = Dice(5);
         let mut profile = DesignVector::of(problem.stiffness());

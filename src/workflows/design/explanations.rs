@@ -8,6 +8,7 @@ use super::scenarios::ScenarioResult;
 use super::search::{EstimatedNumber, FEASIBILITY_TOLERANCE, SAME_OPTIMUM, SearchResult, WORST_SCENARIO};
 use super::table::{DesignTable, Goal};
 use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
+use crate::number_format::signed;
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
@@ -224,11 +225,16 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
 
 /// An estimated number.
 pub(super) fn explain_number(number: &EstimatedNumber) -> String {
-    let EstimatedNumber { key, unit, own, value, deviation, verdict } = number;
+    let EstimatedNumber { key, unit, own, value, deviation, discretisation, verdict } = number;
     let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
     let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
     let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));
-    format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}", value / own)
+    let moved = discretisation.filter(|moved| moved.abs() > 0.5 * number.deviation.unwrap_or(f64::INFINITY));
+    let moved = moved.map_or(String::new(), |moved| {
+        let part = signed(100.0 * moved / value.abs(), 2);
+        format!("; a mesh and steps without error would move it by {part} %, which the deviation contains: take more nodes or smaller steps")
+    });
+    format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}{moved}", value / own)
 }
 
 /// A warning if the simulation does not fit the markers.

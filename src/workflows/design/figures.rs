@@ -449,7 +449,7 @@ impl Design {
         {
             let row = |number: &EstimatedNumber| {
                 let verdict = number.verdict.map(Identifiability::words);
-                let EstimatedNumber { key, unit, own, value, deviation, .. } = number;
+                let EstimatedNumber { key, unit, own, value, deviation, discretisation, .. } = number;
                 vec![
                     json!(key),
                     json!(unit),
@@ -457,10 +457,20 @@ impl Design {
                     json!(value),
                     json!(value / own),
                     json!(deviation),
+                    json!(discretisation),
                     json!(verdict),
                 ]
             };
-            let columns = ["key", "unit", "in the scene", "found", "over the scene's", "standard deviation", "verdict"];
+            let columns = [
+                "key",
+                "unit",
+                "in the scene",
+                "found",
+                "over the scene's",
+                "standard deviation",
+                "of it mesh and steps",
+                "verdict",
+            ];
             tables.push(Table {
                 file: "numbers.csv",
                 title: "Numbers of the scene",

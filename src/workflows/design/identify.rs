@@ -59,6 +59,8 @@ pub enum Identifiability {
     DoesNotFit,
     /// The search ended before it was stationary.
     NotConverged,
+    /// The data determine it, but mesh and steps of the simulation move it by more than a tenth.
+    TooCoarse,
     /// Neither the data nor a prior determines it.
     Unobservable,
 }
@@ -73,6 +75,7 @@ impl Identifiability {
             Self::NotToldApart => "not told apart",
             Self::DoesNotFit => "does not fit",
             Self::NotConverged => "not converged",
+            Self::TooCoarse => "mesh or steps too coarse",
             Self::Unobservable => "unobservable",
         }
     }

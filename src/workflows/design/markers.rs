@@ -60,16 +60,28 @@ pub struct Markers {
     pub positions: Vec<Vec<f64>>,
     /// Descriptions of missing samples.
     pub missing: Vec<String>,
+    /// The markers are at every so-manieth node, the first and the last among them; one if it is 0.
+    pub every: usize,
+}
+
+/// The nodes at which markers are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MarkedNodes {
+    /// All of them.
+    All,
+    /// All, every second, every third, …, with the first and the last.
+    Every,
+    /// The tip alone, or all.
+    Tip,
 }
 
 impl Markers {
-    /// Reads the columns time_s, x0_m, y0_m, … of the nodes of `rod`, or time_s, tip_x_m, tip_y_m of a `tip`: at least `least`
+    /// Reads the columns time_s, x0_m, y0_m, … of the `marked` nodes of `rod`, or time_s, tip_x_m, tip_y_m of a tip: at least `least`
     /// samples. Incomplete samples are left out and reported; impossible ones are an error.
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Scene`] with file, line and column where it is not such a table.
-    pub fn read(path: &Path, rod: &Rod, tip: bool, least: usize) -> Result<Self> {
-        let nodes = rod.nodes;
+    pub fn read(path: &Path, rod: &Rod, marked: MarkedNodes, least: usize) -> Result<Self> {
         let refuse = |line: u64, problem: String| Error::Scene {
             place: format!("{}:{line}", path.display()),
             key: String::new(),
@@ -82,16 +94,33 @@ impl Markers {
             .from_path(path)
             .map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
         let header = reader.headers().map_err(|e| refuse(1, e.to_string()))?.clone();
+        let tip = marked == MarkedNodes::Tip && header.iter().eq(["time_s", "tip_x_m", "tip_y_m"]);
+        // Behind a body the nodes of a finer mesh are not among those of a coarser one.
+        let spread = marked == MarkedNodes::Every && rod.front == 0;
+        let count = header.len().saturating_sub(1) / 2;
+        let every = match rod.nodes - 1 {
+            edges if spread && count > 1 && edges % (count - 1) == 0 => edges / (count - 1),
+            _ => 1,
+        };
+        let last = (rod.nodes - 1) / every;
         let expected: Vec<String> = std::iter::once("time_s".to_string())
-            .chain((0..nodes).flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]))
+            .chain((0..=last).flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]))
             .collect();
-        let tip = tip && header.iter().eq(["time_s", "tip_x_m", "tip_y_m"]);
         if !tip && !header.iter().eq(expected.iter().map(String::as_str)) {
             let found = format!("found {} columns from {:?}", header.len(), header.iter().next().unwrap_or_default());
-            let allowed = format!("time_s, x0_m, y0_m, … y{}_m: one marker a node of the scene's rod", nodes - 1);
+            let last = rod.nodes - 1;
+            let each = format!("time_s, x0_m, y0_m, … y{last}_m: one marker a node of the scene's rod");
+            let allowed = match marked {
+                MarkedNodes::Every if spread => format!(
+                    "{each}, or at every second, third, … of its {} nodes, numbered from 0, the first and the last among them",
+                    rod.nodes
+                ),
+                MarkedNodes::All => format!("{each}; with design.variables they may be at every second, third, …"),
+                _ => each,
+            };
             return Err(refuse(1, format!("{found}; allowed: {allowed}")));
         }
-        let (mut markers, mut lines) = (Self::default(), Vec::new());
+        let (mut markers, mut lines) = (Self { every, ..Self::default() }, Vec::new());
         let mut last = f64::NEG_INFINITY;
         for record in reader.records() {
             let record = record.map_err(|e| refuse(e.position().map_or(0, csv::Position::line), e.to_string()))?;
@@ -143,10 +172,27 @@ impl Markers {
         }
     }
 
+    /// The node that marker `k` is at.
+    pub(super) fn node(&self, k: usize) -> usize {
+        k * self.every.max(1)
+    }
+
+    /// Arc length at marker `k`, m.
+    fn arc_length(&self, rod: &Rod, k: usize) -> f64 {
+        rod.arc_length(self.node(k))
+    }
+
+    /// The coordinates of the markers among those of all nodes, or of a rod of `finer` times as many edges, m.
+    pub(super) fn of_nodes<'a>(&'a self, positions: &'a [f64], finer: usize) -> impl Iterator<Item = f64> + 'a {
+        let count = self.positions.first().map_or(0, |row| row.len() / 2);
+        (0..count).flat_map(move |k| [0, 1].map(|axis| positions[2 * self.node(k) * finer + axis]))
+    }
+
     /// The first sample and entry that are impossible for `rod`, and why: nodes cannot be further apart than along the rod.
     fn impossible(&self, rod: &Rod) -> Option<(usize, usize, String)> {
-        let reach =
-            |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + DISTANCE_TOLERANCE * rod.length;
+        let reach = |i: usize, j: usize| {
+            (self.arc_length(rod, i) - self.arc_length(rod, j)).abs() + DISTANCE_TOLERANCE * rod.length
+        };
         let far = |row: &[f64], i: usize, j: usize| {
             (row[2 * i] - row[2 * j]).hypot(row[2 * i + 1] - row[2 * j + 1]) > reach(i, j)
         };
@@ -423,16 +469,14 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|x| x * x).sum::<f64>() / count).sqrt()
 }
 
-/// Root mean square distance (m) of each `finer`-th node from the markers, at each of their times; `None` if the simulation ends
-/// earlier.
+/// Root mean square distance (m) of the nodes of a rod, of `finer` times as many edges as that of the scene, from the markers at each of
+/// their times; `None` if the simulation ends earlier.
 pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize) -> Option<Vec<f64>> {
     let rows = markers.times.iter().zip(&markers.positions);
     rows.map(|(time, row)| {
         let q = trajectory.at(*time)?;
-        let nodes = row.as_chunks::<2>().0;
-        let square =
-            |(k, [x, y]): (usize, &[f64; 2])| (q[2 * k * finer] - x).powi(2) + (q[2 * k * finer + 1] - y).powi(2);
-        Some((nodes.iter().enumerate().map(square).sum::<f64>() / nodes.len() as f64).sqrt())
+        let squares = markers.of_nodes(&q, finer).zip(row).map(|(q, x)| (q - x).powi(2));
+        Some((squares.sum::<f64>() / (row.len() / 2) as f64).sqrt())
     })
     .collect()
 }

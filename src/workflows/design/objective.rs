@@ -98,7 +98,10 @@ impl Objective {
         }
         let outputs = match table.goal {
             Goal::TrackTip => [0, 1].map(|axis| Quantity::Position(nodes - 1, axis).into()).into(),
-            Goal::Identify => (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect(),
+            Goal::Identify => {
+                let marked = (0..nodes).step_by(target.map_or(1, |markers| markers.every.max(1)));
+                marked.flat_map(|k| [0, 1].map(|axis| Quantity::Position(k, axis).into())).collect()
+            }
             Goal::Distance => vec![along],
             Goal::Cycle(_) => Vec::new(),
             _ => vec![along, Work::Actuation.into()],

@@ -178,6 +178,9 @@ pub struct SearchResult {
     /// The unknowns and their values.
     #[serde(skip)]
     pub(super) at: Box<(Unknowns, Vec<f64>)>,
+    /// The Jacobian (m) of the target's coordinates by the unknowns there; `None` if there is no target.
+    #[serde(skip)]
+    pub(super) jacobian: Option<Box<DMatrix<f64>>>,
 }
 
 /// An estimated number of the scene.
@@ -191,8 +194,10 @@ pub struct EstimatedNumber {
     pub own: f64,
     /// Its estimated value.
     pub value: f64,
-    /// Standard deviation, for a target trajectory; `None` if it is unbounded.
+    /// Standard deviation, for a target trajectory; `None` if it is unbounded. [`discretisation`](Self::discretisation) is part of it.
     pub deviation: Option<f64>,
+    /// How far a mesh and steps without error would move it, for identification; `None` if that is not known.
+    pub discretisation: Option<f64>,
     /// Its identifiability, for a target trajectory.
     pub verdict: Option<Identifiability>,
 }
@@ -444,9 +449,11 @@ impl<'a> Search<'a> {
         let objective = self.objective.shown(value.f);
         let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
         let (mut of_numbers, mut confused, mut noise_m) = (Vec::new(), Vec::new(), None);
-        let (mut misfit, mut together) = (None, 1.0);
+        let (mut misfit, mut together, mut by_unknowns) = (None, 1.0, None);
         if let Some((residuals, rows)) = &value.residuals {
-            let svd = jacobian(rows, n).svd(false, true);
+            let by = jacobian(rows, n);
+            by_unknowns = Some(Box::new(&by / self.objective.scale()));
+            let svd = by.svd(false, true);
             singular_values.extend(svd.singular_values.iter().copied());
             singular_values.sort_by(|a, b| b.total_cmp(a));
             let scale = self.objective.scale();
@@ -505,7 +512,7 @@ impl<'a> Search<'a> {
             let deviation =
                 deviation.map(|deviation| deviation * value.abs()).filter(|deviation| deviation.is_finite());
             let (key, unit, own) = (number.label(), number.unit, number.own);
-            EstimatedNumber { key, unit, own, value: *value, deviation, verdict }
+            EstimatedNumber { key, unit, own, value: *value, deviation, discretisation: None, verdict }
         });
         let numbers = numbers.collect();
         Ok(SearchResult {
@@ -530,6 +537,7 @@ impl<'a> Search<'a> {
             interrupted,
             tolerances: Vec::new(),
             at: Box::new((unknowns, x)),
+            jacobian: by_unknowns,
         })
     }
 

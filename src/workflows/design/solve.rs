@@ -16,7 +16,7 @@ use super::explanations::{
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
-use super::markers::{MIN_SAMPLES, Markers, distances, rms};
+use super::markers::{MIN_SAMPLES, MarkedNodes, Markers, distances, rms};
 use super::objective::objective_of;
 use super::refit::Refit;
 use super::robustness::{Check, Robustness, RobustnessChecks};
@@ -157,8 +157,12 @@ impl Design {
         let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
             Some(file) => {
-                let tip = table.goal == Goal::TrackTip;
-                Markers::read(&scene.folder.join(file), &rod, tip, least).map(Some)
+                let marked = match table.goal {
+                    Goal::TrackTip => MarkedNodes::Tip,
+                    Goal::Identify if table.is_searched() => MarkedNodes::Every,
+                    _ => MarkedNodes::All,
+                };
+                Markers::read(&scene.folder.join(file), &rod, marked, least).map(Some)
             }
             None => Ok(None),
         };
@@ -234,6 +238,9 @@ impl Design {
                     search.checkpoint = Checkpoint::open(folder, &scene, &table)?;
                 }
                 let mut found = search.run(&mut tell)?;
+                if let Some(markers) = target.as_ref().filter(|_| table.goal == Goal::Identify) {
+                    found.count_discretisation(document, &scene, &table, markers);
+                }
                 lines.extend(explain_search(&found, &table));
                 let profile = found.profile.clone();
                 if table.goal != Goal::Identify {

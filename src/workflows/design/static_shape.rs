@@ -78,7 +78,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> 
         let reason = "a shape at rest needs a held head: nothing balances the loads of a free rod".to_string();
         return Err(Error::Design { reason });
     }
-    let markers = Markers { times: vec![0.0], positions: vec![positions.to_vec()], missing: Vec::new() };
+    let markers = Markers { times: vec![0.0], positions: vec![positions.to_vec()], ..Markers::default() };
     let still = vec![0.0; positions.len()];
     let sample =
         SmoothedSample { index: 0, q: positions.to_vec(), v: still.clone(), a: still, weights: vec![[1.0, 0.0, 0.0]] };

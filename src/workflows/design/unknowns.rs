@@ -385,6 +385,18 @@ impl Unknowns {
         block.basis.rows.iter().zip(block.basis.joints(part)).map(of).collect()
     }
 
+    /// The relative change of each value of `variable` with a change `by` of the unknowns `x`; empty if it is not an unknown.
+    pub fn changes(&self, variable: &DesignVariable, x: &[f64], by: &[f64]) -> Vec<f64> {
+        let Some((block, first, part)) = self.parts(x).find(|(block, ..)| block.variable == *variable) else {
+            return Vec::new();
+        };
+        let of = |(row, x): (&Vec<(usize, f64)>, f64)| {
+            let value = block.value(x);
+            row.iter().map(|(i, w)| w * by[first + i]).sum::<f64>() * block.slope(value) / value
+        };
+        block.basis.rows.iter().zip(block.basis.joints(part)).map(of).collect()
+    }
+
     /// Starts: in the first block a uniform profile, the source study's gradient, its mirror image, then waves of random phase; in
     /// the others the scene's own values.
     pub fn first(&self, start: usize) -> Vec<f64> {
