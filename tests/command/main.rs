@@ -11,6 +11,7 @@ mod folders;
 mod keeping;
 mod overrides;
 mod page;
+mod recorded;
 mod reference;
 mod results;
 mod scenes;
