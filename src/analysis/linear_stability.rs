@@ -162,7 +162,7 @@ impl SteadyState {
             let problem = "the flow changes in time; allowed: a steady one, as [1.0, 0.0]";
             return Err(unsteady("medium.flow_m_s", problem));
         }
-        (model.actuation, model.start, model.spin) = (None, Start::Jump, 0.0);
+        (model.actuation, model.start, model.spin, model.bent) = (None, Start::Jump, 0.0, None);
         match &mut model.head {
             Some(motion) => *motion = motion.each_ref().map(|signal| Signal::Constant(signal.at(0.0).value)),
             None => {

@@ -412,6 +412,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
         head_input: Default::default(),
         spin: 0.0,
+        bent: None,
     }))
 }
 

@@ -114,7 +114,7 @@ pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive, head: Option<&
         actuation.add(wave, &mut natural, &mut zeros.clone());
         rod.at_joints(&mut natural);
         let mut state = State::zeros(2 * rod.nodes);
-        Start::Shaped.place(rod, &natural, &zeros, head, &mut state);
+        Start::Shaped.place(rod, [&natural, &zeros], None, head, &mut state);
         state
     })
 }

@@ -279,7 +279,7 @@ fn shape_speed(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
         actuation.add(wave, &mut natural, &mut rate);
         [&mut natural, &mut rate].into_iter().for_each(|values| rod.at_joints(values));
         let mut state = State::zeros(2 * rod.nodes);
-        Start::Shaped.place(rod, &natural, &rate, Some(&rest), &mut state);
+        Start::Shaped.place(rod, [&natural, &rate], None, Some(&rest), &mut state);
         for k in 0..rod.nodes {
             let (before, after) = (k.saturating_sub(1), (k + 1).min(rod.nodes - 1));
             let tangent = (node(&state.q, after) - node(&state.q, before)).normalize();

@@ -92,6 +92,8 @@ pub struct Model {
     pub head_input: HeadInput,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
     pub spin: f64,
+    /// Curvature κ_k at the start beside what the start gives it, one entry per node; `None` where there is none.
+    pub bent: Option<Vec<f64>>,
 }
 
 impl Model {
@@ -305,8 +307,8 @@ impl Dynamics {
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
         let [curvature, rate] = self.free_of_moment([&self.natural, &self.natural_rate].map(Vec::clone));
-        let Model { rod, start, spin, .. } = &*self.model;
-        start.place(rod, &curvature, &rate, self.held.as_ref(), state);
+        let Model { rod, start, spin, bent, .. } = &*self.model;
+        start.place(rod, [&curvature, &rate], bent.as_deref(), self.held.as_ref(), state);
         if *spin != 0.0 {
             add_spin(rod, *spin, state);
         }

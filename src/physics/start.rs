@@ -47,14 +47,30 @@ impl Start {
 
     /// Writes the first positions and velocities into `state`.
     ///
-    /// `curvature` and `rate` (1/s) are those of every node where the rod is free of moments, `held` is the pose of a held head.
-    pub fn place(&self, rod: &Rod, curvature: &[f64], rate: &[f64], held: Option<&Pose>, state: &mut State) {
+    /// `curvature` and its `rate` (1/s) are those of every node where the rod is free of moments, `bent` is curvature beside that which the
+    /// start gives, and `held` the pose of a held head.
+    pub fn place(
+        &self,
+        rod: &Rod,
+        [curvature, rate]: [&[f64]; 2],
+        bent: Option<&[f64]>,
+        held: Option<&Pose>,
+        state: &mut State,
+    ) {
         let (origin, speed, angle, spin) = match held {
             Some([x, y, angle]) => {
                 (Vector2::new(x.value, y.value), Vector2::new(x.rate, y.rate), angle.value, angle.rate)
             }
             None => (Vector2::zeros(), Vector2::zeros(), 0.0, 0.0),
         };
+        if let (false, Some(bent)) = (matches!(self, Self::Shaped), bent) {
+            chain(rod, bent, &vec![0.0; rod.nodes], [origin, Vector2::zeros()], [angle, 0.0], state);
+            add(&mut state.v, 0, speed);
+            if held.is_none() {
+                straighten(rod, state);
+            }
+            return;
+        }
         if !matches!(self, Self::Shaped) {
             let direction = Vector2::new(angle.cos(), angle.sin());
             for k in 0..rod.nodes {
@@ -64,7 +80,9 @@ impl Start {
             state.links.iter_mut().take(rod.nodes - 1).for_each(|link| link.angle = angle);
             return;
         }
-        chain(rod, curvature, rate, [origin, speed], [angle, spin], state);
+        let mut shape = curvature.to_vec();
+        shape.iter_mut().zip(bent.into_iter().flatten()).for_each(|(shape, bent)| *shape += bent);
+        chain(rod, &shape, rate, [origin, speed], [angle, spin], state);
         if held.is_none() {
             straighten(rod, state);
             rest(rod, state);

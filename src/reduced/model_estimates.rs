@@ -283,6 +283,9 @@ impl Estimator {
         let strained = self.dynamics.natural.iter().any(|k| *k != 0.0);
         let moving = self.dynamics.held.is_some_and(|pose| pose.iter().any(|s| s.rate != 0.0));
         let model = &self.dynamics.model;
+        if model.bent.is_some() {
+            return no_estimate("the rod is let go from a curvature of its own, and rings");
+        }
         if model.start != Start::Shaped && (strained || moving) {
             return no_estimate("the rod is released into its motion at once, and rings");
         }

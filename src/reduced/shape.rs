@@ -26,7 +26,7 @@ pub static MODEL: ModelKind = ModelKind {
     method: Some("Dormand-Prince 5(4)"),
     needs_drag: false,
     estimate: Some(|estimates| &estimates.shape),
-    refuses: too_many_steps,
+    refuses: unsuitable,
     build: |_| Box::new(Shape::default()),
 };
 
@@ -44,8 +44,13 @@ pub fn stable_rate(model: &Model, times: &TimeScales) -> f64 {
     if model.head.is_none() { 1.0 / (STABLE * times.stops[0]) } else { 0.0 }
 }
 
-/// Why a run of `duration` (s) cannot be solved by this model, if it would take too many steps.
-fn too_many_steps(model: &Arc<Model>, duration: f64) -> Option<String> {
+/// Why a run of `duration` (s) cannot be solved by this model: the rod begins bent otherwise, or it would take too many steps.
+fn unsuitable(model: &Arc<Model>, duration: f64) -> Option<String> {
+    if model.bent.is_some() {
+        return Some(
+            "start.curvature_1_m bends the rod beside its natural curvature, which it keeps there; allowed: \"overdamped\" or \"full\"".into(),
+        );
+    }
     let times = TimeScales::of(&Dynamics::new(Arc::clone(model)), duration);
     let steps = stable_rate(model, &times) * duration;
     (steps > MAX_STEPS).then(|| {

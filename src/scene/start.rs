@@ -3,8 +3,9 @@
 use serde::Deserialize;
 
 use super::key_error::KeyError;
-use super::value::{Finite, Positive};
+use super::value::{Finite, NumberOrProfile, Positive, refused};
 use super::{HeadKind, HeadTable};
+use crate::rod::Rod;
 use crate::start::Start;
 
 /// `[start]`.
@@ -17,6 +18,8 @@ pub struct StartTable {
     pub kind: StartKind,
     /// Duration of the ramp, s; only with `kind = "ramp"`.
     pub ramp_s: Option<Positive>,
+    /// Curvature of the rod at the start, 1/m: held so, it is let go at rest. With `kind = "shaped"` it comes beside the natural curvature.
+    pub curvature_1_m: Option<NumberOrProfile<Finite>>,
     /// Initial angular velocity of the whole rod about its centre of mass, rad/s; only with a free head.
     pub spin_rad_s: Option<Finite>,
 }
@@ -48,7 +51,21 @@ impl StartTable {
         if self.spin_rad_s.is_some() && head.kind != HeadKind::Free {
             return fault("start.spin_rad_s", "found with a held head; allowed: only with a free one");
         }
-        Ok(())
+        match self.curvature_1_m.as_ref().and_then(NumberOrProfile::disorder) {
+            None => Ok(()),
+            Some(found) => fault(
+                "start.curvature_1_m",
+                &refused(found, "a number, or points [xi, 1/m] with rising xi from 0 to 1"),
+            ),
+        }
+    }
+
+    /// The curvature κ of every node of `rod` at the start beside that which the start gives it; `None` where there is none.
+    pub(super) fn bent(&self, rod: &Rod) -> Option<Vec<f64>> {
+        let profile = self.curvature_1_m.as_ref()?.profile();
+        let mut bent = (0..rod.nodes).map(|k| profile.at(rod.xi(k)) * rod.spacing).collect::<Vec<f64>>();
+        rod.at_joints(&mut bent);
+        Some(bent)
     }
 
     pub(super) fn build(&self) -> Start {

@@ -21,7 +21,8 @@ pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &Ac
     let rod = &dynamics.model.rod;
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
     if dynamics.model.start == Start::Shaped && effect.bends() {
-        let followed = dynamics.free_of_moment([&dynamics.natural, &dynamics.natural_rate].map(Vec::clone));
+        let mut followed = dynamics.free_of_moment([&dynamics.natural, &dynamics.natural_rate].map(Vec::clone));
+        followed[0].iter_mut().zip(dynamics.model.bent.iter().flatten()).for_each(|(shape, bent)| *shape += bent);
         let mut change = [vec![0.0; rod.nodes], vec![0.0; rod.nodes]];
         for k in effect.joints.clone() {
             (change[0][k], change[1][k]) = (effect.natural(shape, k), effect.rate(shape, k));

@@ -27,7 +27,7 @@ A key without a default is **required** or has no effect if absent. Some types c
 "#;
 
 /// Units by the ends of keys, longer ends first.
-const UNITS: [(&str, &str); 22] = [
+const UNITS: [(&str, &str); 23] = [
     ("moment_of_inertia_kg_m2", "kg m²"),
     ("_n_s_m2", "N s/m²"),
     ("_kg_m3", "kg/m³"),
@@ -48,6 +48,7 @@ const UNITS: [(&str, &str); 22] = [
     ("ramp_s", "s"),
     ("window_s", "s"),
     ("_w", "W"),
+    ("_1_m", "1/m"),
     ("_m", "m"),
     ("_n", "N"),
 ];
