@@ -531,6 +531,14 @@ measure!(BODY_LENGTHS, "body_lengths", "", "1", "body lengths per cycle, |U|T/L"
     c.velocity().norm() * c.period() / d.model.rod.length
 ));
 measure!(
+    TIP_EXCURSION,
+    "tip_excursion",
+    "_m",
+    "m",
+    "peak-to-peak excursion A of the tip over a cycle, across the mean path through the fluid or, of a head that stays, across its mean axis",
+    |c, _| Some(c.excursion)
+);
+measure!(
     STROUHAL,
     "strouhal_number",
     "",
@@ -659,12 +667,13 @@ measure!(
 );
 
 /// All measures, in the order of display.
-pub const MEASURES: [CycleMeasure; 23] = [
+pub const MEASURES: [CycleMeasure; 24] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
     DIRECTION,
     BODY_LENGTHS,
+    TIP_EXCURSION,
     STROUHAL,
     SLIP,
     THRUST,

@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
-pub const QUANTITIES: [SummaryQuantity; 22] = [
+pub const QUANTITIES: [SummaryQuantity; 23] = [
     SummaryQuantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
     SummaryQuantity::new("mean_thrust_n", "mean thrust", "N", true),
@@ -25,6 +25,7 @@ pub const QUANTITIES: [SummaryQuantity; 22] = [
     SummaryQuantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
     SummaryQuantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
     SummaryQuantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
+    SummaryQuantity::new("cycle_tip_excursion_m", "excursion of the tip over whole cycles", "m", true),
     SummaryQuantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
     SummaryQuantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
     SummaryQuantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),

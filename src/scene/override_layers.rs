@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeArray, DeTable, DeValue};
 
 use super::key_error::KeyError;
 use super::value::{SIGNAL_KEYS, refused};
@@ -45,15 +45,38 @@ pub(super) fn merge_layer<'a>(
     Ok(())
 }
 
-/// Applies a layer to the layers below it, table by table. Functions of time are values.
+/// Applies a layer to the layers below it, table by table. Functions of time are values. The entries of a list are keyed by their places from
+/// 0, as in `head.position_m.1.amplitude`.
 pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
             (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
+            (Some(DeValue::Array(base)), (DeValue::Table(over), _)) if are_places(&over, base.len()) => {
+                apply_to_entries(base, over);
+            }
             (_, (value, span)) => {
                 base.remove(&key); // with its old span
                 base.insert(key, Spanned::new(span, value));
             }
+        }
+    }
+}
+
+/// True if all keys are places in a list of so many entries.
+fn are_places(table: &DeTable<'_>, count: usize) -> bool {
+    !table.is_empty() && table.keys().all(|key| key.get_ref().parse::<usize>().is_ok_and(|place| place < count))
+}
+
+/// Applies a layer to the entries of a list.
+fn apply_to_entries<'a>(base: &mut DeArray<'a>, over: DeTable<'a>) {
+    for (key, value) in over {
+        let Some(entry) = key.get_ref().parse().ok().and_then(|place: usize| base.get_mut(place)) else { continue };
+        match (entry.get_mut(), value.into_inner_with_span()) {
+            (DeValue::Table(base), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
+            (DeValue::Array(base), (DeValue::Table(over), _)) if are_places(&over, base.len()) => {
+                apply_to_entries(base, over);
+            }
+            (_, (value, span)) => *entry = Spanned::new(span, value),
         }
     }
 }

@@ -890,6 +890,7 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::FORWARD_SPEED, |v, _| v.average(&cycle::FORWARD_SPEED)),
     average(&cycle::DIRECTION, |v, _| v.average(&cycle::DIRECTION)),
     average(&cycle::BODY_LENGTHS, |v, _| v.average(&cycle::BODY_LENGTHS)),
+    average(&cycle::TIP_EXCURSION, |v, _| v.average(&cycle::TIP_EXCURSION)),
     average(&cycle::STROUHAL, |v, _| v.average(&cycle::STROUHAL)),
     average(&cycle::SLIP, |v, _| v.average(&cycle::SLIP)).when(ACTUATION),
     average(&cycle::THRUST, |v, _| v.average(&cycle::THRUST)).when(HELD_HEAD),

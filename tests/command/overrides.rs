@@ -35,7 +35,7 @@ duration_s = 0.1
 "#;
 
 /// Keys of every table with values, some of which exclude each other or are refused by themselves.
-const SETTINGS: [(&str, &[&str]); 48] = [
+const SETTINGS: [(&str, &[&str]); 50] = [
     ("name", &["other", "a/b"]),
     ("rod", &["{ nodes = 11 }", "{ length_m = 0.3, nodes = 13 }"]),
     ("rod.nodes", &["9", "17", "2"]),
@@ -73,6 +73,8 @@ const SETTINGS: [(&str, &[&str]); 48] = [
     ("loads.buoyancy", &["true"]),
     ("head.kind", &["free", "clamped"]),
     ("head.position_m", &["[0.0, { amplitude = 0.01, frequency_hz = 1.0 }]"]),
+    ("head.position_m.1.amplitude", &["0.02"]),
+    ("actuation.envelope.1", &["0.4"]),
     ("head.angle_rad", &["0.1", "{ amplitude = 0.2, frequency_hz = 2.0 }", "{ phase_rad = 0.1 }"]),
     ("head.angle_rad.phase_rad", &["0.7"]),
     ("head.angle_rad.amplitude", &["0.05"]),
@@ -267,4 +269,36 @@ fn a_table_is_read_once_and_what_becomes_of_its_file_changes_nothing() {
         assert_eq!(sweep.job(1).unwrap().hash, job.hash);
     }
     assert_ne!(Sweep::read(&path, &[]).unwrap().job(1).unwrap().hash, job.hash, "another reading sees another table");
+}
+
+/// An entry of a list has a key: its place, from 0. So one coordinate of a head, one point load, one end of an envelope can be overridden, and
+/// be the axis of a sweep.
+#[test]
+fn entries_of_lists_are_overridden_by_their_places() {
+    let heave = "head.position_m=[0.0, { amplitude = 0.01, frequency_hz = 1.0 }]";
+    let whole = "head.position_m=[0.0, { amplitude = 0.01, frequency_hz = 3.0 }]";
+    let same = |one: &[&str], other: &[&str]| {
+        let [one, other] = [one, other].map(|overrides| outcome(overrides).unwrap().0);
+        assert_eq!(one.fingerprint(), other.fingerprint());
+    };
+    // In a layer of its own, as a sweep's axis is, or a second document's.
+    let layered = |first: &[&str], second: &str| {
+        let mut document = Document::new("tail.toml", TAIL);
+        first.iter().for_each(|text| document.set(text).unwrap());
+        document.begin_layer();
+        document.set(second).unwrap();
+        document.scene()
+    };
+    let entry = layered(&[heave], "head.position_m.1.frequency_hz=3.0").unwrap();
+    assert_eq!(entry.fingerprint(), outcome(&[whole]).unwrap().0.fingerprint());
+    same(&["actuation.envelope=[0.5, 0.5]"], &["actuation={ envelope = [0.5, 0.5] }"]);
+    let mut envelope = layered(&["actuation.envelope=[0.5, 0.5]"], "actuation.envelope.0=0.25").unwrap();
+    assert_eq!(envelope.actuation.take().unwrap().envelope.map(|x| x.get()), [0.25, 0.5]);
+    let loads = "loads.point=[{ node = -1, force_n = [0.0, 1.0] }, { node = 4, force_n = [1.0, 0.0] }]";
+    let load = layered(&[loads], "loads.point.1.force_n.0=2.0").unwrap();
+    let other = "loads.point=[{ node = -1, force_n = [0.0, 1.0] }, { node = 4, force_n = [2.0, 0.0] }]";
+    assert_eq!(load.fingerprint(), outcome(&[other]).unwrap().0.fingerprint());
+    // Beyond the end there is none.
+    let beyond = layered(&[heave], "head.position_m.2.frequency_hz=3.0").unwrap_err().to_string();
+    assert!(beyond.contains("head.position_m"), "{beyond}");
 }

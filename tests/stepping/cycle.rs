@@ -108,6 +108,7 @@ fn every_measure_is_what_its_formula_makes_of_a_cycle() {
         (cycle::PERIOD, period),
         (cycle::SPEED, speed),
         (cycle::BODY_LENGTHS, speed * period / rod.length),
+        (cycle::TIP_EXCURSION, cycle[0].excursion),
         (cycle::STROUHAL, cycle[0].excursion / period / speed),
         (cycle::ACTUATION_POWER, power),
         (cycle::VISCOUS_POWER, (now.viscous - work.viscous) / period),
@@ -160,6 +161,7 @@ fn a_rod_that_is_swung_and_washed_as_a_whole_has_the_thrust_power_and_strouhal_n
         (cycle::HEAD_FORCE_X, along * length * u),
         (cycle::HEAD_POWER, 0.5 * across * length * (TAU * f * a).powi(2)),
         (cycle::BODY_LENGTHS, u * 0.8 / length),
+        (cycle::TIP_EXCURSION, 2.0 * a),
         (cycle::EFFICIENCY, -along * u * u / (0.5 * across * (TAU * f * a).powi(2))), // it brakes
     ];
     for (measure, expected) in expected {

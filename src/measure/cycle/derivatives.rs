@@ -5,7 +5,8 @@ use nalgebra::Vector2;
 
 use super::{
     Cycle, CycleMeasure, CycleSource, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, MAX_CYCLES, MAX_STEP_RATIO,
-    MEASURES, PERIOD, PHASE_ROUNDING, REACTIVE_THRUST, STROUHAL, ends_in, index, interpolate, set_vector, vector,
+    MEASURES, PERIOD, PHASE_ROUNDING, REACTIVE_THRUST, STROUHAL, TIP_EXCURSION, ends_in, index, interpolate,
+    set_vector, vector,
 };
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::{Key, PowerKind};
@@ -196,7 +197,7 @@ impl Cycles {
 
 /// True if a measure has derivatives: all but durations, angles, extremes, and contributions to the thrust.
 pub fn is_differentiable(measure: &CycleMeasure) -> bool {
-    let others = [PERIOD, DIRECTION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST];
+    let others = [PERIOD, DIRECTION, TIP_EXCURSION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST];
     others.iter().all(|other| other.key != measure.key)
 }
 
