@@ -272,11 +272,20 @@ fn made(recorded: &Recorded, longer: f64) -> String {
             panic!("{}: no {file} among {there:?}", recorded.name)
         });
         writeln!(text, "\n== {file}").unwrap();
-        for line in content.lines() {
+        let lines = if file.ends_with(".csv") { columns(&content) } else { content };
+        for line in lines.lines() {
             writeln!(text, "{}", rounded(line)).unwrap();
         }
     }
     text
+}
+
+/// The columns of a table, a line each, so that a changed one is a changed line.
+fn columns(table: &str) -> String {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(table.as_bytes());
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let column = |i: usize| rows.iter().map(|row| &row[i]).collect::<Vec<_>>().join(", ") + "\n";
+    (0..rows[0].len()).map(column).collect()
 }
 
 /// A part of a line: a number with its text, what may be any number, or what is between numbers.
