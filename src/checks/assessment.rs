@@ -636,8 +636,10 @@ impl Assessment {
         if let Some((_, Drive { amplitude, frequency: 0.0 })) = stepper.model().actuation
             && amplitude != 0.0
         {
-            let bends = |phase: f64| natural_curvature(stepper.model(), phase).iter().any(|kappa| *kappa != 0.0);
-            if !bends(0.0) && bends(FRAC_PI_2) {
+            let largest = |phase: f64| {
+                natural_curvature(stepper.model(), phase).iter().fold(0.0, |max: f64, kappa| max.max(kappa.abs()))
+            };
+            if largest(0.0) < 1e-6 * largest(FRAC_PI_2) {
                 warnings.push(
                     "actuation.frequency_hz = 0 keeps this wave at its phase, where it bends nothing; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] keeps it at its crest".to_string(),
                 );
@@ -657,15 +659,27 @@ impl Assessment {
             ));
         }
         let strained = stepper.metrics().first_energy > 0.0;
-        if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained {
-            let rings = format!("the jump start rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
+        let bent = stepper.model().bent.iter().flatten().any(|kappa| *kappa != 0.0);
+        let jumps = scene.start.kind == StartKind::Jump && scene.actuation.is_some();
+        if strained && (jumps || bent) {
+            let [start, advice] = if bent {
+                let longest = rounded_down(MAX_RESOLVED_PHASE / self.first_frequency);
+                [
+                    "the rod, let go from its bend,".to_string(),
+                    format!("a step of at most {longest:e} s resolves the slowest of it"),
+                ]
+            } else {
+                ["the jump start".to_string(), "start.kind = \"shaped\" has no ringing".to_string()]
+            };
+            let rings = format!("{start} rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
                 Some(ringing) if ringing > MAX_RESOLVED_PHASE => warnings.push(format!(
-                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start.kind = \"shaped\" has no ringing"
+                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; {advice}"
                 )),
                 Some(_) => {}
+                None if bent => {}
                 None => warnings.push(format!(
-                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; start.kind = \"shaped\" has no ringing"
+                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; {advice}"
                 )),
             }
         }

@@ -13,7 +13,7 @@ use crate::scene::Scene;
 const MAX_BALANCE_DEFECT: f64 = 0.05;
 
 /// Impulses along an axis count for at least this part of all: they may cancel along it.
-const CANCELLATION_FLOOR: f64 = 0.1;
+const CANCELLATION_FLOOR: f64 = 0.03;
 
 /// Rounding errors of a position, in units of the machine epsilon, that the energy balance may contain.
 const POSITION_ROUNDINGS: f64 = 16.0;
@@ -36,8 +36,13 @@ fn finer(pace: StepControl) -> &'static str {
 
 /// The energy (J) of rounding errors: that of edges whose ends are rounded at their positions.
 pub(crate) fn rounding_energy(rod: &Rod, positions: &[f64]) -> f64 {
+    rod.ea * rod.length * rounding_strain(rod, positions).powi(2)
+}
+
+/// The strain of an edge whose ends are rounded at their positions.
+fn rounding_strain(rod: &Rod, positions: &[f64]) -> f64 {
     let reach = positions.iter().fold(rod.length, |max, x| max.max(x.abs()));
-    rod.ea * rod.length * (POSITION_ROUNDINGS * f64::EPSILON * reach / rod.spacing).powi(2)
+    POSITION_ROUNDINGS * f64::EPSILON * reach / rod.spacing
 }
 
 /// A note on an energy balance that does not close beyond `rounding` (J): a sign of steps that are too large, or of a wrong root of
@@ -58,7 +63,7 @@ fn balance_note(metrics: &RunMetrics, rounding: f64, pace: StepControl) -> Optio
 }
 
 /// A note on a momentum balance that does not close: the mean forces are off by as much.
-fn momentum_note(metrics: &RunMetrics, mass: f64, pace: StepControl) -> Option<String> {
+fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], pace: StepControl) -> Option<String> {
     let Resultants { drag, wake, spray, inertia: _, flow, load, head, other } = metrics.totals.impulse;
     let parts = [
         metrics.first_momentum,
@@ -73,15 +78,17 @@ fn momentum_note(metrics: &RunMetrics, mass: f64, pace: StepControl) -> Option<S
         other,
     ];
     // Where they cancel: what moves the rod at its mean speed, and what the largest power takes there.
-    let motion = (2.0 * mass * metrics.totals.energy_time.kinetic / metrics.elapsed()).sqrt();
+    let motion = (2.0 * rod.total_mass() * metrics.totals.energy_time.kinetic / metrics.elapsed()).sqrt();
     let speed = metrics.across().map_or(0.0, |across| across.speed);
     let effort = if speed > 0.0 { largest_work(&metrics.totals.work) / speed } else { 0.0 };
     let whole = parts.iter().fold(motion.max(effort), |max, impulse| max.max(impulse.norm()));
     let defects = metrics.momentum_defect();
+    // The force of an edge whose ends are rounded at their positions.
+    let rounding = rod.ea * rounding_strain(rod, positions) * metrics.elapsed();
     [0, 1].into_iter().find_map(|axis| {
         let largest = parts.iter().fold(0.0, |max: f64, impulse| max.max(impulse[axis].abs()));
         let (defect, scale) = (defects[axis].abs(), largest.max(CANCELLATION_FLOOR * whole));
-        (defect > MAX_BALANCE_DEFECT * scale).then(|| {
+        (defect > MAX_BALANCE_DEFECT * scale && defect > rounding).then(|| {
             format!(
                 "the momentum balance along {} does not close: {defect:.3e} N s are missing, {:.0} % of the largest impulse, and mean forces are off by {:.1e} N; a smaller {} shows whether they stand",
                 ["x", "y"][axis],
@@ -133,7 +140,7 @@ pub(crate) fn notes(
     let left = metrics.across().map(|across| scene.range_notes(&model.forces, &model.rod, across));
     (warnings.iter().cloned())
         .chain(balance_note(metrics, rounding_energy(&model.rod, positions), pace))
-        .chain(momentum_note(metrics, model.rod.total_mass(), pace))
+        .chain(momentum_note(metrics, &model.rod, positions, pace))
         .chain(motion_notes(metrics, pace))
         .chain(left.into_iter().flatten())
         .collect()

@@ -32,10 +32,8 @@ const LARGEST_QUADRATIC_CONSTANT: f64 = 0.1;
 /// A foreseen increment counts as this many times as large.
 const SAFETY_FACTOR: f64 = 4.0;
 
-/// The axial force EA e/ℓ that a spared increment e leaves is at most this many tolerances, times EI/L²: 1 % of that force with the
-/// default tolerance of adaptive steps. A tolerance is a length; without this bound the mean force on the head of a tail with
-/// EA L²/EI = 1.1e8 had the wrong sign, and that of `models/elastic-tail-in-oil.toml` was off by 20 %.
-const SPARED_FORCE: f64 = 3e4;
+/// The axial force EA e/ℓ that a spared increment e leaves is at most this many tolerances, times EI/L².
+const SPARED_FORCE: f64 = 1e5;
 
 /// The same for the smallest tolerances: no smaller force than this part of EI/L² is asked for.
 const LEAST_SPARED_FORCE: f64 = 1e-4;
@@ -162,6 +160,15 @@ impl Newton {
         let spared = self.tolerance.min(force / (nodes * slenderness));
         let enough = (spared / (LARGEST_QUADRATIC_CONSTANT * slenderness)).sqrt() / nodes;
         Self { spared, sufficient_first_increment: enough, ..self }
+    }
+
+    /// The same for a rod whose head is held, by adaptive steps: what the last increment e leaves, a stretch (e/ℓ)²/2 of an edge, is in the
+    /// force on the head, so that its tension may be `part` of EI/L². It spares no iteration: the mean force on the head of a gentle
+    /// motion goes with the square of its amplitude, as what is left does.
+    pub fn exact_in_force(self, slenderness: f64, part: f64) -> Self {
+        let most = (2.0 * part / slenderness).sqrt() / self.nodes as f64;
+        let tolerance = self.tolerance.min(most);
+        Self { tolerance, spared: tolerance, ..self }
     }
 
     /// The form that it solves.

@@ -40,7 +40,7 @@ pub struct SolverTable {
     /// Duration of the run, s.
     pub duration_s: Positive,
     /// Newton's method stops when the displacement increment divided by the rod length is below this. By default 1e-10 with
-    /// fixed steps, and `tolerance`/1000, at most 1e-6, with adaptive ones.
+    /// fixed steps, and `tolerance`/1000, at most 1e-6 and less where a stiff rod's head is held, with adaptive ones.
     pub newton_tolerance: Option<Tolerance>,
     /// The linear solver.
     #[serde(default)]

@@ -38,6 +38,9 @@ use crate::variable::{self, Causality, VARIABLES, Variable, View};
 /// How many times a failing step is halved before the error is returned: down to 1/1024 of its size.
 const MAX_HALVINGS: u32 = 10;
 
+/// The part of EI/L², times the tolerance of adaptive steps, that Newton's method may leave as the tension of an edge where a head is held.
+const HEAD_FORCE_PART: f64 = 0.01;
+
 /// The bounds of the factor between successive adaptive steps, and the safety factor of the step size.
 const STEP_FACTORS: [f64; 2] = [0.2, 5.0];
 const SAFETY: f64 = 0.9;
@@ -238,8 +241,14 @@ impl Stepper {
         let own = || if solved { taken.form(&model.rod) } else { Form::Positions };
         let form = form.unwrap_or_else(own);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
-        let newton =
-            if taken.newton_may_predict() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
+        let slenderness = model.rod.slenderness_squared();
+        let newton = match taken.pace() {
+            _ if !taken.newton_may_predict() => newton,
+            StepControl::Adaptive(tolerance) if model.head.is_some() => {
+                newton.exact_in_force(slenderness, HEAD_FORCE_PART * tolerance)
+            }
+            _ => newton.foreseeing(slenderness),
+        };
         let mut start =
             Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.start_error(&error))?;
         if matches!(start.pace, StepControl::Adaptive(_)) {

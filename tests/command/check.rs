@@ -326,6 +326,17 @@ fn what_cannot_move_is_told_before_a_run() {
         )
     );
     let crest = format!("{bent}phase_profile_rad = [[0.0, -1.5707963267948966], [1.0, -1.5707963267948966]]\n");
+    // A bend that rings faster than the steps.
+    let swings = "which the time step does not resolve";
+    let released = STRIP.replace(
+        "kind = \"driven\"\nposition_m = [0.0, { amplitude = 0.01, frequency_hz = 0.5 }]",
+        "kind = \"clamped\"\n[start]\ncurvature_1_m = 1.0",
+    );
+    assert!(
+        warned(&released, swings)
+            && !warned(&released.replace("= 1.0", "= 0.0"), swings)
+            && !warned(&released, "shaped")
+    );
     let word = "actuation.frequency_hz = 0";
     assert!(warned(&bent, word) && !warned(&crest, word));
     for text in [&bent, &crest] {

@@ -641,6 +641,9 @@ duration_s = 3.0
     let damped = "rod.loss_factor=0.1";
     for (text, changes, noted) in [
         (strip, &[][..], [false; 2]),
+        // At rest there is nothing but rounding.
+        (strip, &["head.angle_rad=0.3"][..], [false; 2]),
+        (strip, &["head.angle_rad=0.3", "head.position_m=[1.0, 2.0]", "solver.time_step_s=0.01"][..], [false; 2]),
         (strip, &["solver.newton_tolerance=1e-4"][..], [true, false]),
         (smooth, &[damped][..], [false, true]),
         (smooth, &[damped, "solver.time_step_s=1e-4"][..], [false; 2]),

@@ -329,7 +329,7 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         ("a=1\nb=2", "--set a=1\nb=2: allowed: table.key=value on one line"),
         ("rod=3", "--set rod=3: rod: found 3; allowed: a table"),
         ("rod.nodes.x=3", "--set rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
-        ("loads.point.0.node=3", "--set loads.point.0.node=3: loads.point: found a table; allowed: a list in brackets"),
+        ("loads.point.9.node=3", "--set loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
         ("name=a/b", "--set name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
         (
             "drag.head_weight=-1",

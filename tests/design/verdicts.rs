@@ -135,31 +135,28 @@ fn what_a_mesh_moves_is_in_the_deviation_of_what_is_identified_with_it() {
         let errors: Vec<[f64; 3]> = (found.numbers.iter().zip([1.3e6, 0.01, 1.0]))
             .map(|(number, truth)| {
                 let (moved, deviation) = (number.discretisation.unwrap(), number.deviation.unwrap());
-                let noise = (deviation * deviation - moved * moved).sqrt();
-                [
-                    (number.value - truth) / noise,
-                    (number.value + moved - truth) / noise,
-                    (number.value - truth) / deviation,
-                ]
+                let error = number.value - truth;
+                [error / deviation, (error + moved) / error, moved.abs() / deviation]
             })
             .collect();
         println!("{nodes} nodes, every {every}: {errors:.2?} {:?}", found.numbers);
         (errors, found.numbers)
     };
-    // By noise alone the truth is up to 38.9 deviations off, and what mesh and steps move takes most of that away: measured 0.09 of it with 17
-    // nodes, 0.38 with 33, beside which the data's own 65 are no longer fine. With them it is within 0.92.
+    // By noise alone the truth was up to 38.9 deviations off. What mesh and steps move is nearly all of the deviation, the truth is within 0.92
+    // of it, and moved by it the damping time is off by 0.09 of what it was with 17 nodes, by 0.38 with 33, beside which the data's own 65 are
+    // no longer fine.
     let mut of_damping = Vec::new();
     for (nodes, every, noise, part) in [(17, 4, 3e-4, 0.15), (33, 8, 1e-4, 0.5)] {
         let (errors, numbers) = found(nodes, every, noise);
-        let worst = |i: usize| errors.iter().fold(0.0, |max: f64, error| max.max(error[i].abs()));
-        assert!(worst(0) > 8.0 && worst(1) < part * worst(0) && worst(2) < 1.5, "{errors:?}");
+        assert!(errors.iter().all(|error| error[0].abs() < 1.5) && errors[1][1].abs() < part, "{errors:?}");
+        assert!(errors[..2].iter().all(|error| error[2] > 0.9), "{errors:?}");
         assert!(numbers.iter().all(|number| number.verdict == Some(Identifiability::Identified)), "{numbers:?}");
         of_damping.push(numbers[1].deviation.unwrap());
     }
     assert!(of_damping[1] < of_damping[0] / 3.0, "{of_damping:?}");
     // So coarse a mesh does not fit, and is said so; its deviations hold.
     let (errors, numbers) = found(9, 8, 1e-4);
-    assert!(errors.iter().all(|error| error[2].abs() < 1.5), "{errors:?}");
+    assert!(errors.iter().all(|error| error[0].abs() < 1.5), "{errors:?}");
     assert!(numbers.iter().all(|number| number.verdict == Some(Identifiability::DoesNotFit)), "{numbers:?}");
 }
 
@@ -523,4 +520,36 @@ fn a_fit_has_converged_where_only_what_the_data_do_not_know_goes_on() {
         found.numbers
     );
     assert!(found.converged, "{}", found.why);
+}
+
+/// Meshes of twice the nodes, in which what was found is tried again, are the same scene: behind a head body, and with loads where they were.
+#[test]
+fn a_finer_mesh_is_the_same_scene() {
+    let identified = |changes: &[&str], variables: &str| {
+        let fine = [changes, &["rod.damping_time_s=0.01", "solver.duration_s=0.6"]].concat();
+        let folder = markers(&fine, 1e-5, 7, |_| ());
+        let path = folder.path().join("scene.toml");
+        let wanted = format!("[design]\ngoal = \"identify\"\ndata = \"data.csv\"\nvariables = {variables}\n");
+        std::fs::write(&path, format!("{TAIL}{wanted}")).unwrap();
+        let mut document = Document::read(&path).unwrap();
+        fine.iter().for_each(|change| document.set(change).unwrap());
+        let design = Design::of(&document, |_| std::ops::ControlFlow::Continue(())).unwrap();
+        println!("{:#?}", design.lines);
+        let finer = design.lines.iter().find(|line| line.contains("17 nodes")).unwrap().clone();
+        let Answer::Search(found) = design.answer else { panic!("no search") };
+        (found, finer)
+    };
+    let body = ["head.kind=free", "head_body={ semi_axis_along_m = 0.02, semi_axis_across_m = 0.015, mass_kg = 0.02 }"];
+    let (found, finer) = identified(&body, "[\"rod.youngs_modulus_pa\"]");
+    assert!(found.numbers[0].discretisation.is_some() && !finer.contains("fails"), "{finer}");
+    // A load in the middle would be at a quarter of the rod.
+    let load = ["loads.point=[{ node = 4, force_n = [0.0, 0.02] }, { node = -3, force_n = [0.0, 0.01] }]"];
+    let (found, _) = identified(&load, "[\"rod.youngs_modulus_pa\"]");
+    let own = &found.numbers[0];
+    println!("{own:?}");
+    assert!(own.discretisation.unwrap().abs() < 0.1 * own.value, "{own:?}"); // measured 0.037, in a quarter 0.9
+    // Joints know the mesh as numbers do.
+    let (found, _) = identified(&[], "[\"stiffness\", \"medium.viscosity_pa_s\"]");
+    println!("{:?}", found.deviations);
+    assert!(found.deviations.iter().all(|deviation| *deviation > 0.01), "{:?}", found.deviations);
 }

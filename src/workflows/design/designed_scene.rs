@@ -1,6 +1,7 @@
 //! Scenes with a design: the document of a scene with the values of a design, other time steps, methods or meshes.
 
 use super::design_vector::DesignVector;
+use super::markers::finer_node;
 use crate::error::{Error, Result};
 use crate::integrator::StepControl;
 use crate::rod;
@@ -26,8 +27,19 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
         ("as designed".to_string(), Vec::new()),
         (format!("time step {step:e} s"), vec![format!("solver.time_step_s={step:e}")]),
         (other.to_string(), vec![format!("solver.integrator={other}")]),
-        (format!("{finer} nodes"), vec![format!("rod.nodes={finer}")]),
+        (format!("{finer} nodes"), [vec![format!("rod.nodes={finer}")], moved_loads(scene, 2)].concat()),
     ]
+}
+
+/// The changes that keep point loads where they are on a mesh of `finer` times as many edges.
+fn moved_loads(scene: &Scene, finer: usize) -> Vec<String> {
+    let front = usize::from(scene.head_body.is_some());
+    let loads = scene.loads.iter().flat_map(|loads| &loads.point).enumerate();
+    let moved = |node: i64| match usize::try_from(node) {
+        Ok(node) => finer_node(node, finer, front) as i64,
+        Err(_) => finer as i64 * (node + 1) - 1,
+    };
+    loads.map(|(i, load)| format!("loads.point.{i}.node={}", moved(load.node))).collect()
 }
 
 /// The scene of `document` with `changes`, a profile of its joints, and `numbers`.

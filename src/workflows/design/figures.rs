@@ -272,7 +272,7 @@ impl Design {
             let error = |motion: &Trajectory| -> Vec<(f64, f64)> {
                 match self.table.goal {
                     Goal::Identify => {
-                        let all = distances(motion, target, 1).unwrap_or_default();
+                        let all = distances(motion, target, (1, 0)).unwrap_or_default();
                         target.times.iter().copied().zip(all).collect()
                     }
                     _ => {

@@ -182,10 +182,16 @@ impl Markers {
         rod.arc_length(self.node(k))
     }
 
-    /// The coordinates of the markers among those of all nodes, or of a rod of `finer` times as many edges, m.
-    pub(super) fn of_nodes<'a>(&'a self, positions: &'a [f64], finer: usize) -> impl Iterator<Item = f64> + 'a {
+    /// The coordinates of the markers among those of all nodes, or of the nodes of a rod of `finer` times as many edges that begins at node
+    /// `front`, m.
+    pub(super) fn of_nodes<'a>(
+        &'a self,
+        positions: &'a [f64],
+        (finer, front): (usize, usize),
+    ) -> impl Iterator<Item = f64> + 'a {
         let count = self.positions.first().map_or(0, |row| row.len() / 2);
-        (0..count).flat_map(move |k| [0, 1].map(|axis| positions[2 * self.node(k) * finer + axis]))
+        let node = move |k: usize| finer_node(self.node(k), finer, front);
+        (0..count).flat_map(move |k| [0, 1].map(|axis| positions[2 * node(k) + axis]))
     }
 
     /// The first sample and entry that are impossible for `rod`, and why: nodes cannot be further apart than along the rod.
@@ -469,9 +475,14 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|x| x * x).sum::<f64>() / count).sqrt()
 }
 
-/// Root mean square distance (m) of the nodes of a rod, of `finer` times as many edges as that of the scene, from the markers at each of
-/// their times; `None` if the simulation ends earlier.
-pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize) -> Option<Vec<f64>> {
+/// Where node `k` of a rod that begins at node `front` is on a mesh of `finer` times as many edges.
+pub(super) fn finer_node(k: usize, finer: usize, front: usize) -> usize {
+    if k < front { k } else { front + finer * (k - front) }
+}
+
+/// Root mean square distance (m) of the nodes of a rod, of `finer` times as many edges as that of the scene, which begins at node `front`,
+/// from the markers at each of their times; `None` if the simulation ends earlier.
+pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: (usize, usize)) -> Option<Vec<f64>> {
     let rows = markers.times.iter().zip(&markers.positions);
     rows.map(|(time, row)| {
         let q = trajectory.at(*time)?;

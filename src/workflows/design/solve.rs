@@ -502,7 +502,8 @@ fn replay(
         let variant = scene_with(document, &table.numbers, &changes, profile).ok()?;
         let trajectory = Problem::of(&variant).ok()?.simulate().ok()?;
         let finer = (variant.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
-        distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
+        distances(&trajectory, markers, (finer, usize::from(scene.head_body.is_some())))
+            .map(|distances| rms(distances.iter().copied()))
     };
     let scene_of = |changes: &[String]| scene_with(document, &[], changes, &DesignVector::of(Vec::new()));
     let fixed_scene = scene_of(&fixed);
