@@ -2,8 +2,8 @@
 //!
 //! With half the spacing, and with half the step, the markers' nodes move by Δ. The unknowns that make up for the whole error of either
 //! move by δ = −J⁺cΔ, with the Jacobian J of the coordinates by the unknowns and c = 2ᵖ/(2ᵖ − 1) for an error of order p (Richardson). The
-//! standard deviation of each number and joint contains its parts of both δ, as if they were independent: where steps are not small yet
-//! their signs are not known. A number that mesh and steps decide is not called identified.
+//! standard deviation of each number and joint contains the moduli of its parts of both δ: where steps are not small yet their signs are not
+//! known. A number that mesh and steps decide is not called identified.
 
 use nalgebra::DVector;
 
@@ -36,12 +36,12 @@ impl SearchResult {
         let variables = table.variables.iter().filter(|variable| matches!(variable, DesignVariable::Number(_)));
         let of_numbers: Vec<(f64, f64)> = variables.flat_map(of).collect();
         for (deviation, (step, mesh)) in self.deviations.iter_mut().zip(of_joints) {
-            *deviation = deviation.hypot(step).hypot(mesh);
+            *deviation = deviation.hypot(step.abs() + mesh.abs());
         }
         for (number, (step, mesh)) in self.numbers.iter_mut().zip(of_numbers) {
             let size = number.value.abs();
             number.discretisation = Some((step + mesh) * size).filter(|moved| moved.is_finite());
-            number.deviation = number.deviation.map(|deviation| deviation.hypot(step * size).hypot(mesh * size));
+            number.deviation = number.deviation.map(|deviation| deviation.hypot((step.abs() + mesh.abs()) * size));
             let known = number.deviation.is_some_and(|all| all <= MAX_RELATIVE_DEVIATION * size);
             if number.verdict == Some(Identifiability::Identified) && !known {
                 number.verdict = Some(Identifiability::TooCoarse);
