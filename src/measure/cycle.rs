@@ -17,7 +17,7 @@ use nalgebra::{SVector, Vector2};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
-use crate::fluid::Fluid;
+use crate::fluid::{Fluid, Force};
 use crate::head::Signal;
 use crate::metrics::{Measurements, Power, RunMetrics};
 use crate::model::{Dynamics, Model};
@@ -376,6 +376,7 @@ impl Cycle {
         }
         let held = dynamics.model.head.is_some();
         Some(match self.net_speed(dynamics) {
+            _ if held && !dynamics.model.forces.iter().any(Force::is_of_fluid) => "there is no fluid to push against",
             None if held => {
                 "a head that stays where it is in still water does no useful work: let the water flow, with medium.flow_m_s"
             }

@@ -12,7 +12,7 @@ use twox_hash::XxHash3_128;
 use super::error_location::{key_at, rephrase, span_of};
 use super::files::{Contents, Files};
 use super::key_error::KeyError;
-use super::override_layers::{apply_layer, merge_layer, remove_excluded_keys};
+use super::override_layers::{apply_layer, mark_functions, merge_layer, remove_excluded_keys};
 use super::placeholders::{PLACEHOLDERS, substitute};
 use super::value::refused;
 use super::{Scene, Unchecked};
@@ -306,9 +306,10 @@ impl Document {
         let mut order: Vec<usize> = (0..texts.len()).collect();
         order.sort_by_key(|i| (self.layers[*i], depth(&texts[*i])));
         for (text, number) in order.into_iter().map(|i| (&texts[i], &self.layers[i])) {
-            let table = DeTable::parse(text).map_err(|e| {
+            let mut table = DeTable::parse(text).map_err(|e| {
                 self.error(&root, e.span(), &KeyError { key: String::new(), problem: e.message().into() })
             })?;
+            mark_functions(table.get_mut(), depth(text) + 1);
             if layer.0 != *number {
                 apply_layer(root.get_mut(), std::mem::replace(&mut layer, (*number, DeTable::new())).1);
             }

@@ -45,16 +45,48 @@ pub(super) fn merge_layer<'a>(
     Ok(())
 }
 
-/// Applies a layer to the layers below it, table by table. Functions of time are values. The entries of a list are keyed by their places from
-/// 0, as in `head.position_m.1.amplitude`.
+/// The key of a table that replaces another whole, which no scene has.
+const WHOLE: &str = "\0whole";
+
+/// Marks the functions of time in the value of an override as values: whether a table was written as `{ … }` or as dotted keys is known here
+/// only. `depth` is the number of keys before the value.
+pub(super) fn mark_functions(table: &mut DeTable<'_>, depth: usize) {
+    for (_, value) in table.iter_mut() {
+        if let DeValue::Table(inner) = value.get_mut() {
+            if depth <= 1 && is_function(inner) {
+                inner.insert(Spanned::new(0..0, WHOLE.into()), Spanned::new(0..0, DeValue::Boolean(true)));
+            } else {
+                mark_functions(inner, depth.saturating_sub(1));
+            }
+        }
+    }
+}
+
+/// Takes out the marks of [`mark_functions`].
+fn remove_marks(value: &mut DeValue<'_>) {
+    if let DeValue::Table(table) = value {
+        table.remove(WHOLE);
+        table.iter_mut().for_each(|(_, value)| remove_marks(value.get_mut()));
+    }
+}
+
+/// Applies a layer to the layers below it, table by table. Functions of time are values where they are [marked](mark_functions). The entries of
+/// a list are keyed by their places from 0, as in `head.position_m.1.amplitude`.
 pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
-            (Some(DeValue::Array(base)), (DeValue::Table(over), _)) if are_places(&over, base.len()) => {
-                apply_to_entries(base, over);
+            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !over.contains_key(WHOLE) => {
+                apply_layer(base, over);
             }
-            (_, (value, span)) => {
+            (Some(DeValue::Array(entries)), (DeValue::Table(over), _)) if are_places(&over, entries.len()) => {
+                apply_to_entries(entries, over);
+                // The list is this layer's now.
+                if let Some(list) = base.remove(&key) {
+                    base.insert(key, list);
+                }
+            }
+            (_, (mut value, span)) => {
+                remove_marks(&mut value);
                 base.remove(&key); // with its old span
                 base.insert(key, Spanned::new(span, value));
             }
@@ -72,11 +104,14 @@ fn apply_to_entries<'a>(base: &mut DeArray<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         let Some(entry) = key.get_ref().parse().ok().and_then(|place: usize| base.get_mut(place)) else { continue };
         match (entry.get_mut(), value.into_inner_with_span()) {
-            (DeValue::Table(base), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
+            (DeValue::Table(base), (DeValue::Table(over), _)) if !over.contains_key(WHOLE) => apply_layer(base, over),
             (DeValue::Array(base), (DeValue::Table(over), _)) if are_places(&over, base.len()) => {
                 apply_to_entries(base, over);
             }
-            (_, (value, span)) => *entry = Spanned::new(span, value),
+            (_, (mut value, span)) => {
+                remove_marks(&mut value);
+                *entry = Spanned::new(span, value);
+            }
         }
     }
 }

@@ -302,3 +302,38 @@ fn entries_of_lists_are_overridden_by_their_places() {
     let beyond = layered(&[heave], "head.position_m.2.frequency_hz=3.0").unwrap_err().to_string();
     assert!(beyond.contains("head.position_m"), "{beyond}");
 }
+
+/// Keys of a function of time, one or several, change these alone; the function as a whole replaces it.
+#[test]
+fn keys_of_a_function_of_time_leave_the_others() {
+    let layered = |first: &[&str], second: &[&str]| {
+        let mut document = Document::new("tail.toml", TAIL);
+        first.iter().for_each(|text| document.set(text).unwrap());
+        document.begin_layer();
+        second.iter().try_for_each(|text| document.set(text)).and_then(|()| document.scene())
+    };
+    let whole = |text: &str| outcome(&[text]).unwrap().0.fingerprint();
+    let same = |first: &[&str], second: &[&str], expected: &str| {
+        assert_eq!(layered(first, second).unwrap().fingerprint(), whole(expected), "{second:?}");
+    };
+    // The scene's own has a phase of 0.3.
+    let angle = "head.angle_rad={ amplitude = 0.2, frequency_hz = 2.0, phase_rad = 0.3 }";
+    same(&[], &["head.angle_rad.amplitude=0.2", "head.angle_rad.frequency_hz=2.0"], angle);
+    same(&[], &["head.angle_rad.frequency_hz=2.0", "head.angle_rad.amplitude=0.2"], angle);
+    let bare = "head.angle_rad={ amplitude = 0.2, frequency_hz = 2.0 }";
+    same(&[], &[bare], bare);
+    same(&[], &["head={ angle_rad = { amplitude = 0.2, frequency_hz = 2.0 } }"], bare);
+    same(&[], &[bare, "head.angle_rad.phase_rad=0.3"], angle);
+    // In lists, and vectors by their places.
+    let heave = "head.position_m=[0.0, { amplitude = 0.01, frequency_hz = 1.0, phase_rad = 0.5 }]";
+    let keys = ["head.position_m.1.amplitude=0.02", "head.position_m.1.frequency_hz=2.0"];
+    same(&[heave], &keys, "head.position_m=[0.0, { amplitude = 0.02, frequency_hz = 2.0, phase_rad = 0.5 }]");
+    let flow = "medium.flow_m_s={ amplitude = [0.1, 0.0], frequency_hz = 1.0, phase_rad = 0.2 }";
+    let keys = ["medium.flow_m_s.amplitude.1=0.05", "medium.flow_m_s.frequency_hz=3.0"];
+    same(&[flow], &keys, "medium.flow_m_s={ amplitude = [0.1, 0.05], frequency_hz = 3.0, phase_rad = 0.2 }");
+    // An entry of a list excludes what the list excludes.
+    let profile = "rod.stiffness_profile=[[0.0, 1.0], [1.0, 0.5]]";
+    let both = layered(&[profile], &["rod.stiffness_profile.1.1=0.1", "rod.stiffness_gradient=1.0"]).unwrap_err();
+    assert!(both.to_string().contains("stiffness_gradient"), "{both}");
+    same(&["rod.stiffness_gradient=1.0"], &[profile], profile);
+}

@@ -434,6 +434,10 @@ fn a_symmetric_beat_is_periodic_and_one_that_begins_names_what_differs() {
     let size = swung.metrics().totals.max_on_head[1];
     println!("{} moment {moment:e} of {size:e}", difference(&swung));
     assert!(difference(&swung).is_periodic() && moment.abs() < 1e-3 * size, "{}", difference(&swung));
+    let vacuum = HELD.split("[medium]").next().unwrap().to_string() + HELD.split("ratio = 2.0\n").nth(1).unwrap();
+    let dry = run(&scene_of(&vacuum, &[]));
+    let reason = dry.cycles().averages(dry.view().dynamics).efficiency_reason.unwrap();
+    assert_eq!(reason, "there is no fluid to push against");
     let begun = beat(1.6, soft);
     println!("{}", difference(&begun));
     assert!(!difference(&begun).is_periodic());
