@@ -38,8 +38,8 @@ fi
 
 check cargo fmt --all --check
 check cargo clippy --workspace --all-targets --locked -- --deny warnings
-for feature in "" faer report parquet pictures design fmu cli; do
-    check cargo clippy --quiet --no-default-features --features "$feature" --locked -- --deny warnings
+for features in "" faer report fmu design,parquet cli; do
+    check cargo clippy --quiet --no-default-features --features "$features" --locked -- --deny warnings
 done
 check cargo test --workspace --locked --no-fail-fast
 [ -n "$missing" ] || check sh bindings/python/tests/all.sh
