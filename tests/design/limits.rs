@@ -157,19 +157,26 @@ fn a_mean_that_the_scene_has_not_is_no_limit() {
     assert!(cycle.contains("least_speed_m_s") && cycle.contains("shorter than one cycle"), "{cycle}");
 }
 
+/// The eel of five nodes whose largest moment is limited, and what a design with these further `keys` finds.
+fn limited_eel(most: f64, keys: &str) -> (Document, Box<SearchResult>) {
+    let eel = std::fs::read_to_string("models/design-silicone-eel.toml").unwrap();
+    let mut document = Document::new("eel.toml", eel.split_once("[design]").unwrap().0);
+    let wanted = format!(
+        "design={{ goal = \"distance\", direction = \"-x\", knots = [0.1, 0.9], bounds = [0.2, 5.0], largest_moment_n_m = {most}, {keys} }}"
+    );
+    for change in ["rod.nodes=5", "solver.duration_s=3.0", &wanted] {
+        document.set(change).unwrap();
+    }
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let Answer::Search(found) = design.answer else { panic!("found") };
+    (document, found)
+}
+
 /// Where the largest moment changes from one joint to another it has a kink, and least values beyond a limit that other designs keep.
 #[test]
 fn a_weaker_limit_is_kept_where_a_stronger_one_is() {
     for most in [0.19, 0.2, 0.205, 0.21, 0.22] {
-        let mut document = Document::read("models/design-silicone-eel.toml".as_ref()).unwrap();
-        let wanted = format!(
-            "design={{ goal = \"distance\", direction = \"-x\", knots = [0.1, 0.9], bounds = [0.2, 5.0], starts = 1, largest_moment_n_m = {most} }}"
-        );
-        for change in ["rod.nodes=5", "solver.duration_s=3.0", "solver.integrator=newmark", &wanted] {
-            document.set(change).unwrap();
-        }
-        let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-        let Answer::Search(found) = &design.answer else { panic!("found") };
+        let (document, found) = limited_eel(most, "mean = 1.0, starts = 1");
         // The couples of the joints themselves.
         let rod = document.scene().unwrap().model().unwrap().rod;
         let mut problem = Problem::of(&document.scene().unwrap()).unwrap();
@@ -180,5 +187,17 @@ fn a_weaker_limit_is_kept_where_a_stronger_one_is() {
         println!("{most}: {:.6e} m, {used:.6} of it, {} iterations", found.objective, found.history.len());
         assert!(found.converged && used <= 1.0 + 1e-6, "{most}: {used} {}", found.why);
         assert!((found.limits[0].used / used - 1.0).abs() <= 1e-9, "{most}: {:?} {used}", found.limits);
+    }
+}
+
+/// Of 1600 profiles on a grid (40 by 40 stiffnesses at the knots) 435, 459 and 500 keep these limits, of which 1, 6 and 28 swim the right
+/// way at all: the best of them goes 0.1702, 0.1712 and 0.1779 m. Measured: 0.1706, 0.1716 and 0.1803 m. From the even
+/// profile alone −0.146, −0.028 and 0.1803 m are found.
+#[test]
+fn limits_that_few_designs_keep_are_met_by_one_of_the_best() {
+    for (most, grid) in [(0.2, 0.1702), (0.205, 0.1712), (0.21, 0.1779)] {
+        let found = limited_eel(most, "starts = 3").1;
+        println!("{most}: {:.6e} m, starts {:?}", found.objective, found.starts);
+        assert!(found.converged && found.kept && found.objective >= grid, "{most}: {:?} {}", found.starts, found.why);
     }
 }

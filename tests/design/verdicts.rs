@@ -457,7 +457,11 @@ fn what_is_identified_in_scenes_that_differ_is_true() {
         let (found, lines) = identified(&[&own[..], &[&*changed]].concat(), &folder);
         let errors = errors(&found, &truth);
         let inside = errors.iter().filter(|error| error.abs() <= 2.0).count();
-        let said = lines.iter().any(|line| line.contains("not fit") || line.contains("not those of the data"));
+        let unfit = |line: &&String| line.contains("not fit") || line.contains("not those of the data");
+        let said = lines.iter().any(|line| unfit(&line));
+        if kind == 0 {
+            lines.iter().filter(unfit).for_each(|line| println!("{line}"));
+        }
         println!(
             "{seed} {}: viscosity {viscosity:.1e}, noise {noise:.1e}, factor {factor:.2}: {} identified, {inside} inside, {}{:.1?}",
             DIFFERENCES[kind],

@@ -193,6 +193,11 @@ impl Limits {
         Ok(Self { body, load, means })
     }
 
+    /// True if a simulation tells whether any of them is kept.
+    pub fn are_simulated(&self) -> bool {
+        !self.load.is_empty() || !self.means.is_empty()
+    }
+
     /// The values of all limits at the current point of `problem`; a limit on several loads has several values. `None` if a
     /// simulation fails.
     pub fn at(

@@ -93,6 +93,9 @@ const SUFFICIENT_DECREASE: f64 = 1e-4;
 /// (logarithms, or rad).
 pub(super) const SAME_OPTIMUM: [f64; 2] = [1e-4, 1e-2];
 
+/// Designs that are looked at for each start but the first.
+const SAMPLES_PER_START: usize = 12;
+
 /// Restarts, with a higher penalty, of a start that ends with a violated limit.
 const MAX_RESTARTS: usize = 3;
 
@@ -376,6 +379,7 @@ impl<'a> Search<'a> {
         let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
         let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
+        let sampled = limits.are_simulated();
         if !self.scenarios.is_empty() {
             limits.keep_body_only(); // to the cases
         }
@@ -388,7 +392,11 @@ impl<'a> Search<'a> {
             if only.is_some_and(|only| only < start || only > start && roughness.is_some()) {
                 continue; // the first that can be simulated decides the weight of roughness in all
             }
-            let x = from.clone().map_or_else(|| unknowns.first(start), |x| unknowns.kept(x));
+            let x = match &from {
+                Some(x) => unknowns.kept(x.clone()),
+                None if sampled && start > 0 => self.promising(&unknowns, &limits, start),
+                None => unknowns.first(start),
+            };
             let Some(first) = self.point(&unknowns, &limits, x) else { continue };
             let weight = self.table.smoothness * first.value.f.abs();
             let rough = roughness.get_or_insert_with(|| DMatrix::from_row_slice(n, n, &unknowns.roughness(weight)));
@@ -539,6 +547,24 @@ impl<'a> Search<'a> {
             at: Box::new((unknowns, x)),
             jacobian: by_unknowns,
         })
+    }
+
+    /// Where `start` begins, which is not the first, of a design with limits on what a simulation gives: at the best of several designs.
+    /// Designs that keep such limits may lie in several places apart, and a search that begins outside of all ends in the nearest.
+    fn promising(&mut self, unknowns: &Unknowns, limits: &Limits, start: usize) -> Vec<f64> {
+        let own = unknowns.first(start);
+        let samples = (start - 1) * SAMPLES_PER_START..start * SAMPLES_PER_START;
+        let mut best: Option<([f64; 2], Vec<f64>)> = None;
+        for x in std::iter::once(own.clone()).chain(samples.map(|i| unknowns.sampled(i))) {
+            let Some((value, limits)) = self.at(limits, &unknowns.profile(&x), &[]) else { continue };
+            let point = Iterate { x: DVector::zeros(0), value, limits };
+            let beyond = if point.is_kept() { 0.0 } else { point.violation(PenaltyGroups::Together) };
+            let rank = [beyond, point.value.f];
+            if best.as_ref().is_none_or(|(best, _)| rank < *best) {
+                best = Some((rank, x));
+            }
+        }
+        best.map_or(own, |(_, x)| x)
     }
 
     fn has_converged(&self, end: &StartResult) -> bool {

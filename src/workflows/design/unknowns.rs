@@ -19,6 +19,9 @@ pub const FIXED_UNKNOWN: &str = "fixed";
 /// Singular values below this fraction of the largest are zero.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
+/// Values that a search tries before it starts are up to so many times more or less than the scene's own, if they have no narrower bounds.
+const SAMPLED_FACTOR: f64 = 5.0;
+
 /// The transformation from a value to its unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Transform {
@@ -428,6 +431,40 @@ impl Unknowns {
                 } else {
                     even * factor
                 }));
+            }
+        }
+        self.kept(x)
+    }
+
+    /// The `i`-th of values that fill what the bounds allow, up to a factor of [`SAMPLED_FACTOR`] of the scene's own: each profile between
+    /// one value at the head and one at the tip, each number by itself. In the first four all profiles are at their bounds at either end, as
+    /// limits are often kept there alone. The others are drawn from the additive recurrence of the inverse powers of the root of
+    /// x^(d+1) = x + 1, d the number of values drawn, whose points are spread evenly (M. Roberts, 2018).
+    pub fn sampled(&self, i: usize) -> Vec<f64> {
+        let drawn = |block: &VariableBlock| match block.variable {
+            DesignVariable::Number(_) => block.xi.len(),
+            _ => 2,
+        };
+        let count: usize = self.blocks.iter().map(drawn).sum();
+        let root = (0..60).fold(2.0_f64, |root, _| (1.0 + root).powf(1.0 / (count + 1) as f64));
+        let mut part = 1.0;
+        let mut draw = || {
+            part /= root;
+            (0.5 + (i + 1) as f64 * part).fract()
+        };
+        let mut x = Vec::with_capacity(self.count());
+        for block in &self.blocks {
+            let [low, high] = match block.map {
+                Transform::Same => block.bounds,
+                _ => [block.bounds[0].max(1.0 / SAMPLED_FACTOR), block.bounds[1].min(SAMPLED_FACTOR)],
+            };
+            let [low, high] = if low < high { [low, high] } else { block.bounds }.map(|bound| block.unknown(bound));
+            if let DesignVariable::Number(_) = block.variable {
+                x.extend(block.xi.iter().map(|_| low + draw() * (high - low)));
+            } else {
+                let drawn = [draw(), draw()];
+                let [head, tip] = if i < 4 { [(i & 1) as f64, (i >> 1) as f64] } else { drawn };
+                x.extend(block.xi.iter().map(|xi| low + (head + (tip - head) * xi) * (high - low)));
             }
         }
         self.kept(x)
