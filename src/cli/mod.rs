@@ -125,7 +125,7 @@ enum Command {
     },
     /// Write a commented scene to begin with; asks what it is not told
     New(new::NewArguments),
-    /// Write a run for other programs: VTK for ParaView (pictures and films: caudal.run(...).plot() and .animate() in Python)
+    /// Write a run for other programs: VTK for ParaView, figures as PNG or PDF, films as GIF or MP4
     Export(export::ExportArguments),
     /// Print the JSON Schema of scenes, by which editors complete and check them
     Schema {

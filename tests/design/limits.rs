@@ -92,6 +92,19 @@ fn a_neutral_body_weighs_what_it_displaces_and_a_wall_stays_as_thick_as_asked() 
     }
 }
 
+/// The eel starts by a ramp of one period and speeds up for several: over two cycles its speed still differs, over the last of twelve not.
+#[test]
+fn means_over_cycles_that_still_differ_are_said_to_be() {
+    let lines = |duration: &str| {
+        let mut document = document(&format!("{FASTEST}, iterations = 1"));
+        document.set(&format!("solver.duration_s={duration}")).unwrap();
+        Design::of(&document, |_| ControlFlow::Continue(())).unwrap().lines
+    };
+    let said = |lines: &[String]| lines.iter().any(|line| line.contains("not periodic yet"));
+    let [short, long] = ["2.0", "12.0"].map(lines);
+    assert!(said(&short) && !said(&long), "{short:#?}\n{long:#?}");
+}
+
 #[test]
 fn two_goals_give_a_front_each_point_of_which_runs() {
     let wanted = r#"goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp", "actuation.wavelength_m"], number_bounds = [0.6, 1.5], front = { goal = "cycle_cost_of_transport", better = "smaller", points = 4 }"#;

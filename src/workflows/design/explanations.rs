@@ -11,6 +11,7 @@ use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
 use crate::number_format::signed;
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
+use crate::stepper::Stepper;
 
 /// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
 const MIN_SENSITIVITY: f64 = 1e-2;
@@ -76,6 +77,18 @@ pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
             found.joints.len()
         )
     })
+}
+
+/// What still differs from one cycle to the next at the end of a run of `scene`, over whose last whole cycles means are taken.
+pub(super) fn explain_cycles(scene: &Scene) -> Option<String> {
+    let mut stepper = Stepper::of(scene).ok()?;
+    stepper.do_step(scene.solver.duration_s.get()).ok()?;
+    let averages = stepper.cycles().averages(stepper.view().dynamics);
+    let difference = averages.difference.filter(|difference| !difference.is_periodic())?;
+    Some(format!(
+        "its motion is not periodic yet: {difference} from cycle to cycle, and the means are over these; with a longer solver.duration_s \
+         another design may be better"
+    ))
 }
 
 /// How much stiffness matters in the scene.

@@ -12,7 +12,7 @@ use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
     explain_effect, explain_front, explain_identification, explain_misfit, explain_refit, explain_scenarios,
-    explain_search, explain_tolerances,
+    explain_cycles, explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
@@ -306,6 +306,9 @@ impl Design {
             lines.extend(explain_tolerances(&found.tolerances));
         }
         let designed = designed(document, &scene, &table.numbers, &profile)?;
+        if table.is_over_cycles() {
+            lines.extend(designed.scene().ok().and_then(|scene| explain_cycles(&scene)));
+        }
         let stiffness = if profile.stiffness_n_m2.is_empty() {
             let rod = profile.numbers_in(document, &table.numbers)?.model()?.rod;
             rod.joints().map(|k| rod.joint_stiffness(k)).collect()

@@ -479,6 +479,13 @@ impl DesignTable {
         }
     }
 
+    /// True if its goal, or a limit, is a mean over whole cycles.
+    pub fn is_over_cycles(&self) -> bool {
+        let over = |goal: &Goal| matches!(goal, Goal::Cycle(_));
+        let limited = self.least_speed_m_s.or(self.least_thrust_n).is_some();
+        over(&self.goal) || limited || self.front.as_ref().is_some_and(|front| over(&front.goal))
+    }
+
     /// Number of its starts.
     pub fn start_count(&self) -> usize {
         self.starts.unwrap_or(if self.fits_positions() { 1 } else { 3 }).max(1)
