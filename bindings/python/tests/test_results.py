@@ -214,3 +214,22 @@ def test_a_sweep_of_objects_writes_over_no_file_of_others(tmp_path):
     with pytest.raises(caudal.errors.Error):  # of other axes: what says what the table is of stays
         caudal.sweep(scene, {"actuation.kappa_amp": [0.4]}, out=tmp_path)
     assert "0.6" in own.read_text()
+
+
+def test_names_that_are_not_there_are_errors_that_name_those_that_are(tmp_path):
+    scene = caudal.load("models/baseline.toml", set={"solver.duration_s": 0.05})
+    rows = caudal.sweep(scene, {"rod.nodes": [9, 11]}, out=tmp_path / "sweep")
+    result = caudal.run(scene)
+    simulation = caudal.simulate(scene, ["x_m"])
+    for ask, near in [
+        (lambda: result["time"], "time_s"),
+        (lambda: result.summary["net_displacement"], "net_displacement_m"),
+        (lambda: simulation.outputs["xm"], "x_m"),
+        (lambda: rows[0]["net_displacement"], "net_displacement_m"),
+        (lambda: rows.plot("net_displacement"), "net_displacement_m"),
+    ]:
+        with pytest.raises(KeyError, match=f"did you mean .*`{near}`") as caught:
+            ask()
+        assert isinstance(caught.value, caudal.errors.UnknownVariableError)
+    assert pickle.loads(pickle.dumps(rows))[1]["rod.nodes"] == rows[1]["rod.nodes"] == 11
+    assert json.loads(json.dumps(result.summary)) == result.summary

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 from ._caudal import Scene, _design, _design_parts
 from .distributing import Engine
 from .errors import Error
+from .fields import Fields
 from .optional import optional
 from .result import Source, load
 
@@ -33,7 +34,7 @@ class Design(Mapping[str, Any]):
     """
 
     def __init__(self, content: dict[str, Any]) -> None:
-        self._content = content
+        self._content = Fields(content)
 
     def __getitem__(self, key: str) -> Any:
         return self._content[key]

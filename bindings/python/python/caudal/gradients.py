@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, _parameters, _Simulation
+from .fields import Fields
 from .result import Array, Source, load, names_of
 from .showing import table
 
@@ -93,7 +94,7 @@ class Simulation:
         self.scene = scene
         self._values = dict(values)
         self.times_s: Array = content.times
-        self.outputs: dict[str, Array] = content.values()
+        self.outputs: dict[str, Array] = Fields(content.values())
         self._content = content
 
     @functools.cached_property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import html
 import os
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _film, _pictures, _run, _vtk
-from .errors import UnknownVariableError
+from .fields import Fields, unknown
 from .optional import optional
 
 if TYPE_CHECKING:
@@ -171,15 +170,6 @@ def export(
     return [os.fspath(file) for file in _pictures(folder, names, names_of(formats), folder if out is None else out)]
 
 
-def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
-    """The error for an unknown `name`, with the most similar recorded one."""
-    near = difflib.get_close_matches(str(name), there, n=3)
-    advice = "did you mean " + " or ".join(f"`{other}`" for other in near) + "?" if near else "allowed: " + ", ".join(there)
-    error = UnknownVariableError(f"`{name}` is not recorded; {advice}; run(..., record=[...]) chooses what is")
-    error.name, error.nearest = str(name), near[0] if near else None
-    return error
-
-
 #: Where a legend covers no curve.
 _BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 
@@ -206,7 +196,7 @@ class Result(Mapping[str, Array]):
 
     def __init__(self, scene: Scene, content: Mapping[str, Any]) -> None:
         self.scene = scene
-        self.summary: dict[str, Any] = content["summary"]
+        self.summary = Fields(content["summary"])
         self.notes: list[str] = content["notes"]
         self.variables: dict[str, Variable] = content["variables"]
         self.nodes: npt.NDArray[np.uintp] = content["nodes"]
@@ -222,7 +212,7 @@ class Result(Mapping[str, Array]):
         try:
             return self._arrays[name]
         except KeyError:
-            raise _unknown(name, self._arrays) from None
+            raise unknown(name, self._arrays, "is not recorded", "; run(..., record=[...]) chooses what is") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._arrays)

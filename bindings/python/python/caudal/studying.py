@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Callable, Literal, Optional, Union
 
 from ._caudal import Scene, _runs_of, _study
 from .distributing import Engine
+from .fields import Fields
 from .optional import optional
 from .result import Source, load
 
@@ -110,7 +111,7 @@ class Findings:
         self.folder = content["folder"]
         self.subject: str = content["subject"]
         self.answers: list[str] = content["answers"]
-        self.numbers: dict[str, Any] = content["numbers"]
+        self.numbers = Fields(content["numbers"])
         self.tables: dict[str, dict[str, list[Any]]] = content["tables"]
         self.figures: dict[str, str] = content["figures"]
 

@@ -14,6 +14,7 @@ import numpy as np
 from ._caudal import Scene, _rebuild, _Sweep, _toml, _units
 from .distributing import Distribution, Engine, lost_error
 from .errors import Error
+from .fields import Fields, unknown
 from .optional import optional
 from .result import Source, load
 from .showing import table as html_table
@@ -38,7 +39,7 @@ class Sweep(list[dict[str, Any]]):
     """
 
     def __init__(self, rows: list[dict[str, Any]], folder: Path, axes: list[tuple[str, list[Any], bool]]) -> None:
-        super().__init__(rows)
+        super().__init__(map(Fields, rows))
         self.folder = folder
         self.axes = {name: labels for name, labels, _ in axes}
         self.sampled = {name for name, _, sampled in axes if sampled}
@@ -119,7 +120,7 @@ class Sweep(list[dict[str, Any]]):
         from matplotlib.figure import Figure
 
         if not any(name in row for row in self):
-            raise KeyError(f"{name} is no column; allowed: {', '.join(sorted({key for row in self for key in row}))}")
+            raise unknown(name, sorted({key for row in self for key in row}), "is no column")
         varied = [axis for axis, levels in self.axes.items() if len(levels) > 1]
         if len(varied) == 2 and not self.sampled.intersection(varied):
             return self._heat_map(name, varied[1], varied[0])
