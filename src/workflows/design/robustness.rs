@@ -159,12 +159,14 @@ pub struct Robustness {
 }
 
 impl Robustness {
-    /// Of `checks`, of which the first is the simulation of the design.
+    /// Of `checks`, of which the first is the simulation of the design. A simulation that fails of the design and of what was before, as a
+    /// method at a step that is too long for it, says nothing of either.
     pub(super) fn of(checks: &[Check]) -> Option<Self> {
         let (first, others) = checks.split_first()?;
+        let says = |check: &&Check| check.designed.is_some() || check.before.is_some();
         let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
         let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
-        let least = others.iter().min_by(|a, b| size(a).total_cmp(&size(b)))?;
+        let least = others.iter().filter(says).min_by(|a, b| size(a).total_cmp(&size(b)))?;
         Some(Self {
             gain_percent: gain(first),
             least_percent: gain(least),
@@ -222,4 +224,25 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let viscous = law.resistance.map(|_| format!("drag.viscous={}", law.name));
     let changes = std::iter::once(format!("drag.law={name}")).chain(viscous).collect();
     whole.into_iter().chain([(format!("the law {name}"), changes)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Check, Robustness};
+
+    #[test]
+    fn a_simulation_that_fails_of_both_says_nothing_and_one_that_fails_of_the_design_alone_says_no() {
+        let check = |name: &str, designed: Option<f64>, before: Option<f64>| Check {
+            simulation: name.to_string(),
+            designed,
+            before,
+            gain_percent: designed.zip(before).map(|(designed, before)| 100.0 * (designed / before - 1.0)),
+        };
+        let (own, finer) = (check("as designed", Some(1.2), Some(1.0)), check("finer", Some(1.1), Some(1.0)));
+        let trust = |other: Check| Robustness::of(&[own.clone(), other, finer.clone()]);
+        let both = trust(check("newmark", None, None));
+        assert!(both.is_some_and(|trust| trust.survives && trust.least_in == "finer"));
+        let design = trust(check("newmark", None, Some(1.0)));
+        assert!(design.is_some_and(|trust| !trust.survives && trust.least_in == "newmark"));
+    }
 }
