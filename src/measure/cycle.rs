@@ -35,6 +35,10 @@ const PERIODIC_TOLERANCE: f64 = 0.01;
 /// cycle. What a symmetric beat cancels wholly, lateral force and moment, is relative to the mean modulus itself.
 const CANCELLATION_FLOOR: f64 = 0.1;
 
+/// A moment with a shorter lever than this part of the length, for the mean modulus of the force, is rounding: that of a rod which is driven
+/// along itself.
+const LEAST_LEVER: f64 = 1e-6;
+
 /// The names of the powers, in the order of the work in [`Integrals`].
 const POWERS: [&str; index::ALL - index::WORK] = [
     "power of the actuation",
@@ -392,8 +396,8 @@ impl Cycle {
         })
     }
 
-    /// What differs most from `other`, the next cycle.
-    fn difference(&self, other: &Self) -> CycleDifference {
+    /// What differs most from `other`, the next cycle, of a rod of this `length` (m).
+    fn difference(&self, other: &Self, length: f64) -> CycleDifference {
         let of = |cycle: &Self| {
             let [ahead, aside] = cycle.along_and_across(cycle.velocity());
             let [thrust, lift] = cycle.along_and_across(cycle.mean_vector(index::FORCE));
@@ -407,7 +411,10 @@ impl Cycle {
             ("lateral speed", scale(speed, 1.0, index::PATH)),
             ("thrust", scale(force, CANCELLATION_FLOOR, index::FORCE_MODULUS)),
             ("lateral force", scale(force, 1.0, index::FORCE_MODULUS)),
-            ("moment", scale(others[4].abs(), 1.0, index::MOMENT_MODULUS)),
+            ("moment", {
+                let least = LEAST_LEVER * length * other.mean(index::FORCE_MODULUS);
+                scale(others[4].abs(), 1.0, index::MOMENT_MODULUS).max(least)
+            }),
         ];
         let power = (0..POWERS.len()).fold(0.0, |max: f64, i| max.max(other.power(i).abs()));
         let of_means = scales.into_iter().enumerate().map(|(i, (name, scale))| (name, means[i] - others[i], scale));
@@ -430,9 +437,9 @@ pub struct CycleDifference {
 }
 
 impl CycleDifference {
-    /// The largest of the differences between each of `cycles` and the next; none for fewer than two.
-    pub fn largest(cycles: &[Cycle]) -> Option<Self> {
-        let differences = cycles.windows(2).map(|pair| pair[0].difference(&pair[1]));
+    /// The largest of the differences between each of `cycles` of a rod of this `length` (m) and the next; none for fewer than two.
+    pub fn largest(cycles: &[Cycle], length: f64) -> Option<Self> {
+        let differences = cycles.windows(2).map(|pair| pair[0].difference(&pair[1], length));
         differences.reduce(|a, b| if b.relative > a.relative { b } else { a })
     }
 
@@ -875,7 +882,7 @@ impl Cycles {
         CycleAverages {
             used: cycles.len(),
             span: cycles.first().zip(cycles.last()).map(|(first, last)| [first.from, last.until]),
-            difference: CycleDifference::largest(cycles),
+            difference: CycleDifference::largest(cycles, dynamics.model.rod.length),
             reason: self.reason(dynamics),
             efficiency_reason: cycles
                 .iter()

@@ -884,7 +884,7 @@ pub static VARIABLES: &[Variable] = &[
     output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.metrics.now.moment[k] * bend::curvature_per_turning(v.metrics.now.kappa[k])).sized(Size::Joints).fed(&OWN_NATURAL).changing(joint_moment_change),
 
     output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0),
-    output("cycles_periodic", "1", "1 where these cycles are alike to 1 %, else 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t)).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0),
+    output("cycles_periodic", "1", "1 where these cycles are alike to 1 %, else 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t), v.dynamics.model.rod.length).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0),
     average(&cycle::PERIOD, |v, _| v.average(&cycle::PERIOD)),
     average(&cycle::SPEED, |v, _| v.average(&cycle::SPEED)),
     average(&cycle::FORWARD_SPEED, |v, _| v.average(&cycle::FORWARD_SPEED)),
