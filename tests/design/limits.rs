@@ -100,9 +100,10 @@ fn means_over_cycles_that_still_differ_are_said_to_be() {
         document.set(&format!("solver.duration_s={duration}")).unwrap();
         Design::of(&document, |_| ControlFlow::Continue(())).unwrap().lines
     };
-    let said = |lines: &[String]| lines.iter().any(|line| line.contains("not periodic yet"));
-    let [short, long] = ["2.0", "12.0"].map(lines);
-    assert!(said(&short) && !said(&long), "{short:#?}\n{long:#?}");
+    let [one, short, long] = ["0.75", "2.0", "12.0"].map(lines);
+    let said = |lines: &[String], words: &str| lines.iter().any(|line| line.contains(words));
+    assert!(said(&short, "not periodic yet: the ") && !said(&long, "periodic"), "{short:#?}\n{long:#?}");
+    assert!(said(&one, "over a single cycle"), "{one:#?}");
 }
 
 #[test]
@@ -213,4 +214,22 @@ fn limits_that_few_designs_keep_are_met_by_one_of_the_best() {
         println!("{most}: {:.6e} m, starts {:?}", found.objective, found.starts);
         assert!(found.converged && found.kept && found.objective >= grid, "{most}: {:?} {}", found.starts, found.why);
     }
+}
+
+/// What no design keeps is no gain, and of a speed that is to be reached it is said how much of it is.
+#[test]
+fn a_design_that_breaks_its_limits_is_no_gain() {
+    let most = 10.0;
+    let wanted = format!("{FASTEST}, iterations = 5, least_speed_m_s = {most}");
+    let design = Design::of(&document(&wanted), |_| ControlFlow::Continue(())).unwrap();
+    let Answer::Search(found) = &design.answer else { panic!("found") };
+    assert!(!found.kept && found.tolerances.is_empty());
+    assert!(
+        (found.limits[0].used * found.objective / most - 1.0).abs() < 1e-9,
+        "{:?} {}",
+        found.limits,
+        found.objective
+    );
+    let said = |words: &str| design.lines.iter().any(|line| line.contains(words));
+    assert!(said("no gain: the design does not keep its limits") && !said("survives"), "{:#?}", design.lines);
 }

@@ -427,9 +427,8 @@ fn a_symmetric_beat_is_periodic_and_one_that_begins_names_what_differs() {
         let duration = format!("solver.duration_s={duration}");
         run(&scene_of(&text, &[&[&*duration], changes].concat()))
     };
-    let difference = |tail: &Stepper| {
-        CycleDifference::largest(tail.cycles().whole(tail.time()), tail.model().rod.length).unwrap()
-    };
+    let difference =
+        |tail: &Stepper| CycleDifference::largest(tail.cycles().whole(tail.time()), tail.model().rod.length).unwrap();
     let (soft, long) = (&["rod.youngs_modulus_pa=3e5", "medium.viscosity_pa_s=10.0"], 20.0);
     let swung = beat(long, soft);
     let [moment, _] = of(&swung, &cycle::HEAD_MOMENT).unwrap();

@@ -40,7 +40,8 @@ impl SearchResult {
         }
         for (number, (step, mesh)) in self.numbers.iter_mut().zip(of_numbers) {
             let size = number.value.abs();
-            number.discretisation = Some((step + mesh) * size).filter(|moved| moved.is_finite());
+            let moved = Some((step + mesh) * size).filter(|moved| moved.is_finite());
+            number.discretisation = number.deviation.and(moved);
             number.deviation = number.deviation.map(|deviation| deviation.hypot((step.abs() + mesh.abs()) * size));
             let known = number.deviation.is_some_and(|all| all <= MAX_RELATIVE_DEVIATION * size);
             if number.verdict == Some(Identifiability::Identified) && !known {

@@ -79,16 +79,33 @@ pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     })
 }
 
-/// What still differs from one cycle to the next at the end of a run of `scene`, over whose last whole cycles means are taken.
-pub(super) fn explain_cycles(scene: &Scene) -> Option<String> {
-    let mut stepper = Stepper::of(scene).ok()?;
-    stepper.do_step(scene.solver.duration_s.get()).ok()?;
-    let averages = stepper.cycles().averages(stepper.view().dynamics);
-    let difference = averages.difference.filter(|difference| !difference.is_periodic())?;
-    Some(format!(
-        "its motion is not periodic yet: {difference} from cycle to cycle, and the means are over these; with a longer solver.duration_s \
-         another design may be better"
-    ))
+/// What still differs from one cycle to the next at the end of runs of `designs`, with the names of their cases, over whose last whole
+/// cycles means are taken: of the one in which most does.
+pub(super) fn explain_cycles(designs: &[(Option<String>, Scene)]) -> Option<String> {
+    let remedy = "with a longer solver.duration_s another design may be better";
+    let of = |(case, scene): &(Option<String>, Scene)| {
+        let mut stepper = Stepper::of(scene).ok()?;
+        stepper.do_step(scene.solver.duration_s.get()).ok()?;
+        let averages = stepper.cycles().averages(stepper.view().dynamics);
+        let place = case.as_ref().map_or(String::new(), |case| format!(" in {case}"));
+        match averages.difference {
+            Some(difference) if difference.is_periodic() => None,
+            Some(difference) => Some((
+                difference.relative,
+                format!(
+                    "its motion is not periodic yet{place}: {difference} from cycle to cycle, and the means are over these; {remedy}"
+                ),
+            )),
+            None if averages.used == 0 => None,
+            None => Some((
+                f64::INFINITY,
+                format!(
+                    "the means are over a single cycle{place}, which does not tell whether the motion is periodic; {remedy}"
+                ),
+            )),
+        }
+    };
+    designs.iter().filter_map(of).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, words)| words)
 }
 
 /// How much stiffness matters in the scene.
@@ -158,7 +175,11 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
         });
     }
     for LimitUse { limit, used } in &found.limits {
-        lines.push(format!("limit: {limit}: {:.2} % of it", 100.0 * used));
+        lines.push(if used.is_finite() {
+            format!("limit: {limit}: {:.2} % of it", 100.0 * used)
+        } else {
+            format!("limit: {limit}: nothing of it is reached")
+        });
     }
     lines.extend(found.active.iter().map(|(name, dual)| {
         if let Some(case) = name.strip_prefix(WORST_SCENARIO) {

@@ -526,9 +526,8 @@ fn identify_in(
     let mut found = None;
     let mut data = QuadraticProgram::new(0);
     for _ in 0..REWEIGHTINGS {
-        let knowns: Vec<JointInformation> = (all.iter().zip(&stiffness))
-            .map(|(series, ei)| known(series, motion, entries, gain, *ei, sigma))
-            .collect();
+        let knowns: Vec<JointInformation> =
+            (all.iter().zip(&stiffness)).map(|(series, ei)| known(series, motion, entries, gain, *ei, sigma)).collect();
         let mut programme = QuadraticProgram::new(basis.unknowns);
         // Information (1/variance) of EI/reference.
         let informations: Vec<f64> = knowns

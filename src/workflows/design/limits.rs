@@ -33,11 +33,22 @@ pub(super) struct LimitValue {
     /// Logarithm of the value over the limit, or of the limit over a value that is to be large: feasible if at most 0. In
     /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
+    /// True where what is limited is to be large, see [`below`].
+    #[serde(default)]
+    pub is_least: bool,
     /// Derivatives by the parameters, later by the unknowns.
     pub by: Vec<f64>,
 }
 
 impl LimitValue {
+    /// The value over the limit, or the limit over a value that is to be large: infinite where nothing of that is reached.
+    pub fn used(&self) -> f64 {
+        if self.is_least && self.excess > 2f64.ln() {
+            return (0.5 * (2f64.ln() + 1.0 - self.excess)).max(0.0).recip();
+        }
+        self.excess.exp()
+    }
+
     /// The same constraint among `others`, at another point.
     pub fn among<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others.iter().find(|other| other.of == self.of && other.name == self.name)
@@ -97,7 +108,7 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
 pub struct LimitUse {
     /// A description of the limit.
     pub limit: String,
-    /// Value over the limit, or the limit over a value that is to be large.
+    /// Value over the limit, or the limit over a value that is to be large, infinite where nothing of that is reached.
     pub used: f64,
 }
 
@@ -214,7 +225,7 @@ impl Limits {
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(LimitValue { name: name.clone(), of: [0, 0], excess: own.ln(), by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess: own.ln(), is_least: false, by });
         }
         self.add_loads(problem, parameters, &mut all)?;
         for (name, objective, floor, size) in &self.means {
@@ -225,7 +236,7 @@ impl Limits {
                 None => below(value / floor, 1.0 / floor),
             };
             let by = by.into_iter().map(|by| slope * by).collect();
-            all.push(LimitValue { name: name.clone(), of: [0, 0], excess, by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess, is_least: size.is_none(), by });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
@@ -258,7 +269,8 @@ impl Limits {
                         near.push((*o, n, way / (most * values[n]), all.len()));
                     }
                     let by = vec![0.0; parameters.len()];
-                    all.push(LimitValue { name: name.clone(), of: [load, peak], excess: values[n].ln(), by });
+                    let (name, excess) = (name.clone(), values[n].ln());
+                    all.push(LimitValue { name, of: [load, peak], excess, is_least: false, by });
                 }
             }
         }

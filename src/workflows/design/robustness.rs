@@ -154,16 +154,18 @@ pub struct Robustness {
     pub least_percent: Option<f64>,
     /// The simulation with the least gain.
     pub least_in: String,
-    /// True if the gain is positive in all simulations.
+    /// True if the gain is positive in all simulations, and the limits are kept.
     pub survives: bool,
+    /// True if the design keeps its limits.
+    pub kept: bool,
 }
 
 impl Robustness {
-    /// Of `checks`, of which the first is the simulation of the design. A simulation that fails of the design and of what was before, as a
-    /// method at a step that is too long for it, says nothing of either.
-    pub(super) fn of(checks: &[Check]) -> Option<Self> {
+    /// Of `checks`, of which the first is the simulation of the design, which has `kept` its limits or not. A simulation that fails of what
+    /// was before, as a method at a step that is too long for it, says nothing of a gain.
+    pub(super) fn of(checks: &[Check], kept: bool) -> Option<Self> {
         let (first, others) = checks.split_first()?;
-        let says = |check: &&Check| check.designed.is_some() || check.before.is_some();
+        let says = |check: &&Check| check.before.is_some();
         let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
         let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
         let least = others.iter().filter(says).min_by(|a, b| size(a).total_cmp(&size(b)))?;
@@ -171,7 +173,8 @@ impl Robustness {
             gain_percent: gain(first),
             least_percent: gain(least),
             least_in: least.simulation.clone(),
-            survives: [first, least].into_iter().all(|check| size(check) > 0.0),
+            survives: kept && [first, least].into_iter().all(|check| size(check) > 0.0),
+            kept,
         })
     }
 
@@ -179,6 +182,7 @@ impl Robustness {
     pub(super) fn words(&self) -> String {
         let gain = self.gain_percent.unwrap_or(f64::NAN);
         match (self.survives, self.least_percent) {
+            _ if !self.kept => "no gain: the design does not keep its limits".to_string(),
             (true, Some(least)) => {
                 format!(
                     "the gain of {gain:.2} % survives: the least that the other simulations find is {least:.2} %, with {}",
@@ -231,7 +235,7 @@ mod tests {
     use super::{Check, Robustness};
 
     #[test]
-    fn a_simulation_that_fails_of_both_says_nothing_and_one_that_fails_of_the_design_alone_says_no() {
+    fn a_gain_survives_where_limits_are_kept_and_no_simulation_fails_of_the_design_alone() {
         let check = |name: &str, designed: Option<f64>, before: Option<f64>| Check {
             simulation: name.to_string(),
             designed,
@@ -239,10 +243,14 @@ mod tests {
             gain_percent: designed.zip(before).map(|(designed, before)| 100.0 * (designed / before - 1.0)),
         };
         let (own, finer) = (check("as designed", Some(1.2), Some(1.0)), check("finer", Some(1.1), Some(1.0)));
-        let trust = |other: Check| Robustness::of(&[own.clone(), other, finer.clone()]);
+        let trust = |other: Check| Robustness::of(&[own.clone(), other, finer.clone()], true);
         let both = trust(check("newmark", None, None));
         assert!(both.is_some_and(|trust| trust.survives && trust.least_in == "finer"));
         let design = trust(check("newmark", None, Some(1.0)));
         assert!(design.is_some_and(|trust| !trust.survives && trust.least_in == "newmark"));
+        let before = trust(check("newmark", Some(1.0), None));
+        assert!(before.is_some_and(|trust| trust.survives && trust.least_in == "finer"));
+        let broken = Robustness::of(&[own.clone(), finer.clone()], false);
+        assert!(broken.is_some_and(|trust| !trust.survives && trust.words().contains("does not keep its limits")));
     }
 }

@@ -446,7 +446,7 @@ impl<'a> Search<'a> {
         let (why, kept) = (best.why.clone(), best.point.is_kept());
         let limits = best.point.limits.iter();
         let limits = limits.fold(Vec::new(), |mut all: Vec<LimitUse>, limit| {
-            let (name, used) = (&limit.name, limit.excess.exp());
+            let (name, used) = (&limit.name, limit.used());
             match all.iter_mut().find(|other| other.limit == *name) {
                 Some(other) => other.used = other.used.max(used),
                 None => all.push(LimitUse { limit: name.clone(), used }),
@@ -459,7 +459,8 @@ impl<'a> Search<'a> {
         let (mut of_numbers, mut confused, mut noise_m) = (Vec::new(), Vec::new(), None);
         let (mut misfit, mut together, mut by_unknowns) = (None, 1.0, None);
         if let Some((residuals, rows)) = &value.residuals {
-            let by = jacobian(rows, n);
+            let mut by = jacobian(rows, n);
+            unknowns.fixed().for_each(|i| by.column_mut(i).fill(0.0)); // the data need not tell them
             by_unknowns = Some(Box::new(&by / self.objective.scale()));
             let svd = by.svd(false, true);
             singular_values.extend(svd.singular_values.iter().copied());
@@ -493,6 +494,8 @@ impl<'a> Search<'a> {
                 };
                 deviations = of(&DesignVariable::Stiffness);
                 confused = unidentifiable_groups(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
+                let fixed: Vec<String> = unknowns.fixed().map(|i| unknowns.names()[i].clone()).collect();
+                confused.retain(|group| group.iter().any(|name| !fixed.contains(name)));
                 for variable in self.table.variables.iter().filter(|v| matches!(v, DesignVariable::Number(_))) {
                     of_numbers.extend(of(variable));
                 }
@@ -502,8 +505,8 @@ impl<'a> Search<'a> {
         let profile = unknowns.profile(&x);
         let values = profile.numbers.iter().zip(&self.table.numbers).enumerate();
         let numbers = values.map(|(i, ((key, value), number))| {
-            let deviation = of_numbers.get(i).copied();
             let [low, high] = self.table.bounds_of(&number.key);
+            let deviation = of_numbers.get(i).copied().filter(|_| low < high);
             let bound = [low, high].iter().any(|bound| (value / number.own / bound - 1.0).abs() < 1e-6);
             let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
             let verdict = match deviation {

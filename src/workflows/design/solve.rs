@@ -11,8 +11,8 @@ use super::checkpoint::{self, Checkpoint};
 use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
-    explain_effect, explain_front, explain_identification, explain_misfit, explain_refit, explain_scenarios,
-    explain_cycles, explain_search, explain_tolerances,
+    explain_cycles, explain_effect, explain_front, explain_identification, explain_misfit, explain_refit,
+    explain_scenarios, explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
@@ -271,7 +271,20 @@ impl Design {
                     (evidence.front, evidence.unfinished) =
                         front(&table, &objective, &found, (again, &mut search.checkpoint), &mut tell)?;
                     lines.extend(explain_front(&evidence.front, &table));
-                    if !table.fits_positions() {
+                    if table.is_over_cycles() {
+                        let of = |document: &Document, profile: &DesignVector| {
+                            scene_with(document, &table.numbers, &[], profile).ok()
+                        };
+                        let mut designs = Vec::new();
+                        if search.scenarios.is_empty() {
+                            designs.extend(of(document, &profile).map(|scene| (None, scene)));
+                        }
+                        designs.extend(search.scenarios.iter().filter_map(|case| {
+                            Some((Some(case.name.clone()), of(&case.document, &case.profile(&profile))?))
+                        }));
+                        lines.extend(explain_cycles(&designs));
+                    }
+                    if !table.fits_positions() && found.kept {
                         found.tolerances = search.tolerances(&found);
                     }
                 }
@@ -296,8 +309,9 @@ impl Design {
             };
             lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
         }
+        let kept = !matches!(&answer, Answer::Search(found) if !found.kept);
         if table.goal.is_dynamic()
-            && let Some(trust) = Robustness::of(&evidence.checks)
+            && let Some(trust) = Robustness::of(&evidence.checks, kept)
         {
             lines.push(trust.words());
             evidence.trust = Some(trust);
@@ -306,9 +320,6 @@ impl Design {
             lines.extend(explain_tolerances(&found.tolerances));
         }
         let designed = designed(document, &scene, &table.numbers, &profile)?;
-        if table.is_over_cycles() {
-            lines.extend(designed.scene().ok().and_then(|scene| explain_cycles(&scene)));
-        }
         let stiffness = if profile.stiffness_n_m2.is_empty() {
             let rod = profile.numbers_in(document, &table.numbers)?.model()?.rod;
             rod.joints().map(|k| rod.joint_stiffness(k)).collect()

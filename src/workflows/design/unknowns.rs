@@ -388,6 +388,11 @@ impl Unknowns {
         block.basis.rows.iter().zip(block.basis.joints(part)).map(of).collect()
     }
 
+    /// The unknowns whose bounds are equal.
+    pub fn fixed(&self) -> impl Iterator<Item = usize> {
+        self.blocks.iter().filter(|block| block.is_fixed()).flat_map(VariableBlock::unknowns)
+    }
+
     /// The relative change of each value of `variable` with a change `by` of the unknowns `x`; empty if it is not an unknown.
     pub fn changes(&self, variable: &DesignVariable, x: &[f64], by: &[f64]) -> Vec<f64> {
         let Some((block, first, part)) = self.parts(x).find(|(block, ..)| block.variable == *variable) else {
