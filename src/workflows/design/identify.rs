@@ -500,6 +500,9 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable)
         return Ok(found);
     }
     let shorter = markers.smooth(Some((SHORTER_WINDOW * motion.half as f64).round() as usize))?;
+    if shorter.half == motion.half {
+        return Ok(found); // it was the shortest
+    }
     let other = identify_in(dynamics, markers, table, &shorter)?;
     Ok(if fits(&other) { other } else { found })
 }

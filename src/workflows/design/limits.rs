@@ -34,7 +34,6 @@ pub(super) struct LimitValue {
     /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
     /// True where what is limited is to be large, see [`below`].
-    #[serde(default)]
     pub is_least: bool,
     /// Derivatives by the parameters, later by the unknowns.
     pub by: Vec<f64>,

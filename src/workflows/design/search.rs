@@ -493,9 +493,10 @@ impl<'a> Search<'a> {
                     unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), size)
                 };
                 deviations = of(&DesignVariable::Stiffness);
-                confused = unidentifiable_groups(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
-                let fixed: Vec<String> = unknowns.fixed().map(|i| unknowns.names()[i].clone()).collect();
-                confused.retain(|group| group.iter().any(|name| !fixed.contains(name)));
+                let names = unknowns.names();
+                confused = unidentifiable_groups(&names, v_t, svd.singular_values.as_slice(), noise);
+                let fixed: Vec<&String> = unknowns.fixed().map(|i| &names[i]).collect();
+                confused.retain(|group| group.iter().any(|name| !fixed.contains(&name)));
                 for variable in self.table.variables.iter().filter(|v| matches!(v, DesignVariable::Number(_))) {
                     of_numbers.extend(of(variable));
                 }
