@@ -1,5 +1,10 @@
 //! Means over the last whole cycles with their derivatives: formulas of sums of outputs, whose quadrature weights depend on the times
 //! alone.
+//!
+//! As the frequency f of the actuation changes, the cycles slide through the steps, and a mean carries a ripple of about 10⁻⁵ that repeats
+//! with every step by which the n cycles of the run become shorter. Its slope grows with n, and hides that of the mean after some tens of
+//! cycles. The derivative by f of a run that has more cycles than are averaged is therefore a difference over
+//! δf/f = ±[`TREND_STEP`]/n, some ten ripples but a tenth of what changes the response of n cycles.
 
 use std::sync::Arc;
 
@@ -8,10 +13,13 @@ use super::parameter::Parameter;
 use super::problem::Problem;
 use super::trajectory::Trajectory;
 use crate::cycle::derivatives::{CycleEnd, IntegralDerivatives, IntegralWeights};
-use crate::cycle::{CycleMeasure, Cycles};
+use crate::cycle::{CycleMeasure, Cycles, MAX_CYCLES};
 use crate::error::Result;
 use crate::metrics::{Measurements, RunMetrics};
 use crate::system::System;
+
+/// Step of the differences by the logarithm of the frequency, times the number of cycles.
+const TREND_STEP: f64 = 0.1;
 
 /// An output, the derivative of the mean by it, and its quadrature weights.
 type Part = (Output, Coefficient, fn(&IntegralWeights) -> &[f64]);
@@ -129,7 +137,8 @@ impl Problem {
 
     /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives by `parameters`.
     /// None if there is no such mean or if it is not [differentiable](crate::cycle::derivatives::is_differentiable). A parameter that
-    /// changes the frequency of the drive also moves the ends of the cycles.
+    /// changes the frequency of the drive also moves the ends of the cycles. That by the frequency of the actuation is a difference if the run
+    /// has more cycles than are averaged.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
@@ -153,6 +162,9 @@ impl Problem {
         }
         let outputs: Vec<Output> = parts.into_iter().map(|(output, ..)| output).collect();
         let mut by = self.adjoint(parameters, &outputs, &rows, &trajectory)?;
+        let passed = ends.len() - 1;
+        let slides = parameters.contains(&Parameter::Frequency) && passed > MAX_CYCLES && cycles.follow_actuation();
+        let trend = if slides { self.trend_by_frequency(measure, passed)? } else { None };
         for (by, parameter) in by.iter_mut().zip(parameters) {
             match parameter {
                 Parameter::OfForces(key) => {
@@ -167,10 +179,29 @@ impl Problem {
                         Ok(cycles.mean_as(measure, &place.dynamics, &ends, ratio - 1.0).unwrap_or(f64::NAN))
                     })?;
                 }
+                Parameter::Frequency if let Some(trend) = trend => *by = trend,
                 Parameter::Frequency => *by += cycles.by_frequency(measure, &self.dynamics, &ends),
                 _ => {}
             }
         }
         Ok(Some((mean, by)))
+    }
+
+    /// The derivative of the mean of `measure` by the frequency (Hz) of the actuation as a difference of fourth order, over a step that
+    /// suits a run of `passed` cycles; None if there is no such mean at a frequency of the difference.
+    fn trend_by_frequency(&mut self, measure: &CycleMeasure, passed: usize) -> Result<Option<f64>> {
+        let own = self.inputs().drive.frequency;
+        let step = TREND_STEP / passed as f64;
+        let mut mean = |part: f64| {
+            self.inputs().drive.frequency = own * (1.0 + part * step);
+            self.cycle_mean(measure, &[])
+        };
+        let means: Result<Vec<_>> = [-2.0, -1.0, 1.0, 2.0].into_iter().map(&mut mean).collect();
+        self.inputs().drive.frequency = own;
+        let means: Option<Vec<f64>> = means?.into_iter().map(|mean| Some(mean?.0)).collect();
+        Ok(means.map(|means| {
+            let [near, far] = [means[2] - means[1], means[3] - means[0]];
+            (8.0 * near - far) / (12.0 * step * own)
+        }))
     }
 }

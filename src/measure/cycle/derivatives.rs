@@ -84,6 +84,11 @@ impl Cycles {
         }
     }
 
+    /// True if the frequency of the actuation is that of the cycles.
+    pub(crate) fn follow_actuation(&self) -> bool {
+        self.source == CycleSource::Actuation
+    }
+
     /// The mean of `measure` over the last whole cycles, which lie between the last of `ends`, by its formula in `dynamics`, a slightly
     /// perturbed scene. If the drive has the frequency f/(1 + `stretch`) there instead of f, the ends t = n/f move, and the integrals
     /// between them follow to first order.
@@ -108,7 +113,7 @@ impl Cycles {
     /// The part of the derivative of the mean of `measure` by the frequency (Hz) of the actuation that comes from the motion of the
     /// ends t = n/f of the cycles, the last of `ends`; zero if something else drives the cycles.
     pub(crate) fn by_frequency(&self, measure: &CycleMeasure, dynamics: &Dynamics, ends: &[CycleEnd]) -> f64 {
-        if self.source != CycleSource::Actuation {
+        if !self.follow_actuation() {
             return 0.0;
         }
         // A smooth function of the logarithm of the frequency, by differences of fourth order.
