@@ -401,7 +401,7 @@ def test_the_checks_of_a_design_are_parts_of_their_own(tmp_path):
     assert checks.noun == "check" and checks.size == 4 * len(whole.checks)
     assert checks.describe(2) == f"what was before, {whole.checks[0]['simulation']}, case 0"
     lines, times = caudal._caudal._simulate(checks.parcel(), [0, 1])
-    values = [json.loads(line[17:])["result"][0]["value"] for line in lines]
+    values = [json.loads(line[17:])["result"][0]["value"]["objective"] for line in lines]
     assert min(values) == whole.checks[0]["designed"] and len(times) == 2
     assert checks.keep(lines) == 2 and checks.todo() == list(range(2, checks.size))
     with pytest.raises(caudal.errors.ParcelError, match="no check 99"):

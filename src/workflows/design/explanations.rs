@@ -1,13 +1,16 @@
 //! The results of a design in sentences: what was identified or found, binding limits, the Pareto front, tolerances.
 
 use super::front::ParetoPoint;
-use super::identify::{Identifiability, Identification, JointEstimate};
+use super::identify::{Identifiability, Identification, JointEstimate, identify};
 use super::limits::LimitUse;
+use super::markers::Markers;
 use super::refit::Refit;
 use super::scenarios::ScenarioResult;
 use super::search::{EstimatedNumber, FEASIBILITY_TOLERANCE, SAME_OPTIMUM, SearchResult, WORST_SCENARIO};
 use super::table::{DesignTable, Goal};
 use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
+use crate::fluid::Fluid;
+use crate::model::Dynamics;
 use crate::number_format::signed;
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
@@ -15,6 +18,12 @@ use crate::stepper::Stepper;
 
 /// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
 const MIN_SENSITIVITY: f64 = 1e-2;
+
+/// The fluid whose forces are larger by this factor shows how stiffness follows them.
+const MORE_FLUID: f64 = 1.05;
+
+/// Stiffness follows the fluid if its logarithm moves by more than this part of that of the fluid's forces.
+const FLUID_SHARE: f64 = 0.05;
 
 pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     let count = |verdict: Identifiability| found.joints.iter().filter(|joint| joint.verdict == verdict).count();
@@ -122,6 +131,35 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let verdict =
         if moved < MIN_SENSITIVITY * length { "stiffness does not matter here" } else { "stiffness matters here" };
     Some(format!("{verdict}: 1 % more of it moves the tip by at most {:.1e} m", 0.01 * moved))
+}
+
+/// Says how the identified stiffness follows the forces of the fluid, which the motion alone cannot tell from it, if it does.
+pub(super) fn explain_fluid_share(
+    dynamics: &mut Dynamics,
+    markers: &Markers,
+    table: &DesignTable,
+    found: &Identification,
+) -> Option<String> {
+    let own = dynamics.inputs.fluid;
+    if dynamics.inputs.layers.is_some() {
+        return None;
+    }
+    // All forces of a fluid grow with both by the same factor, at the same Reynolds number.
+    dynamics.inputs.fluid = Fluid { viscosity: own.viscosity * MORE_FLUID, density: own.density * MORE_FLUID, ..own };
+    let moved = identify(dynamics, markers, table);
+    dynamics.inputs.fluid = own;
+    let moved = moved.ok()?;
+    let known = found.joints.iter().zip(&moved.joints);
+    let known =
+        known.filter(|joints| [joints.0, joints.1].iter().all(|joint| joint.verdict == Identifiability::Identified));
+    let ratios: Vec<f64> = known.map(|(own, moved)| (moved.stiffness_n_m2 / own.stiffness_n_m2).ln()).collect();
+    let exponent = ratios.iter().sum::<f64>() / ratios.len() as f64 / MORE_FLUID.ln();
+    (exponent.abs() >= FLUID_SHARE).then(|| {
+        format!(
+            "stiffness follows the fluid: were drag and the water's inertia 10 % larger, the same motion would give {:+.1} % stiffness, and the deviations count no such error",
+            100.0 * (exponent * 1.1_f64.ln()).exp_m1()
+        )
+    })
 }
 
 pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<String> {

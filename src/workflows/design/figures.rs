@@ -402,22 +402,34 @@ impl Design {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
         let value = if self.table.is_searched() { self.table.goal.label() } else { "rms distance (m)" };
+        let limited = self.evidence.checks.iter().any(|check| check.limit.is_some());
+        let limit = |title: &str| if limited { vec![title.to_string()] } else { Vec::new() };
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
             let row = |other: &ComparedProfile| {
                 let gain = design.zip(other.objective).map(|(design, other)| self.table.gain_percent(design, other));
-                vec![json!(other.name), json!(other.objective), json!(gain)]
+                let mut row = vec![json!(other.name), json!(other.objective), json!(gain)];
+                row.extend(limited.then(|| json!(other.breaks)));
+                row
             };
             tables.push(Table {
                 file: "comparison.csv",
                 title: "Against other profiles",
-                columns: names(&["profile", value, "the design is better by (%)"]),
+                columns: [&names(&["profile", value, "the design is better by (%)"])[..], &limit("breaks the limit")]
+                    .concat(),
                 rows: self.evidence.profiles.iter().map(row).collect(),
             });
         }
         if !self.evidence.checks.is_empty() {
             let row = |check: &super::robustness::Check| {
-                vec![json!(check.simulation), json!(check.before), json!(check.designed), json!(check.gain_percent)]
+                let mut row = vec![
+                    json!(check.simulation),
+                    json!(check.before),
+                    json!(check.designed),
+                    json!(check.gain_percent),
+                ];
+                row.extend(limited.then(|| json!(check.limit.as_ref().map(|limit| 100.0 * limit.used))));
+                row
             };
             tables.push(Table {
                 file: "checks.csv",
@@ -427,7 +439,10 @@ impl Design {
                     format!("{value}, before"),
                     format!("{value}, after"),
                     "better by (%)".into(),
-                ],
+                ]
+                .into_iter()
+                .chain(limit("most of a limit (%)").iter().cloned())
+                .collect(),
                 rows: self.evidence.checks.iter().map(row).collect(),
             });
         }
@@ -511,7 +526,10 @@ impl Design {
                     format!("{value}, before"),
                     format!("{value}, after"),
                     "better by (%)".into(),
-                ],
+                ]
+                .into_iter()
+                .chain(limit("most of a limit (%)").iter().cloned())
+                .collect(),
                 rows: self.evidence.cases.iter().map(row).collect(),
             });
         }

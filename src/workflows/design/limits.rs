@@ -103,12 +103,45 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
 }
 
 /// A limit and how much of it is used.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LimitUse {
     /// A description of the limit.
     pub limit: String,
     /// Value over the limit, or the limit over a value that is to be large, infinite where nothing of that is reached.
     pub used: f64,
+}
+
+impl LimitUse {
+    /// The use of each limit among `limits`, in their order.
+    pub(super) fn of(limits: &[LimitValue]) -> Vec<Self> {
+        limits.iter().fold(Vec::new(), |mut all: Vec<Self>, limit| {
+            let (name, used) = (&limit.name, limit.used());
+            match all.iter_mut().find(|other| other.limit == *name) {
+                Some(other) => other.used = other.used.max(used),
+                None => all.push(Self { limit: name.clone(), used }),
+            }
+            all
+        })
+    }
+
+    /// The one of `all` of which most is used.
+    pub(super) fn most(all: impl IntoIterator<Item = Self>) -> Option<Self> {
+        all.into_iter().max_by(|a, b| a.used.total_cmp(&b.used))
+    }
+
+    /// The most used of `limits`, with a finite number, as it is stored.
+    pub(super) fn stored(limits: &[LimitValue]) -> Option<Self> {
+        Self::most(Self::of(limits)).map(|limit| Self { used: limit.used.min(f64::MAX), ..limit })
+    }
+
+    /// Its description if more than it and the `room` beside it, relative, is used.
+    pub(super) fn broken(&self, room: f64) -> Option<String> {
+        let reached = match self.used {
+            f64::MAX.. => "nothing of it is reached".to_string(),
+            used => format!("{:.2} % of it", 100.0 * used),
+        };
+        (self.used > 1.0 + room).then(|| format!("{}, {reached}", self.limit))
+    }
 }
 
 /// A limit on the body: description, and value over the limit.
@@ -201,6 +234,11 @@ impl Limits {
             means.push((format!("{} {side} {floor:.6e}", second.name()), second, floor, Some(size)));
         }
         Ok(Self { body, load, means })
+    }
+
+    /// True if there are none.
+    pub fn are_none(&self) -> bool {
+        self.body.is_empty() && !self.are_simulated()
     }
 
     /// True if a simulation tells whether any of them is kept.

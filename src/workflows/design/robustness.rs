@@ -3,11 +3,12 @@
 
 use std::ops::ControlFlow;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::checkpoint::Checkpoint;
 use super::design_vector::DesignVector;
 use super::designed_scene::{scene_with, simulations};
+use super::limits::{LimitUse, Limits};
 use super::markers::Markers;
 use super::objective::Objective;
 use super::scenarios::Scenario;
@@ -16,6 +17,10 @@ use crate::fluid::laws::{CREEPING, Dependence, DragLaw, LAWS, cross_flow};
 use crate::jobs;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
+
+/// A limit that the design keeps to the last digit is taken to be kept in another simulation that finds this much more, relative: other steps,
+/// methods and meshes find another peak.
+const ROOM: f64 = 0.02;
 
 /// The check simulations of a design.
 pub(super) struct RobustnessChecks<'a> {
@@ -88,19 +93,22 @@ impl<'a> RobustnessChecks<'a> {
         format!("check {index}: {changes:?} of {profile:?}")
     }
 
-    /// The objective in simulation `index`; `None` if it fails.
-    pub fn measure(&self, index: usize) -> Option<f64> {
+    /// The result of simulation `index`; `None` if it fails.
+    pub fn measure(&self, index: usize) -> Option<CheckResult> {
         let ((_, changes), CheckedScene { document, .. }, profile) = self.at(index);
         let scene = scene_with(document, &self.table.numbers, changes, profile?).ok()?;
         let mut problem = Problem::without_derivatives(&scene, scene.model().ok()?).ok()?;
         let own = DesignVector::of(problem.stiffness());
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
-        objective.measure(&mut problem, &own).filter(|value| value.is_finite())
+        let objective_value = objective.measure(&mut problem, &own).filter(|value| value.is_finite())?;
+        let limits = Limits::of(self.table, &mut problem, &objective).ok()?;
+        let limit = if limits.are_none() { None } else { LimitUse::stored(&limits.at(&mut problem, &own, &[])?) };
+        Some(CheckResult { objective: objective_value, limit })
     }
 
     /// Runs all simulations whose results are not in `checkpoint`, on all cores.
     pub fn make(&self, checkpoint: &mut Checkpoint) -> Vec<Check> {
-        let mut found: Vec<Option<f64>> = vec![None; self.count()];
+        let mut found: Vec<Option<CheckResult>> = vec![None; self.count()];
         let todo: Vec<usize> = (0..self.count()).filter(|index| !checkpoint.has(&self.asked(*index))).collect();
         let keep = |index: usize, value| {
             found[index] = value;
@@ -115,22 +123,41 @@ impl<'a> RobustnessChecks<'a> {
             checkpoint.get_or_compute(|| self.asked(index), || value)
         };
         let mut measured = || {
-            let values: Vec<Option<f64>> = self.scenes.iter().map(|_| next()).collect();
-            match values[..] {
+            let results: Vec<Option<CheckResult>> = self.scenes.iter().map(|_| next()).collect();
+            let results = results.into_iter().collect::<Option<Vec<_>>>()?;
+            let values: Vec<f64> = results.iter().map(|result| result.objective).collect();
+            let objective = match values[..] {
                 [value] => value,
-                _ => {
-                    let values = values.into_iter().collect::<Option<Vec<f64>>>()?;
-                    self.table.aggregate().of(&values, self.table.smaller_is_better())
-                }
-            }
+                _ => self.table.aggregate().of(&values, self.table.smaller_is_better())?,
+            };
+            Some(CheckResult {
+                objective,
+                limit: LimitUse::most(results.into_iter().filter_map(|result| result.limit)),
+            })
         };
         let check = |(simulation, _): &(String, Vec<String>)| {
             let (designed, before) = (measured(), measured());
-            let gain_percent = designed.zip(before).map(|(value, before)| self.table.gain_percent(value, before));
-            Check { simulation: simulation.clone(), designed, before, gain_percent }
+            let objective = |result: &Option<CheckResult>| result.as_ref().map(|result| result.objective);
+            let both = objective(&designed).zip(objective(&before));
+            Check {
+                simulation: simulation.clone(),
+                designed: objective(&designed),
+                before: objective(&before),
+                gain_percent: both.map(|(value, before)| self.table.gain_percent(value, before)),
+                limit: designed.and_then(|result| result.limit),
+                limit_before: before.and_then(|result| result.limit),
+            }
         };
         self.simulations.iter().map(check).collect()
     }
+}
+
+/// The result of a check simulation.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct CheckResult {
+    objective: f64,
+    /// The limit that is used most; `None` if there are none.
+    limit: Option<LimitUse>,
 }
 
 /// The objective in another simulation. For identification, the root mean square distance of the rod from the markers (m).
@@ -143,6 +170,10 @@ pub(super) struct Check {
     pub before: Option<f64>,
     /// Relative gain, %.
     pub gain_percent: Option<f64>,
+    /// The limit that the design uses most; `None` if there are none.
+    pub limit: Option<LimitUse>,
+    /// The limit that the baseline uses most.
+    pub limit_before: Option<LimitUse>,
 }
 
 /// Whether a gain survives in other simulations.
@@ -154,10 +185,14 @@ pub struct Robustness {
     pub least_percent: Option<f64>,
     /// The simulation with the least gain.
     pub least_in: String,
-    /// True if the gain is positive in all simulations, and the limits are kept.
+    /// True if the limits are kept in all simulations, and the gain is positive in all, if what was before keeps them too.
     pub survives: bool,
     /// True if the design keeps its limits.
     pub kept: bool,
+    /// A limit that the design breaks in another simulation, and that simulation.
+    pub broken_in: Option<[String; 2]>,
+    /// A limit that what was before breaks: its objective is no measure of a design that keeps it.
+    pub broken_before: Option<String>,
 }
 
 impl Robustness {
@@ -169,12 +204,21 @@ impl Robustness {
         let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
         let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
         let least = others.iter().filter(says).min_by(|a, b| size(a).total_cmp(&size(b)))?;
+        let broken = |limit: &Option<LimitUse>| limit.as_ref().and_then(|limit| limit.broken(ROOM));
+        let used = |check: &&Check| check.limit.as_ref().map_or(0.0, |limit| limit.used);
+        let most = others.iter().max_by(|a, b| used(a).total_cmp(&used(b)));
+        let broken_in = most.and_then(|check| Some([broken(&check.limit)?, check.simulation.clone()]));
+        let broken_before = broken(&first.limit_before);
+        let gains = [first, least].into_iter().all(|check| size(check) > 0.0);
+        let simulated = others.iter().filter(says).all(|check| check.designed.is_some());
         Some(Self {
             gain_percent: gain(first),
             least_percent: gain(least),
             least_in: least.simulation.clone(),
-            survives: kept && [first, least].into_iter().all(|check| size(check) > 0.0),
+            survives: kept && broken_in.is_none() && simulated && (gains || broken_before.is_some()),
             kept,
+            broken_in,
+            broken_before,
         })
     }
 
@@ -183,6 +227,12 @@ impl Robustness {
         let gain = self.gain_percent.unwrap_or(f64::NAN);
         match (self.survives, self.least_percent) {
             _ if !self.kept => "no gain: the design does not keep its limits".to_string(),
+            _ if let Some([limit, simulation]) = &self.broken_in => {
+                format!("no gain: the design breaks a limit with {simulation}: {limit}")
+            }
+            (true, Some(_)) if let Some(limit) = &self.broken_before => format!(
+                "what was before breaks a limit ({limit}), and the design keeps all, in the other simulations too: what is gained is that, beside {gain:+.2} % of the goal"
+            ),
             (true, Some(least)) => {
                 format!(
                     "the gain of {gain:.2} % survives: the least that the other simulations find is {least:.2} %, with {}",
@@ -232,7 +282,7 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Check, Robustness};
+    use super::{Check, LimitUse, ROOM, Robustness};
 
     #[test]
     fn a_gain_survives_where_limits_are_kept_and_no_simulation_fails_of_the_design_alone() {
@@ -241,6 +291,8 @@ mod tests {
             designed,
             before,
             gain_percent: designed.zip(before).map(|(designed, before)| 100.0 * (designed / before - 1.0)),
+            limit: None,
+            limit_before: None,
         };
         let (own, finer) = (check("as designed", Some(1.2), Some(1.0)), check("finer", Some(1.1), Some(1.0)));
         let trust = |other: Check| Robustness::of(&[own.clone(), other, finer.clone()], true);
@@ -252,5 +304,20 @@ mod tests {
         assert!(before.is_some_and(|trust| trust.survives && trust.least_in == "finer"));
         let broken = Robustness::of(&[own.clone(), finer.clone()], false);
         assert!(broken.is_some_and(|trust| !trust.survives && trust.words().contains("does not keep its limits")));
+        let limit = |used: f64| Some(LimitUse { limit: "power at most 6 W".to_string(), used });
+        let at = |used: f64| trust(Check { limit: limit(used), ..check("cross-flow", Some(1.2), Some(1.0)) });
+        assert!(at(1.0 + 0.9 * ROOM).is_some_and(|trust| trust.survives));
+        let beyond = at(1.66).unwrap_or_else(|| unreachable!());
+        assert!(
+            !beyond.survives
+                && beyond.words()
+                    == "no gain: the design breaks a limit with cross-flow: power at most 6 W, 166.00 % of it"
+        );
+        // What breaks the limit is no measure.
+        let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };
+        let worse = Robustness::of(&[first, check("finer", Some(0.8), Some(1.0))], true);
+        assert!(
+            worse.is_some_and(|trust| trust.survives && trust.words().starts_with("what was before breaks a limit"))
+        );
     }
 }

@@ -331,6 +331,19 @@ impl<'a> Search<'a> {
         })
     }
 
+    /// The limit that a design uses most, in the scene or in any scenario; `None` if there are none or a simulation fails.
+    pub(super) fn most_used(&mut self, profile: &DesignVector) -> Option<LimitUse> {
+        let mut limits = Limits::of(self.table, &mut self.problem, self.objective).ok()?;
+        if limits.are_none() {
+            return None;
+        }
+        if !self.scenarios.is_empty() {
+            limits.keep_body_only(); // to the cases
+        }
+        let (_, limits) = self.at(&limits, profile, &[])?;
+        LimitUse::stored(&limits)
+    }
+
     fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Iterate> {
         let (profile, parameters) = (unknowns.profile(&x), unknowns.parameters());
         let (mut value, mut limits) = self.at(limits, &profile, &parameters)?;
@@ -386,6 +399,7 @@ impl<'a> Search<'a> {
         let n = unknowns.count();
         let starts = if from.is_some() { 1 } else { self.table.start_count() };
         let mut roughness = None;
+        let mut interrupted = false;
         let mut history = Vec::new();
         let mut ends: Vec<StartResult> = Vec::new();
         for start in 0..starts {
@@ -394,7 +408,17 @@ impl<'a> Search<'a> {
             }
             let x = match &from {
                 Some(x) => unknowns.kept(x.clone()),
-                None if sampled && start > 0 => self.promising(&unknowns, &limits, start),
+                None if sampled && start > 0 => {
+                    // Which takes a while: it is told of the last iteration again.
+                    let goes_on = || history.last().map_or(ControlFlow::Continue(()), &mut tell);
+                    match self.promising((&unknowns, &limits), start, goes_on) {
+                        ControlFlow::Continue(x) => x,
+                        ControlFlow::Break(()) => {
+                            interrupted = true;
+                            break;
+                        }
+                    }
+                }
                 None => unknowns.first(start),
             };
             let Some(first) = self.point(&unknowns, &limits, x) else { continue };
@@ -420,13 +444,13 @@ impl<'a> Search<'a> {
                     end = other;
                 }
             }
+            interrupted = end.interrupted;
             ends.push(end);
-            if ends.last().is_some_and(|end| end.interrupted) {
+            if interrupted {
                 break;
             }
         }
         let starts: Vec<f64> = ends.iter().map(|end| self.objective.shown(end.point.value.f)).collect();
-        let interrupted = ends.iter().any(|end| end.interrupted);
         let optima = self.optima(&ends);
         let merit = |end: &StartResult| {
             let x = &end.point.x;
@@ -444,15 +468,7 @@ impl<'a> Search<'a> {
         };
         let converged = self.has_converged(&best);
         let (why, kept) = (best.why.clone(), best.point.is_kept());
-        let limits = best.point.limits.iter();
-        let limits = limits.fold(Vec::new(), |mut all: Vec<LimitUse>, limit| {
-            let (name, used) = (&limit.name, limit.used());
-            match all.iter_mut().find(|other| other.limit == *name) {
-                Some(other) => other.used = other.used.max(used),
-                None => all.push(LimitUse { limit: name.clone(), used }),
-            }
-            all
-        });
+        let limits = LimitUse::of(&best.point.limits);
         let value = best.point.value;
         let objective = self.objective.shown(value.f);
         let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
@@ -554,12 +570,19 @@ impl<'a> Search<'a> {
     }
 
     /// Where `start` begins, which is not the first, of a design with limits on what a simulation gives: at the best of several designs.
-    /// Designs that keep such limits may lie in several places apart, and a search that begins outside of all ends in the nearest.
-    fn promising(&mut self, unknowns: &Unknowns, limits: &Limits, start: usize) -> Vec<f64> {
+    /// Designs that keep such limits may lie in several places apart, and a search that begins outside of all ends in the nearest. It stops
+    /// where it no longer `goes_on`.
+    fn promising(
+        &mut self,
+        (unknowns, limits): (&Unknowns, &Limits),
+        start: usize,
+        mut goes_on: impl FnMut() -> ControlFlow<()>,
+    ) -> ControlFlow<(), Vec<f64>> {
         let own = unknowns.first(start);
         let samples = (start - 1) * SAMPLES_PER_START..start * SAMPLES_PER_START;
         let mut best: Option<([f64; 2], Vec<f64>)> = None;
         for x in std::iter::once(own.clone()).chain(samples.map(|i| unknowns.sampled(i))) {
+            goes_on()?;
             let Some((value, limits)) = self.at(limits, &unknowns.profile(&x), &[]) else { continue };
             let point = Iterate { x: DVector::zeros(0), value, limits };
             let beyond = if point.is_kept() { 0.0 } else { point.violation(PenaltyGroups::Together) };
@@ -568,7 +591,7 @@ impl<'a> Search<'a> {
                 best = Some((rank, x));
             }
         }
-        best.map_or(own, |(_, x)| x)
+        ControlFlow::Continue(best.map_or(own, |(_, x)| x))
     }
 
     fn has_converged(&self, end: &StartResult) -> bool {

@@ -11,8 +11,8 @@ use super::checkpoint::{self, Checkpoint};
 use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
-    explain_cycles, explain_effect, explain_front, explain_identification, explain_misfit, explain_refit,
-    explain_scenarios, explain_search, explain_tolerances,
+    explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification, explain_misfit,
+    explain_refit, explain_scenarios, explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
@@ -21,7 +21,7 @@ use super::objective::objective_of;
 use super::refit::Refit;
 use super::robustness::{Check, Robustness, RobustnessChecks};
 use super::scenarios::{Scenario, ScenarioResult, scenarios};
-use super::search::{ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult};
+use super::search::{FEASIBILITY_TOLERANCE, ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult};
 use super::static_shape::{Equilibrium, StaticShape, rest};
 use super::stl;
 use super::table::{DesignTable, DesignVariable, Goal};
@@ -106,6 +106,8 @@ pub(super) struct ComparedProfile {
     pub profile: DesignVector,
     /// The objective; `None` if the simulation fails.
     pub objective: Option<f64>,
+    /// A limit that it breaks.
+    pub breaks: Option<String>,
 }
 
 impl Design {
@@ -180,6 +182,7 @@ impl Design {
                 let markers = data(MIN_SAMPLES)?.unwrap_or_default().without_glitches();
                 let mut found = identify(&mut dynamics, &markers, &table)?;
                 let unfit = explain_misfit(&found);
+                let follows_fluid = explain_fluid_share(&mut dynamics, &markers, &table, &found);
                 let mut profile = DesignVector::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
                 profile.amplitude.fill(found.actuation_gain.unwrap_or(1.0));
                 let steps = fixed_steps(&scene);
@@ -195,7 +198,7 @@ impl Design {
                     found.judge(refit);
                 }
                 lines.extend(explain_identification(&found).into_iter().chain(unfit));
-                lines.extend(explain_effect(&scene));
+                lines.extend(explain_effect(&scene).into_iter().chain(follows_fluid));
                 match scene_with(document, &[], &steps, &DesignVector::of(Vec::new()))
                     .and_then(|scene| simulated(&scene, &profile))
                 {
@@ -221,7 +224,14 @@ impl Design {
                 let own = Problem::of(&scene).map(|problem| DesignVector::of(problem.stiffness()))?;
                 for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
                     let designed = resting(document, profile, &markers.positions[0]);
-                    let check = Check { simulation: simulation.into(), designed, before: None, gain_percent: None };
+                    let check = Check {
+                        simulation: simulation.into(),
+                        designed,
+                        before: None,
+                        gain_percent: None,
+                        limit: None,
+                        limit_before: None,
+                    };
                     evidence.checks.push(check);
                 }
                 found.state = rest_of(document, &profile, &markers.positions[0], &found);
@@ -291,7 +301,10 @@ impl Design {
                 for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
                         let gain = table.gain_percent(found.objective, value);
-                        lines.push(format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name));
+                        lines.push(match &compared.breaks {
+                            Some(limit) => format!("{}: {value:.6e}, but it breaks a limit: {limit}", compared.name),
+                            None => format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name),
+                        });
                     }
                 }
                 evidence.target = target;
@@ -463,7 +476,8 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
     let mut profiles = Vec::new();
     let mut add = |name: &str, profile: DesignVector, search: &mut Search<'_>| {
         let objective = search.value(&profile);
-        profiles.push(ComparedProfile { name: name.to_string(), profile, objective });
+        let breaks = search.most_used(&profile).and_then(|limit| limit.broken(FEASIBILITY_TOLERANCE));
+        profiles.push(ComparedProfile { name: name.to_string(), profile, objective, breaks });
     };
     let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < SAME_STIFFNESS);
     add(BASELINE, before, search);
@@ -478,8 +492,13 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
             }
         }
     }
-    let designed =
-        ComparedProfile { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
+    let mut broken = found.limits.iter().filter_map(|limit| limit.broken(FEASIBILITY_TOLERANCE));
+    let designed = ComparedProfile {
+        name: "design".into(),
+        profile: found.profile.clone(),
+        objective: Some(found.objective),
+        breaks: broken.next(),
+    };
     profiles.push(designed);
     profiles
 }
@@ -527,7 +546,7 @@ fn replay(
         let designed = measure(&changes, profile);
         let before = own.as_ref().and_then(|own| measure(&changes, own));
         let gain_percent = designed.zip(before).map(|(designed, before)| table.gain_percent(designed, before));
-        Check { simulation, designed, before, gain_percent }
+        Check { simulation, designed, before, gain_percent, limit: None, limit_before: None }
     };
     simulations(fixed_scene.as_ref().unwrap_or(scene)).into_iter().map(check).collect()
 }
