@@ -3,8 +3,11 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use crate::common;
 use caudal::cycle::derivatives;
+use caudal::jobs;
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters};
 use caudal::sensitivity::{Controls, Output, Parameter, Problem, Weights};
@@ -374,6 +377,15 @@ struct Count {
     worst: f64,
 }
 
+impl Count {
+    fn add(&mut self, other: &Self) {
+        self.compared += other.compared;
+        self.known += other.known;
+        self.scenes += other.scenes;
+        self.worst = self.worst.max(other.worst);
+    }
+}
+
 /// Compares entries of chance in `document`, or all numbers of `keys`.
 fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, faults: &mut Vec<String>) {
     let Ok(own) = document.scene() else { return };
@@ -587,10 +599,30 @@ fn gradients_in_random_scenes_are_those_of_differences() {
     let asked = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let scenes: u64 = asked("CAUDAL_GRADIENTS").unwrap_or(SCENES);
     let first: u64 = asked("CAUDAL_SEED").unwrap_or(1);
+    let next = AtomicU64::new(first);
     let (mut count, mut faults) = (Count::default(), Vec::new());
-    for seed in first..first + scenes {
-        try_scene(random(seed), seed, &[], &mut count, &mut faults);
-    }
+    std::thread::scope(|scope| {
+        let work = || {
+            let (mut count, mut faults) = (Count::default(), Vec::new());
+            loop {
+                let seed = next.fetch_add(1, Ordering::Relaxed);
+                if seed >= first + scenes {
+                    return (count, faults);
+                }
+                let before = faults.len();
+                try_scene(random(seed), seed, &[], &mut count, &mut faults);
+                faults[before..].iter().for_each(|fault| eprintln!("{fault}"));
+                if (seed + 1 - first) % 100 == 0 {
+                    eprintln!("{} scenes", seed + 1 - first);
+                }
+            }
+        };
+        let threads: Vec<_> = (0..jobs::cores()).map(|_| scope.spawn(work)).collect();
+        for (own, wrong) in threads.into_iter().map(|thread| thread.join().unwrap()) {
+            count.add(&own);
+            faults.extend(wrong);
+        }
+    });
     let Count { compared, known, scenes: tried, worst } = count;
     println!("{tried} scenes, {compared} derivatives, {known} known to differences, worst {worst:e}");
     assert!(faults.is_empty(), "{} wrong:\n{}", faults.len(), faults.join("\n"));

@@ -228,7 +228,7 @@ impl Robustness {
         match (self.survives, self.least_percent) {
             _ if !self.kept => "no gain: the design does not keep its limits".to_string(),
             _ if let Some([limit, simulation]) = &self.broken_in => {
-                format!("no gain: the design breaks a limit with {simulation}: {limit}")
+                format!("the limits do not hold in other simulations: {limit} with {simulation}")
             }
             (true, Some(_)) if let Some(limit) = &self.broken_before => format!(
                 "what was before breaks a limit ({limit}), and the design keeps all, in the other simulations too: what is gained is that, beside {gain:+.2} % of the goal"
