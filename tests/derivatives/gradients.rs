@@ -612,7 +612,7 @@ fn gradients_in_random_scenes_are_those_of_differences() {
                 let before = faults.len();
                 try_scene(random(seed), seed, &[], &mut count, &mut faults);
                 faults[before..].iter().for_each(|fault| eprintln!("{fault}"));
-                if (seed + 1 - first) % 100 == 0 {
+                if (seed + 1 - first).is_multiple_of(100) {
                     eprintln!("{} scenes", seed + 1 - first);
                 }
             }
