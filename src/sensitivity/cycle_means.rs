@@ -21,6 +21,12 @@ use crate::system::System;
 /// Step of the differences by the logarithm of the frequency, times the number of cycles.
 const TREND_STEP: f64 = 0.1;
 
+/// Central difference of fourth order: positions in steps, with their weights over the step.
+const TREND_STENCIL: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
+
+/// Difference of second order to the side of larger frequencies; with all signs changed, to the other.
+const ONE_SIDED: [[f64; 2]; 3] = [[0.0, -0.75], [2.0, 1.0], [4.0, -0.25]];
+
 /// An output, the derivative of the mean by it, and its quadrature weights.
 type Part = (Output, Coefficient, fn(&IntegralWeights) -> &[f64]);
 
@@ -187,21 +193,33 @@ impl Problem {
         Ok(Some((mean, by)))
     }
 
-    /// The derivative of the mean of `measure` by the frequency (Hz) of the actuation as a difference of fourth order, over a step that
-    /// suits a run of `passed` cycles; None if there is no such mean at a frequency of the difference.
+    /// The derivative of the mean of `measure` by the frequency (Hz) of the actuation as a difference over a step that suits a run of
+    /// `passed` cycles: of fourth order, or of second order on one side where on the other the run has another number of cycles, and its
+    /// mean is that of others. None if there is neither.
     fn trend_by_frequency(&mut self, measure: &CycleMeasure, passed: usize) -> Result<Option<f64>> {
         let own = self.inputs().drive.frequency;
         let step = TREND_STEP / passed as f64;
-        let mut mean = |part: f64| {
+        let mut mean = |part: f64| -> Result<Option<f64>> {
             self.inputs().drive.frequency = own * (1.0 + part * step);
-            self.cycle_mean(measure, &[])
+            let (_, cycles, ends) = self.simulate_cycles()?;
+            Ok(cycles.averages(&self.dynamics).mean(measure).filter(|_| ends.len() == 1 + passed))
         };
-        let means: Result<Vec<_>> = [-2.0, -1.0, 1.0, 2.0].into_iter().map(&mut mean).collect();
+        let mut difference = |stencil: &[[f64; 2]]| -> Result<Option<f64>> {
+            let mut sum = 0.0;
+            for [part, weight] in stencil {
+                let Some(mean) = mean(*part)? else { return Ok(None) };
+                sum += weight * mean;
+            }
+            Ok(Some(sum / (step * own)))
+        };
+        let mut found = Ok(None);
+        for stencil in [&TREND_STENCIL[..], &ONE_SIDED, &ONE_SIDED.map(|entry| entry.map(|x| -x))] {
+            found = difference(stencil);
+            if !matches!(found, Ok(None)) {
+                break;
+            }
+        }
         self.inputs().drive.frequency = own;
-        let means: Option<Vec<f64>> = means?.into_iter().map(|mean| Some(mean?.0)).collect();
-        Ok(means.map(|means| {
-            let [near, far] = [means[2] - means[1], means[3] - means[0]];
-            (8.0 * near - far) / (12.0 * step * own)
-        }))
+        found
     }
 }

@@ -50,6 +50,31 @@ fn thrusts(folder: &Path, factor: f64) -> [f64; 3] {
     })
 }
 
+/// The cases differ in mass; a limit of it is that of the scene itself.
+#[test]
+fn limits_of_a_robust_design_are_written_and_those_of_the_body_are_the_scenes_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let axes = r#""rod.density_kg_m3" = { factors = [0.9, 1.0, 1.1] }"#;
+    let mass = document(folder.path(), AXES, &[]).scene().unwrap().model().unwrap().rod.total_mass();
+    let mass = format!("design.largest_mass_kg={:e}", 1.01 * mass);
+    let radius =
+        ["design.variables=[\"rod.outer_radius_m\"]", "design.number_bounds=[0.9, 1.1]", "design.iterations=3"];
+    let changes = [&radius[..], &["design.largest_moment_n_m=1e3", &mass]].concat();
+    let document = document(folder.path(), axes, &changes);
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let numbers = design.numbers().unwrap();
+    for check in numbers["checks"].as_array().unwrap() {
+        let limit = &check["limit"];
+        assert!(
+            limit["limit"].as_str().unwrap().contains("moment") && limit["used"].as_f64().unwrap() < 1.0,
+            "{check}"
+        );
+    }
+    assert!(numbers["trust"]["broken_in"].is_null(), "{}", numbers["trust"]);
+    let files = design.write(&folder.path().join("out")).unwrap().complete().unwrap();
+    assert!(files.iter().any(|path| path.ends_with("cases.csv")));
+}
+
 #[test]
 fn the_worst_case_and_the_mean_are_as_good_as_they_can_be() {
     let folder = tempfile::tempdir().unwrap();

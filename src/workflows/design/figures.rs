@@ -402,7 +402,8 @@ impl Design {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
         let value = if self.table.is_searched() { self.table.goal.label() } else { "rms distance (m)" };
-        let limited = self.evidence.checks.iter().any(|check| check.limit.is_some());
+        let breaks = self.evidence.profiles.iter().any(|profile| profile.breaks.is_some());
+        let limited = breaks || self.evidence.checks.iter().any(|check| check.limit.is_some());
         let limit = |title: &str| if limited { vec![title.to_string()] } else { Vec::new() };
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
@@ -526,10 +527,7 @@ impl Design {
                     format!("{value}, before"),
                     format!("{value}, after"),
                     "better by (%)".into(),
-                ]
-                .into_iter()
-                .chain(limit("most of a limit (%)").iter().cloned())
-                .collect(),
+                ],
                 rows: self.evidence.cases.iter().map(row).collect(),
             });
         }

@@ -12,6 +12,7 @@ use super::limits::{LimitUse, Limits};
 use super::markers::Markers;
 use super::objective::Objective;
 use super::scenarios::Scenario;
+use super::search::FEASIBILITY_TOLERANCE;
 use super::table::DesignTable;
 use crate::fluid::laws::{CREEPING, Dependence, DragLaw, LAWS, cross_flow};
 use crate::jobs;
@@ -101,7 +102,10 @@ impl<'a> RobustnessChecks<'a> {
         let own = DesignVector::of(problem.stiffness());
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
         let objective_value = objective.measure(&mut problem, &own).filter(|value| value.is_finite())?;
-        let limits = Limits::of(self.table, &mut problem, &objective).ok()?;
+        // Limits of the body are those of the base scene, whatever the cases are.
+        let alone = matches!(&self.scenes[..], [_]);
+        let table = if alone { self.table.clone() } else { self.table.of_motion() };
+        let limits = Limits::of(&table, &mut problem, &objective).ok()?;
         let limit = if limits.are_none() { None } else { LimitUse::stored(&limits.at(&mut problem, &own, &[])?) };
         Some(CheckResult { objective: objective_value, limit })
     }
@@ -204,11 +208,11 @@ impl Robustness {
         let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
         let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
         let least = others.iter().filter(says).min_by(|a, b| size(a).total_cmp(&size(b)))?;
-        let broken = |limit: &Option<LimitUse>| limit.as_ref().and_then(|limit| limit.broken(ROOM));
+        let broken = |limit: &Option<LimitUse>, room: f64| limit.as_ref().and_then(|limit| limit.broken(room));
         let used = |check: &&Check| check.limit.as_ref().map_or(0.0, |limit| limit.used);
         let most = others.iter().max_by(|a, b| used(a).total_cmp(&used(b)));
-        let broken_in = most.and_then(|check| Some([broken(&check.limit)?, check.simulation.clone()]));
-        let broken_before = broken(&first.limit_before);
+        let broken_in = most.and_then(|check| Some([broken(&check.limit, ROOM)?, check.simulation.clone()]));
+        let broken_before = broken(&first.limit_before, FEASIBILITY_TOLERANCE);
         let gains = [first, least].into_iter().all(|check| size(check) > 0.0);
         let simulated = others.iter().filter(says).all(|check| check.designed.is_some());
         Some(Self {

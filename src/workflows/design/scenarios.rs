@@ -96,9 +96,7 @@ impl Scenario {
             return Err(document.error_at(&KeyError { key: "design.over".into(), problem: problem.into() }));
         }
         let (objective, mut problem) = objective_of(&document, &scene, table, None)?;
-        let of_motion =
-            DesignTable { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
-        let limits = Limits::of(&of_motion, &mut problem, &objective)?;
+        let limits = Limits::of(&table.of_motion(), &mut problem, &objective)?;
         let stiffer = if table.variables.contains(&DesignVariable::Stiffness) {
             let stiffness = |of: &Rod| of.joints().map(|k| of.section_stiffness(k)).collect::<Vec<_>>();
             stiffness(&problem.model().rod).iter().zip(stiffness(rod)).map(|(case, own)| case / own).collect()

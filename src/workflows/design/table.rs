@@ -374,6 +374,11 @@ impl DesignTable {
         self.numbers.iter().map(|number| (number.label(), number.own)).collect()
     }
 
+    /// The same without limits on the body.
+    pub fn of_motion(&self) -> Self {
+        Self { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..self.clone() }
+    }
+
     /// The same with `goal` for the first, and no second.
     pub(super) fn with_goal(&self, goal: Goal) -> Self {
         Self { goal, front: None, floor: None, ..self.clone() }
