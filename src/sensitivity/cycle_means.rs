@@ -4,10 +4,12 @@
 //! As the frequency f of the actuation changes, the cycles slide through the steps, and a mean carries a ripple of about 10⁻⁵ that repeats
 //! with every step by which the n cycles of the run become shorter. Its slope grows with n, and hides that of the mean after some tens of
 //! cycles. The derivative by f of a run that has more cycles than are averaged is therefore a difference over
-//! δf/f = ±[`TREND_STEP`]/n, some ten ripples but a tenth of what changes the response of n cycles.
+//! δf/f = ±[`TREND_STEP`]/n: a tenth of what changes the response of n cycles, and as many ripples as a cycle has steps, over ten. The
+//! step shrinks with n, so the ripple wins again in runs of hundreds of cycles of few steps.
 
 use std::sync::Arc;
 
+use super::finite_difference::CENTRAL_STENCIL;
 use super::output::{Output, Quantity, Work};
 use super::parameter::Parameter;
 use super::problem::Problem;
@@ -21,10 +23,8 @@ use crate::system::System;
 /// Step of the differences by the logarithm of the frequency, times the number of cycles.
 const TREND_STEP: f64 = 0.1;
 
-/// Central difference of fourth order: positions in steps, with their weights over the step.
-const TREND_STENCIL: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
-
-/// Difference of second order to the side of larger frequencies; with all signs changed, to the other.
+/// Difference of second order to the side of larger frequencies, as positions in steps with their weights over the step; with all signs
+/// changed, to the other.
 const ONE_SIDED: [[f64; 2]; 3] = [[0.0, -0.75], [2.0, 1.0], [4.0, -0.25]];
 
 /// An output, the derivative of the mean by it, and its quadrature weights.
@@ -212,13 +212,9 @@ impl Problem {
             }
             Ok(Some(sum / (step * own)))
         };
-        let mut found = Ok(None);
-        for stencil in [&TREND_STENCIL[..], &ONE_SIDED, &ONE_SIDED.map(|entry| entry.map(|x| -x))] {
-            found = difference(stencil);
-            if !matches!(found, Ok(None)) {
-                break;
-            }
-        }
+        let other_side = ONE_SIDED.map(|entry| entry.map(|x| -x));
+        let mut stencils = [&CENTRAL_STENCIL[..], &ONE_SIDED, &other_side].into_iter();
+        let found = stencils.find_map(|stencil| difference(stencil).transpose()).transpose();
         self.inputs().drive.frequency = own;
         found
     }

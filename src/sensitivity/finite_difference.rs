@@ -26,7 +26,8 @@ use crate::system::{State, System};
 const RELATIVE_STEP: f64 = 2e-4;
 
 /// Central difference of fourth order: positions in δ, with their weights in 1/δ.
-const CENTRAL_STENCIL: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
+pub(super) const CENTRAL_STENCIL: [[f64; 2]; 4] =
+    [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
 
 /// One-sided difference of fourth order, if there is no valid scene on the other side.
 const BACKWARD_STENCIL: [[f64; 2]; 5] =

@@ -111,8 +111,6 @@ fn a_scene_that_is_not_that_of_the_data_is_said_not_to_fit() {
     }
 }
 
-/// Data know no mesh: markers of a rod of 65 nodes, at every fourth or eighth of them, tell modulus, damping and drag in coarser scenes with
-/// deviations that contain what the mesh and the steps do to them; and a mesh may be finer than the markers.
 /// Of `"… would give +3.8 % stiffness …"` the number, %.
 fn said_to_follow(lines: &[String]) -> f64 {
     let line = lines.iter().find(|line| line.starts_with("stiffness follows the fluid")).unwrap();
@@ -143,6 +141,8 @@ fn stiffness_that_follows_the_fluid_is_said_to() {
     assert!(known.len() > 10 && (said - mean).abs() <= 0.3, "{said} {mean}");
 }
 
+/// Data know no mesh: markers of a rod of 65 nodes, at every fourth or eighth of them, tell modulus, damping and drag in coarser scenes with
+/// deviations that contain what the mesh and the steps do to them; and a mesh may be finer than the markers.
 #[test]
 fn what_a_mesh_moves_is_in_the_deviation_of_what_is_identified_with_it() {
     let found = |nodes: usize, every: usize, noise: f64| {

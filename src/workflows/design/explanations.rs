@@ -2,7 +2,6 @@
 
 use super::front::ParetoPoint;
 use super::identify::{Identifiability, Identification, JointEstimate, identify};
-use super::limits::LimitUse;
 use super::markers::Markers;
 use super::refit::Refit;
 use super::scenarios::ScenarioResult;
@@ -149,9 +148,8 @@ pub(super) fn explain_fluid_share(
     let moved = identify(dynamics, markers, table);
     dynamics.inputs.fluid = own;
     let moved = moved.ok()?;
-    let known = found.joints.iter().zip(&moved.joints);
-    let known =
-        known.filter(|joints| [joints.0, joints.1].iter().all(|joint| joint.verdict == Identifiability::Identified));
+    let is_known = |joint: &JointEstimate| joint.verdict == Identifiability::Identified;
+    let known = found.joints.iter().zip(&moved.joints).filter(|(own, moved)| is_known(own) && is_known(moved));
     let ratios: Vec<f64> = known.map(|(own, moved)| (moved.stiffness_n_m2 / own.stiffness_n_m2).ln()).collect();
     let exponent = ratios.iter().sum::<f64>() / ratios.len() as f64 / MORE_FLUID.ln();
     (exponent.abs() >= FLUID_SHARE).then(|| {
@@ -212,13 +210,7 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
             several => format!("the data do not tell {} apart: they know them only together", several.join(" and ")),
         });
     }
-    for LimitUse { limit, used } in &found.limits {
-        lines.push(if used.is_finite() {
-            format!("limit: {limit}: {:.2} % of it", 100.0 * used)
-        } else {
-            format!("limit: {limit}: nothing of it is reached")
-        });
-    }
+    lines.extend(found.limits.iter().map(|limit| format!("limit: {}: {}", limit.limit, limit.words())));
     lines.extend(found.active.iter().map(|(name, dual)| {
         if let Some(case) = name.strip_prefix(WORST_SCENARIO) {
             return format!("among the worst: {case} ({:.0} % of what decides the design)", 100.0 * dual);

@@ -402,6 +402,8 @@ impl Design {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
         let value = if self.table.is_searched() { self.table.goal.label() } else { "rms distance (m)" };
+        let before_and_after =
+            |of: &str| names(&[of, &format!("{value}, before"), &format!("{value}, after"), "better by (%)"]);
         let breaks = self.evidence.profiles.iter().any(|profile| profile.breaks.is_some());
         let limited = breaks || self.evidence.checks.iter().any(|check| check.limit.is_some());
         let limit = |title: &str| if limited { vec![title.to_string()] } else { Vec::new() };
@@ -423,27 +425,15 @@ impl Design {
         }
         if !self.evidence.checks.is_empty() {
             let row = |check: &super::robustness::Check| {
-                let mut row = vec![
-                    json!(check.simulation),
-                    json!(check.before),
-                    json!(check.designed),
-                    json!(check.gain_percent),
-                ];
+                let gain = json!(check.gain_percent);
+                let mut row = vec![json!(check.simulation), json!(check.before), json!(check.designed), gain];
                 row.extend(limited.then(|| json!(check.limit.as_ref().map(|limit| 100.0 * limit.used))));
                 row
             };
             tables.push(Table {
                 file: "checks.csv",
                 title: "Simulated again",
-                columns: vec![
-                    "simulation".into(),
-                    format!("{value}, before"),
-                    format!("{value}, after"),
-                    "better by (%)".into(),
-                ]
-                .into_iter()
-                .chain(limit("most of a limit (%)").iter().cloned())
-                .collect(),
+                columns: [&before_and_after("simulation")[..], &limit("most of a limit (%)")].concat(),
                 rows: self.evidence.checks.iter().map(row).collect(),
             });
         }
@@ -522,12 +512,7 @@ impl Design {
             tables.push(Table {
                 file: "cases.csv",
                 title: "The cases that it is for",
-                columns: vec![
-                    "case".into(),
-                    format!("{value}, before"),
-                    format!("{value}, after"),
-                    "better by (%)".into(),
-                ],
+                columns: before_and_after("case"),
                 rows: self.evidence.cases.iter().map(row).collect(),
             });
         }

@@ -134,13 +134,17 @@ impl LimitUse {
         Self::most(Self::of(limits)).map(|limit| Self { used: limit.used.min(f64::MAX), ..limit })
     }
 
-    /// Its description if more than it and the `room` beside it, relative, is used.
-    pub(super) fn broken(&self, room: f64) -> Option<String> {
-        let reached = match self.used {
+    /// How much of it is used, in words.
+    pub(super) fn words(&self) -> String {
+        match self.used {
             f64::MAX.. => "nothing of it is reached".to_string(),
             used => format!("{:.2} % of it", 100.0 * used),
-        };
-        (self.used > 1.0 + room).then(|| format!("{}, {reached}", self.limit))
+        }
+    }
+
+    /// Its description if more than it and the `room` beside it, relative, is used.
+    pub(super) fn broken(&self, room: f64) -> Option<String> {
+        (self.used > 1.0 + room).then(|| format!("{}, {}", self.limit, self.words()))
     }
 }
 

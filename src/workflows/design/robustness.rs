@@ -26,6 +26,8 @@ const ROOM: f64 = 0.02;
 /// The check simulations of a design.
 pub(super) struct RobustnessChecks<'a> {
     table: &'a DesignTable,
+    /// The table whose limits each simulation has: those of the body are those of the base scene, whatever the cases are.
+    limited: DesignTable,
     target: Option<&'a Markers>,
     /// Description of each, and the changes of the scene.
     simulations: Vec<(String, Vec<String>)>,
@@ -64,7 +66,8 @@ impl<'a> RobustnessChecks<'a> {
         } else {
             cases.iter().map(of).collect()
         };
-        Self { table, target, simulations, scenes }
+        let limited = if cases.is_empty() { table.clone() } else { table.of_motion() };
+        Self { table, limited, target, simulations, scenes }
     }
 
     /// Number of simulations.
@@ -101,13 +104,9 @@ impl<'a> RobustnessChecks<'a> {
         let mut problem = Problem::without_derivatives(&scene, scene.model().ok()?).ok()?;
         let own = DesignVector::of(problem.stiffness());
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
-        let objective_value = objective.measure(&mut problem, &own).filter(|value| value.is_finite())?;
-        // Limits of the body are those of the base scene, whatever the cases are.
-        let alone = matches!(&self.scenes[..], [_]);
-        let table = if alone { self.table.clone() } else { self.table.of_motion() };
-        let limits = Limits::of(&table, &mut problem, &objective).ok()?;
-        let limit = if limits.are_none() { None } else { LimitUse::stored(&limits.at(&mut problem, &own, &[])?) };
-        Some(CheckResult { objective: objective_value, limit })
+        let value = objective.measure(&mut problem, &own).filter(|value| value.is_finite())?;
+        let limits = Limits::of(&self.limited, &mut problem, &objective).ok()?.at(&mut problem, &own, &[])?;
+        Some(CheckResult { objective: value, limit: LimitUse::stored(&limits) })
     }
 
     /// Runs all simulations whose results are not in `checkpoint`, on all cores.
@@ -165,7 +164,7 @@ pub(super) struct CheckResult {
 }
 
 /// The objective in another simulation. For identification, the root mean square distance of the rod from the markers (m).
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Check {
     pub simulation: String,
     /// Of the design; `None` if the simulation fails.
@@ -295,8 +294,7 @@ mod tests {
             designed,
             before,
             gain_percent: designed.zip(before).map(|(designed, before)| 100.0 * (designed / before - 1.0)),
-            limit: None,
-            limit_before: None,
+            ..Check::default()
         };
         let (own, finer) = (check("as designed", Some(1.2), Some(1.0)), check("finer", Some(1.1), Some(1.0)));
         let trust = |other: Check| Robustness::of(&[own.clone(), other, finer.clone()], true);

@@ -331,14 +331,21 @@ impl<'a> Search<'a> {
         })
     }
 
+    /// The limits of the scene itself, and whether a simulation tells of any, here or in the scenarios, which have those of the motion.
+    fn limits(&mut self) -> Result<(Limits, bool)> {
+        let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
+        let are_simulated = limits.are_simulated();
+        if !self.scenarios.is_empty() {
+            limits.keep_body_only();
+        }
+        Ok((limits, are_simulated))
+    }
+
     /// The limit that a design uses most, in the scene or in any scenario; `None` if there are none or a simulation fails.
     pub(super) fn most_used(&mut self, profile: &DesignVector) -> Option<LimitUse> {
-        let mut limits = Limits::of(self.table, &mut self.problem, self.objective).ok()?;
-        if limits.are_none() {
+        let (limits, are_simulated) = self.limits().ok()?;
+        if limits.are_none() && !are_simulated {
             return None;
-        }
-        if !self.scenarios.is_empty() {
-            limits.keep_body_only(); // to the cases
         }
         let (_, limits) = self.at(&limits, profile, &[])?;
         LimitUse::stored(&limits)
@@ -391,11 +398,7 @@ impl<'a> Search<'a> {
     ) -> Result<SearchResult> {
         let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
-        let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
-        let sampled = limits.are_simulated();
-        if !self.scenarios.is_empty() {
-            limits.keep_body_only(); // to the cases
-        }
+        let (limits, sampled) = self.limits()?;
         let n = unknowns.count();
         let starts = if from.is_some() { 1 } else { self.table.start_count() };
         let mut roughness = None;

@@ -224,14 +224,7 @@ impl Design {
                 let own = Problem::of(&scene).map(|problem| DesignVector::of(problem.stiffness()))?;
                 for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
                     let designed = resting(document, profile, &markers.positions[0]);
-                    let check = Check {
-                        simulation: simulation.into(),
-                        designed,
-                        before: None,
-                        gain_percent: None,
-                        limit: None,
-                        limit_before: None,
-                    };
+                    let check = Check { simulation: simulation.into(), designed, ..Check::default() };
                     evidence.checks.push(check);
                 }
                 found.state = rest_of(document, &profile, &markers.positions[0], &found);
@@ -492,12 +485,11 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
             }
         }
     }
-    let mut broken = found.limits.iter().filter_map(|limit| limit.broken(FEASIBILITY_TOLERANCE));
     let designed = ComparedProfile {
         name: "design".into(),
         profile: found.profile.clone(),
         objective: Some(found.objective),
-        breaks: broken.next(),
+        breaks: found.limits.iter().find_map(|limit| limit.broken(FEASIBILITY_TOLERANCE)),
     };
     profiles.push(designed);
     profiles
@@ -546,7 +538,7 @@ fn replay(
         let designed = measure(&changes, profile);
         let before = own.as_ref().and_then(|own| measure(&changes, own));
         let gain_percent = designed.zip(before).map(|(designed, before)| table.gain_percent(designed, before));
-        Check { simulation, designed, before, gain_percent, limit: None, limit_before: None }
+        Check { simulation, designed, before, gain_percent, ..Check::default() }
     };
     simulations(fixed_scene.as_ref().unwrap_or(scene)).into_iter().map(check).collect()
 }
