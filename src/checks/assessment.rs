@@ -178,7 +178,7 @@ impl Assessment {
         let mut facts = Vec::new();
         for kind in MODELS.iter().filter(|kind| scene.drag.is_some() || !kind.needs_drag) {
             let text = match kind.estimate.map(|estimate| estimate(&estimates)) {
-                None => "no error of the model".to_string(),
+                None => "leaves nothing out; what its mesh and steps err by is not in these estimates".to_string(),
                 Some(Ok(errors)) => format!("estimated errors: {}", errors.in_words()),
                 Some(Err(reason)) => format!("no estimate: {reason}"),
             };
@@ -368,9 +368,15 @@ impl Assessment {
         } else {
             ": far below 1 the rod takes its natural curvature"
         };
+        let is_along = regime.is_ok_and(|regime| regime.across.counted().1);
+        let reynolds = if is_along {
+            ", ρwD/μ of a tenth of the motion along the rod"
+        } else {
+            ", ρwD/μ of the motion across the rod"
+        };
         let numbers = [
             ("tip amplitude", self.tip_amplitude, tip),
-            ("Reynolds number", self.reynolds, ", ρwD/μ of the motion across the rod"),
+            ("Reynolds number", self.reynolds, reynolds),
             ("frequency ratio ω/ω₁", self.frequency_ratio, followed),
             ("sperm number", self.sperm_number, ", L(ξ⊥ω/EI)^¼: below about 1 the fluid does not bend the rod"),
             ("inertia against drag", self.inertia_ratio, ", ω(ρA + m_a)/ξ⊥, m_a of the fluid that it accelerates"),
@@ -403,12 +409,20 @@ impl Assessment {
             };
             fact("force", format!("{}: holds for {} ({}){takes}", force.name(), validity.in_words(), validity.source));
         }
-        if regime.across.speed > 0.0 {
+        if regime.reynolds > 0.0 {
+            let across = format!("{:.3e} m/s across the rod", regime.across.speed);
+            let speed = match regime.across.counted() {
+                (_, true) => format!(
+                    "a tenth of {:.3e} m/s along the rod, as none lies along a flow exactly ({across})",
+                    regime.along
+                ),
+                _ => across,
+            };
             fact(
                 "flow around the rod",
                 format!(
-                    "Re_d = {:.3e} by the depth of {:.3e} m and {:.3e} m/s across the rod; length over radius {:.1}",
-                    regime.reynolds, regime.depth, regime.across.speed, regime.slenderness
+                    "Re_d = {:.3e} by the depth of {:.3e} m and {speed}; length over radius {:.1}",
+                    regime.reynolds, regime.depth, regime.slenderness
                 ),
             );
         }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::{Error, Result};
-use caudal::reduced::ErrorMeasure;
+use caudal::reduced::{ErrorMeasure, ModelKind};
 use caudal::report::Summary;
 use caudal::report::{Claim, RunOutput};
 use caudal::run::{Ending, run as run_scene};
@@ -88,6 +88,9 @@ pub fn run(
             "the whole model on the same {} nodes: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s",
             summary.nodes
         ));
+        if ModelKind::named(summary.model).is_some_and(|kind| kind.estimate.is_none()) {
+            say("  the run has the whole model too: what they differ by is the error of its steps");
+        }
         for measure in ErrorMeasure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };
             let [name, relative] = measure.meaning();

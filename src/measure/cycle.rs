@@ -52,8 +52,10 @@ const POWERS: [&str; index::ALL - index::WORK] = [
     "power into the material",
 ];
 
-/// A swimmer that moves less than this fraction of its length per cycle is at rest.
+/// A swimmer that moves less than this fraction of its length per cycle is at rest; so is a held head, which goes where it must and whose
+/// places between steps, where cycles end, are known to some 1e-7.
 const MIN_DISTANCE: f64 = 1e-9;
+const MIN_HELD_DISTANCE: f64 = 1e-6;
 
 /// Rounding of phases (in cycles) to integers, and of frequency ratios.
 const PHASE_ROUNDING: f64 = 1e-9;
@@ -347,10 +349,16 @@ impl Cycle {
         self.axis().map_or([0.0; 2], |axis| [vector.dot(&axis), axis.perp(&vector)])
     }
 
+    /// The least |U| (m/s) that is none of one that stays in place.
+    fn least_speed(&self, dynamics: &Dynamics) -> f64 {
+        let least = if dynamics.model.head.is_some() { MIN_HELD_DISTANCE } else { MIN_DISTANCE };
+        least * dynamics.model.rod.length / self.period()
+    }
+
     /// |U|, m/s, or None if the swimmer stays in place.
     fn net_speed(&self, dynamics: &Dynamics) -> Option<f64> {
         let speed = self.velocity().norm();
-        (speed * self.period() >= MIN_DISTANCE * dynamics.model.rod.length).then_some(speed)
+        (speed >= self.least_speed(dynamics)).then_some(speed)
     }
 
     /// |U| and the mean power of the actuation, if both are positive, the head is free, and nothing else drives the swimmer.
@@ -755,7 +763,19 @@ pub struct Cycles {
 impl Cycles {
     /// No cycles yet, for a run that starts at `state`.
     pub fn start(dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
-        let source = CycleSource::of(&dynamics.model);
+        Self::start_with(CycleSource::of(&dynamics.model), dynamics, state, metrics)
+    }
+
+    /// As [`start`](Self::start), where a table that moves the head or the flow repeats itself after `period` (s), if it does.
+    pub fn start_with_period(dynamics: &Dynamics, state: &State, metrics: &RunMetrics, period: Option<f64>) -> Self {
+        let source = match (CycleSource::of(&dynamics.model), period) {
+            (CycleSource::Table, Some(period)) => CycleSource::Head(period.recip()),
+            (source, _) => source,
+        };
+        Self::start_with(source, dynamics, state, metrics)
+    }
+
+    fn start_with(source: CycleSource, dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
         let last = CycleSample::of(source, dynamics, state, metrics);
         let chord = last.tip[0] - node(&state.q, 0);
         let across = Vector2::new(-chord.y, chord.x).try_normalize(0.0).unwrap_or(Vector2::y());

@@ -265,6 +265,8 @@ pub struct CrossFlowSquares {
     pub speed: f64,
     /// Of w/ν by the fluid there, 1/m².
     pub per_depth: f64,
+    /// Of u/ν by the fluid there, of the velocity u along the rod, 1/m².
+    pub along: f64,
     /// Of |V|/ν of a head body by the fluid there, 1/m².
     pub body: f64,
     /// Mean density of the fluid there, kg/m³.
@@ -298,6 +300,7 @@ impl CrossFlowSquares {
             let square = tangent[e].perp(&velocity).powi(2) * share;
             sums.speed += square;
             sums.per_depth += square * ratio;
+            sums.along += tangent[e].dot(&velocity).powi(2) * share * ratio;
             sums.density += fluid.density * share;
             sums.viscosity += fluid.viscosity * share;
         }
@@ -307,6 +310,7 @@ impl CrossFlowSquares {
     fn add(&mut self, other: &Self, factor: f64) {
         self.speed += factor * other.speed;
         self.per_depth += factor * other.per_depth;
+        self.along += factor * other.along;
         self.body += factor * other.body;
         self.density += factor * other.density;
         self.viscosity += factor * other.viscosity;
@@ -780,11 +784,17 @@ impl RunMetrics {
 
     /// Root mean square of the cross-flow since the start, or None before the first step.
     pub fn across(&self) -> Option<TransverseMotion> {
-        let CrossFlowSquares { speed, per_depth, body, density, viscosity } = self.totals.across_time;
+        let CrossFlowSquares { speed, per_depth, along, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
         let root = |sum: f64| (sum / elapsed).sqrt();
         let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };
-        Some(TransverseMotion { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
+        Some(TransverseMotion {
+            speed: root(speed),
+            per_depth: root(per_depth),
+            along: root(along),
+            body: root(body),
+            fluid,
+        })
     }
 
     /// Δx of the centre of mass since the start, m.

@@ -18,9 +18,6 @@ const PHASES: u32 = 32;
 /// Directions in which widths are measured: the largest of them is short by 0.1 % at most.
 const DIRECTIONS: u32 = 36;
 
-/// The part of the velocity along the rod that counts as across it: no rod lies along a flow exactly.
-pub const MISALIGNED: f64 = 0.1;
-
 /// Square of the [dimensionless flow velocity](Regime::flow_velocity) from which on the water's inertia counts for whether the rod is
 /// stable: the compression mU² of the rod is then a twentieth of [`BECK`].
 const STABILITY: f64 = 1.0;
@@ -33,7 +30,7 @@ pub const BECK: f64 = 20.05;
 pub struct MeanMotion {
     /// Velocity along the rod, m/s.
     pub along: f64,
-    /// Across the rod, with [`MISALIGNED`] of the velocity along it.
+    /// Across the rod.
     pub across: TransverseMotion,
     /// Half the largest distance between two places of the tip, seen from the centre of mass of a free rod or from where a held head has
     /// gone on the average, m.
@@ -45,11 +42,13 @@ pub struct MeanMotion {
 pub struct Regime {
     /// The motion across the rod, of velocity w.
     pub across: TransverseMotion,
+    /// Velocity along the rod, m/s.
+    pub along: f64,
     /// Frequency f, Hz; none where nothing moves periodically.
     pub frequency: Option<f64>,
     /// Depth of the rod across the plane of motion, mean over the length, D, m.
     pub depth: f64,
-    /// Re_d = ρ w D/μ.
+    /// Re_d = ρ w D/μ, where w is a tenth of the velocity along the rod if that is larger: see [`TransverseMotion::counted`].
     pub reynolds: f64,
     /// Stokes number β = f D²/ν: the boundary layer is thin where it is large.
     pub stokes: Option<f64>,
@@ -69,15 +68,16 @@ pub struct Regime {
 impl Regime {
     /// The regime of `rod` that `motion` comes to, at this `frequency` (Hz).
     pub fn of(rod: &Rod, frequency: Option<f64>, motion: &MeanMotion) -> Self {
-        let TransverseMotion { speed, per_depth, fluid, .. } = motion.across;
+        let TransverseMotion { speed, fluid, .. } = motion.across;
         let depth = rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let added = FRAC_PI_4 * fluid.density * rod.sections.mean(0.0, 1.0, |xi| rod.sections.at(xi).added());
         let weakest = rod.joints().map(|k| rod.joint[k]).fold(f64::INFINITY, f64::min) * rod.spacing;
         Self {
             across: motion.across,
+            along: motion.along,
             frequency,
             depth,
-            reynolds: per_depth * depth,
+            reynolds: motion.across.counted().0 * depth,
             stokes: frequency.map(|frequency| frequency * depth * depth * fluid.density / fluid.viscosity),
             keulegan_carpenter: frequency.map(|frequency| SQRT_2 * speed / (frequency * depth)),
             mass_ratio: added * rod.length / rod.mass[rod.front..].iter().sum::<f64>(),

@@ -33,6 +33,9 @@ const STEADY: f64 = 1e-6;
 /// A line of a table counts if its velocity is this part of the largest: the sides of the window are a fifth of that.
 const RESOLVED: f64 = 0.01;
 
+/// A table of as many periods has the moments of what a window sees of it, whether or not it ends with a whole one.
+const WINDOWED: f64 = 4.0;
+
 /// Most times at which a table is looked at for its lines, a power of two.
 const TIMES: usize = 1 << 14;
 
@@ -142,7 +145,12 @@ impl Spectrum {
                     if is_position { [rate, acceleration] } else { [row, rate] }
                 };
                 let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.time));
-                let Some(moments) = Moments::of(rows, [first, last], velocity) else { return };
+                let Some(mut moments) = Moments::of(rows, [first, last], |_| 1.0, velocity) else { return };
+                // Parts of a period at its end count for less.
+                if moments.frequency() * (last - first) >= WINDOWED {
+                    let part = |time: f64| window((time - first) / (last - first));
+                    moments = Moments::of(rows, [first, last], part, velocity).unwrap_or(moments);
+                }
                 let lines = lines(rows, [first, last], velocity);
                 if lines.len() > 1 {
                     let all: f64 = lines.iter().map(|line| line.speed * line.speed).sum();
@@ -152,7 +160,7 @@ impl Spectrum {
                     self.add(moments.frequency(), arm * moments.speed());
                 }
                 let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
-                let quarters = (0..4).map(|k| Moments::of(rows, quarter(k), velocity).map_or(0.0, |m| m.size()));
+                let quarters = (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
                 let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY_TOLERANCE * moments.size();
                 self.is_transient |= !quarters.into_iter().all(alike);
             }
@@ -168,8 +176,13 @@ struct Moments {
 }
 
 impl Moments {
-    /// Of what `velocity` makes of value, rate and second rate; none where nothing changes.
-    fn of(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Option<Self> {
+    /// Of what `velocity` makes of value, rate and second rate, with the `weight` of a time; none where nothing changes.
+    fn of(
+        rows: &[Row],
+        [from, to]: [f64; 2],
+        weight: impl Fn(f64) -> f64,
+        velocity: impl Fn(f64, f64, f64) -> [f64; 2],
+    ) -> Option<Self> {
         // Simpson's rule, as velocities between rows are parabolas or cubics.
         let (mut span, mut mean, mut square, mut rate) = (0.0, 0.0, 0.0, 0.0);
         for pair in rows.windows(2) {
@@ -178,15 +191,15 @@ impl Moments {
                 continue;
             }
             let h = end - start;
-            for (place, weight) in [(start, 1.0), (0.5 * (start + end), 4.0), (end, 1.0)] {
+            for (place, part) in [(start, 1.0), (0.5 * (start + end), 4.0), (end, 1.0)] {
                 let at = hermite(&pair[0], &pair[1], place);
                 let [u, change] = velocity(at.value, at.rate, at.acceleration);
-                let weight = weight / 6.0 * h;
+                let weight = part / 6.0 * h * weight(place);
+                span += weight;
                 mean += weight * u;
                 square += weight * u * u;
                 rate += weight * change * change;
             }
-            span += h;
         }
         let moments = Self { mean: mean / span, square: square / span, rate: rate / span };
         (span > 0.0 && rate > 0.0 && moments.speed() > STEADY * moments.square.sqrt()).then_some(moments)
@@ -207,6 +220,12 @@ impl Moments {
     }
 }
 
+/// Blackman's window at a part of its span: a line is six frequencies wide, and what is beyond that is 0.1 % of it.
+fn window(part: f64) -> f64 {
+    let phase = TAU * part;
+    0.42 - 0.5 * phase.cos() + 0.08 * (2.0 * phase).cos()
+}
+
 /// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform; their speeds are right in
 /// proportion.
 fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Vec<SpectralLine> {
@@ -221,11 +240,7 @@ fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) ->
         velocity(at.value, at.rate, at.acceleration)[0]
     };
     let velocities: Vec<f64> = (0..count).map(sample).collect();
-    // Blackman's window: a line is six frequencies wide, and what is beyond that is 0.1 % of it.
-    let window = |i: usize| {
-        let phase = TAU * (i as f64 + 0.5) / count as f64;
-        0.42 - 0.5 * phase.cos() + 0.08 * (2.0 * phase).cos()
-    };
+    let window = |i: usize| window((i as f64 + 0.5) / count as f64);
     // The mean as the window sees it: one of parts of a period is none.
     let [sum, all] = (0..count).fold([0.0; 2], |[sum, all], i| [sum + window(i) * velocities[i], all + window(i)]);
     let mean = sum / all;

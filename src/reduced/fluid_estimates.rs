@@ -22,7 +22,7 @@ use crate::metrics::{Measurements, RunMetrics};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
 use crate::number_format::{percent, signed, two_digits};
-use crate::regime::{self, MISALIGNED, MeanMotion, Regime};
+use crate::regime::{self, MeanMotion, Regime};
 use crate::rod::node;
 use crate::spectrum::Spectrum;
 use crate::system::{Form, State};
@@ -87,10 +87,16 @@ impl ShortRun {
         Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
     }
 
-    /// The time (s) from which the motion is measured: over the last whole periods except the first, at most [`MAX_CYCLES`], or over all.
-    fn measured_from(&self) -> f64 {
+    /// The number of periods at its end over which the motion is measured: whole ones except the first, at most [`MAX_CYCLES`]; none where
+    /// it is measured over all of it.
+    fn measured_periods(&self) -> f64 {
         let whole = |period: f64| ((self.duration / period * (1.0 + ROUNDING)).floor() - 1.0).min(MAX_CYCLES as f64);
-        let late = self.period.map(|period| whole(period) * period).filter(|late| *late > 0.0);
+        self.period.map_or(0.0, whole).max(0.0)
+    }
+
+    /// The time (s) from which the motion is measured.
+    fn measured_from(&self) -> f64 {
+        let late = self.period.map(|period| self.measured_periods() * period).filter(|late| *late > 0.0);
         late.map_or(0.0, |late| self.duration - late)
     }
 }
@@ -131,7 +137,7 @@ fn simulate_steps(model: &Arc<Model>, span: ShortRun, steps: u64) -> Result<Shor
     let mut state = dynamics.first_state_in(Form::Positions);
     model_stepper.begin(&mut dynamics, &mut newton, &mut state)?;
     let mut metrics = RunMetrics::start(&mut dynamics, &state)?;
-    let mut cycles = Cycles::start(&dynamics, &state, &metrics);
+    let mut cycles = Cycles::start_with_period(&dynamics, &state, &metrics, span.period);
     let (mut next, mut measurements) = (state.clone(), Measurements::new(model.rod.nodes));
     let mut samples = Vec::with_capacity(steps as usize + 1);
     samples.push(MotionSample::of(&dynamics, &state));
@@ -148,7 +154,8 @@ fn simulate_steps(model: &Arc<Model>, span: ShortRun, steps: u64) -> Result<Shor
     }
     let means = MotionAndPower::of(&cycles, &dynamics).ok_or_else(nothing)?;
     let from = samples.partition_point(|sample| sample.time <= span.measured_from() + ROUNDING * duration);
-    Ok(ShortRunResult { means, motion: motion(&samples[from.saturating_sub(1)..], model.head.is_some()) })
+    let (measured, held) = (&samples[from.saturating_sub(1)..], model.head.is_some());
+    Ok(ShortRunResult { means, motion: motion(measured, span.measured_periods(), held) })
 }
 
 /// The motion of the rod relative to the fluid at one time: mean squares over its nodes.
@@ -156,7 +163,8 @@ struct MotionSample {
     time: f64,
     along: f64,
     across: f64,
-    inertia: f64,
+    /// Of the velocities across and along over ν, 1/m².
+    per_depth: [f64; 2],
     body: f64,
     density: f64,
     viscosity: f64,
@@ -175,7 +183,7 @@ impl MotionSample {
             time: *t,
             along: 0.0,
             across: 0.0,
-            inertia: 0.0,
+            per_depth: [0.0; 2],
             body: 0.0,
             density: 0.0,
             viscosity: 0.0,
@@ -192,10 +200,12 @@ impl MotionSample {
             let Fluid { density, viscosity, flow, .. } = dynamics.fluid_at(node(q, k));
             let velocity = node(v, k) - flow;
             let along = tangent.dot(&velocity).powi(2);
-            let across = tangent.perp(&velocity).powi(2) + MISALIGNED * MISALIGNED * along;
+            let across = tangent.perp(&velocity).powi(2);
+            let ratio = (density / viscosity).powi(2);
             sample.along += part * along;
             sample.across += part * across;
-            sample.inertia += part * across * (density / viscosity).powi(2);
+            sample.per_depth[0] += part * across * ratio;
+            sample.per_depth[1] += part * along * ratio;
             sample.density += part * density;
             sample.viscosity += part * viscosity;
         }
@@ -203,16 +213,15 @@ impl MotionSample {
     }
 }
 
-/// The motion over equally spaced `samples`, of which the first is its start.
-fn motion(samples: &[MotionSample], held: bool) -> MeanMotion {
+/// The motion over equally spaced `samples`, of which the first is its start, and which are as many `periods`.
+fn motion(samples: &[MotionSample], periods: f64, held: bool) -> MeanMotion {
     let later = samples.get(1..).unwrap_or_default();
     let mean = |of: fn(&MotionSample) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
     let root = |of: fn(&MotionSample) -> f64| mean(of).sqrt();
     // What carries the head, or the centre of mass, on: all of a free rod's motion, of a held head its mean.
-    let gone = |sample: &MotionSample| match (samples.first(), samples.last()) {
-        (Some(first), Some(last)) if held && last.time > first.time => {
-            (last.from - first.from) * ((sample.time - first.time) / (last.time - first.time))
-        }
+    let velocity = drift(samples, periods).filter(|_| held);
+    let gone = |sample: &MotionSample| match (velocity, samples.first()) {
+        (Some(velocity), Some(first)) => velocity * (sample.time - first.time),
         _ if held => Vector2::zeros(),
         _ => sample.from,
     };
@@ -221,7 +230,8 @@ fn motion(samples: &[MotionSample], held: bool) -> MeanMotion {
         along: root(|sample| sample.along),
         across: TransverseMotion {
             speed: root(|sample| sample.across),
-            per_depth: root(|sample| sample.inertia),
+            per_depth: root(|sample| sample.per_depth[0]),
+            along: root(|sample| sample.per_depth[1]),
             body: root(|sample| sample.body),
             fluid: Fluid {
                 density: mean(|sample| sample.density),
@@ -231,6 +241,22 @@ fn motion(samples: &[MotionSample], held: bool) -> MeanMotion {
         },
         tip: regime::half_width(&tips),
     }
+}
+
+/// The mean velocity of the origin over equally spaced `samples`, m/s, from its means over the first and the last of their `periods`: those
+/// of places at the ends of a window that is a little longer are off by the motion there.
+fn drift(samples: &[MotionSample], periods: f64) -> Option<Vector2<f64>> {
+    let (first, last) = (samples.first()?, samples.last()?);
+    let time = last.time - first.time;
+    if periods < 2.0 {
+        return (time > 0.0).then(|| (last.from - first.from) / time);
+    }
+    let later = &samples[1..];
+    let count = (later.len() as f64 / periods).round() as usize;
+    let mean = |part: &[MotionSample]| part.iter().map(|sample| sample.from).sum::<Vector2<f64>>() / count as f64;
+    let [first, last] = [later.get(..count)?, later.get(later.len() - count..)?].map(mean);
+    let between = time * (later.len() - count) as f64 / later.len() as f64;
+    Some((last - first) / between)
 }
 
 /// A drag law, with or without added mass, and the result of the scene with it.
@@ -323,17 +349,25 @@ pub struct FluidChoice {
     pub reactive: bool,
     /// The reason.
     pub reason: String,
-    /// Estimated errors of motion and power relative to the most accurate law, if known.
+    /// Estimated errors of motion and power relative to the most accurate law, zero of that itself, if there is another.
     pub errors: Option<[f64; 2]>,
+    /// Published uncertainty of the most accurate law, in motion and power, if there are estimates and it is known.
+    pub uncertainty: Option<[f64; 2]>,
 }
 
 /// The largest error of a simpler law, as a fraction of the uncertainty of the most accurate one.
-const UNCERTAINTY_FRACTION: f64 = 0.25;
+pub const UNCERTAINTY_FRACTION: f64 = 0.25;
 
 impl FluidChoice {
+    /// A choice without estimates, for that reason.
+    pub fn without_estimates(law: Option<&'static DragLaw>, reactive: bool, reason: String) -> Self {
+        Self { law, reactive, reason, errors: None, uncertainty: None }
+    }
+
     /// The cheapest `allowed` law whose error is small compared with the uncertainty of the most accurate one. It includes added mass if
     /// that decides the stability of the rod, because a motion from rest may not show it.
     pub fn of(estimates: &FluidEstimates, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
+        let all = estimates.laws.len();
         let open = estimates.restricted_to(&allowed)?;
         let is_kept = estimates.regime.water_decides_stability() && open.laws.iter().any(|law| law.reactive);
         let left_out = is_kept && open.laws.iter().any(|law| !law.reactive);
@@ -354,7 +388,11 @@ impl FluidChoice {
                     highest.name(),
                     estimates.in_words(limits)
                 ),
-                None => "none of the other laws that it may take holds here".to_string(),
+                None if estimates.laws.len() < all => format!(
+                    "of what auto may take {reactive} the water's inertia, no other law holds here",
+                    reactive = if highest.reactive { "with" } else { "without" }
+                ),
+                None => "of what auto may take no other law holds here".to_string(),
             }
         } else {
             format!(
@@ -371,8 +409,13 @@ impl FluidChoice {
                 BECK = regime::BECK
             );
         }
-        let errors = (estimates.laws.len() > 1).then_some(taken.errors);
-        Some(Self { law: Some(taken.law), reactive: taken.reactive, reason, errors })
+        Some(Self {
+            law: Some(taken.law),
+            reactive: taken.reactive,
+            reason,
+            errors: (estimates.laws.len() > 1).then_some(taken.errors),
+            uncertainty: Some(estimates.uncertainty).filter(|both| both.iter().all(|part| part.is_finite())),
+        })
     }
 
     /// Includes the changes of motion and power by `law`, which is valid and more accurate than all candidates, in the reason and errors.

@@ -311,9 +311,9 @@ impl Estimator {
             let left = self.run.accuracy - errors.get(measure)?;
             Some(STEP_ERROR_FRACTION * left / per_length.get(measure)?)
         });
-        let needed = needed.fold(f64::INFINITY, f64::min);
-        // A model that is not accurate enough needs no steps.
-        if needed > 0.0 {
+        // A measure that is not accurate enough whatever the steps says nothing about them.
+        let needed = needed.filter(|needed| *needed > 0.0).fold(f64::INFINITY, f64::min);
+        if needed.is_finite() {
             self.tolerance = self.tolerance.min(needed.max(MIN_TOLERANCE));
         }
         let tolerance = self.tolerance();
@@ -452,7 +452,9 @@ impl Estimator {
         }
         let inertia = self.inertia();
         if inertia > MAX_INERTIA {
-            return no_estimate(format!("inertia is {inertia:.1e} of the drag"));
+            return no_estimate(format!(
+                "inertia is {inertia:.1e} of the drag at the highest frequency of the drive, of the node that drag stops last"
+            ));
         }
         let PlannedRun { duration, pace: [_, pace], .. } = self.run;
         if let StepControl::Adaptive(tolerance) = pace {

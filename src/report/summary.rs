@@ -8,12 +8,18 @@ use crate::cycle::CycleAverages;
 use crate::system::Form;
 use crate::verification::Verification;
 
-/// Estimated relative errors of the fluid model against the most complete one: of speed or thrust, and of power.
+/// Relative errors of the fluid model, or what it is uncertain by: of speed or thrust, and of power.
 #[derive(Debug, Clone, Copy, Serialize)]
 #[expect(missing_docs, reason = "the names say what they are")]
 pub struct FluidError {
     pub motion: f64,
     pub power: f64,
+}
+
+impl From<[f64; 2]> for FluidError {
+    fn from([motion, power]: [f64; 2]) -> Self {
+        Self { motion, power }
+    }
 }
 
 /// The results of a run, in SI units; written as summary.json.
@@ -33,6 +39,7 @@ pub struct Summary {
     pub forces: Vec<&'static str>,
     pub fluid_reason: Option<String>,
     pub fluid_error: Option<FluidError>,
+    pub fluid_uncertainty: Option<FluidError>,
     pub integrator: String,
     pub form: Form,
     pub time_step_s: f64,

@@ -602,7 +602,7 @@ impl Scene {
     pub(super) fn fluid_choice_or_fixed(&self) -> Option<FluidChoice> {
         self.fluid_choice.clone().or_else(|| {
             let (law, reactive) = self.fluid_model(&self.model().ok()?.rod);
-            Some(FluidChoice { law, reactive, reason: "by its Reynolds number".to_string(), errors: None })
+            Some(FluidChoice::without_estimates(law, reactive, "that of the scene it is made from".to_string()))
         })
     }
 
@@ -617,7 +617,15 @@ impl Scene {
         if !law_left && !reactive_left {
             return;
         }
-        let Ok(estimates) = self.fluid_estimates() else { return };
+        let estimates = match self.fluid_estimates() {
+            Ok(estimates) => estimates,
+            Err(reason) => {
+                let (law, reactive) = self.fluid_model(&self.rod_on(NODES[0] as usize));
+                let reason = format!("no estimates: {reason}");
+                self.fluid_choice = Some(FluidChoice::without_estimates(law, reactive, reason));
+                return;
+            }
+        };
         let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok());
         let reactive = self.reactive.is_some();
         let rod = self.rod_on(NODES[0] as usize);

@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use super::finite_difference::CENTRAL_STENCIL;
+use super::finite_difference::{CENTRAL_STENCIL, PerturbedScene};
 use super::output::{Output, Quantity, Work};
 use super::parameter::Parameter;
 use super::problem::Problem;
@@ -18,6 +18,7 @@ use crate::cycle::derivatives::{CycleEnd, IntegralDerivatives, IntegralWeights};
 use crate::cycle::{CycleMeasure, Cycles, MAX_CYCLES};
 use crate::error::Result;
 use crate::metrics::{Measurements, RunMetrics};
+use crate::model::Dynamics;
 use crate::system::System;
 
 /// Step of the differences by the logarithm of the frequency, times the number of cycles.
@@ -171,22 +172,28 @@ impl Problem {
         let passed = ends.len() - 1;
         let slides = parameters.contains(&Parameter::Frequency) && passed > MAX_CYCLES && cycles.follow_actuation();
         let trend = if slides { self.trend_by_frequency(measure, passed)? } else { None };
+        let whole = cycles.whole(f64::INFINITY);
+        let averaged = |dynamics: &Dynamics| measure.mean(whole, dynamics).unwrap_or(f64::NAN);
+        let own = cycles.frequency(&self.dynamics);
+        let slid = cycles.by_log_frequency(measure, &self.dynamics, &ends).unwrap_or(f64::NAN);
         for (by, parameter) in by.iter_mut().zip(parameters) {
             match parameter {
                 Parameter::OfForces(key) => {
                     let own = integral_derivatives.iter().flat_map(|dependence| &dependence.by_key);
                     *by += own.filter(|(own, _)| own == key).map(|(_, by)| by).sum::<f64>();
                 }
-                // The measure's own formula, of the same sums between ends that have moved.
+                // The measure's own formula, of the same sums, and what moves the ends of the cycles.
                 Parameter::OfScene(i) => {
-                    let own = cycles.frequency(&self.dynamics);
-                    *by += self.finite_differences[*i].of_value(|place| {
-                        let ratio = own.zip(cycles.frequency(&place.dynamics)).map_or(1.0, |(own, now)| own / now);
-                        Ok(cycles.mean_as(measure, &place.dynamics, &ends, ratio - 1.0).unwrap_or(f64::NAN))
-                    })?;
+                    let moved = &mut self.finite_differences[*i];
+                    *by += moved.of_value(|place| Ok(averaged(&place.dynamics)))?;
+                    // Zero, and not rounding, of one that is the same.
+                    let log = |place: &mut PerturbedScene| {
+                        own.zip(cycles.frequency(&place.dynamics)).map_or(0.0, |(own, now)| (now / own).ln())
+                    };
+                    *by += slid * moved.of_value(|place| Ok(log(place)))?;
                 }
                 Parameter::Frequency if let Some(trend) = trend => *by = trend,
-                Parameter::Frequency => *by += cycles.by_frequency(measure, &self.dynamics, &ends),
+                Parameter::Frequency if cycles.follow_actuation() => *by += slid / self.dynamics.inputs.drive.frequency,
                 _ => {}
             }
         }

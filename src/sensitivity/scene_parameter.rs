@@ -38,7 +38,7 @@ pub struct SceneParameter {
     whole: toml::Value,
     /// The parameter of the simulation; see [`assign_indices`] for [`Parameter::OfScene`].
     pub by: Parameter,
-    /// The scale of its finite difference.
+    /// The scale of its finite difference where it is zero.
     size: f64,
 }
 
@@ -92,7 +92,7 @@ impl<'a> SceneParameters<'a> {
                 own: *value,
                 whole: whole.clone(),
                 by: Parameter::OfScene(0),
-                size: self.size(key, *value),
+                size: self.size(key),
             };
             return points.points.iter().enumerate().map(number).collect();
         }
@@ -112,7 +112,7 @@ impl<'a> SceneParameters<'a> {
                 own: scalar.value,
                 whole,
                 by: by.unwrap_or(Parameter::OfScene(0)),
-                size: self.size(key, scalar.value),
+                size: self.size(key),
             }
         };
         scalars.iter().map(number).collect()
@@ -134,12 +134,10 @@ impl<'a> SceneParameters<'a> {
             || key.ends_with("frequency_hz") && (law == Some("weak-inertia") || loss)
     }
 
-    /// The scale of the finite difference by a number: its absolute value, or a typical value if it is zero. Forces are linear in the
-    /// remaining ones.
-    fn size(&self, key: &str, own: f64) -> f64 {
+    /// The scale of the finite difference by a number where it is zero: a typical value. Forces are linear in the remaining ones.
+    fn size(&self, key: &str) -> f64 {
         let rod = &self.model.rod;
         match key {
-            _ if own != 0.0 => own.abs(),
             "rod.inner_radius_m" => 1e-3 * rod.length,
             FLOW | "medium.beyond.offset_m" => rod.length,
             // A start is not linear in the damping of a rod that is driven faster than this.

@@ -29,6 +29,9 @@ const ROUNDED: f64 = 1e-6;
 /// What changes by less than this, in SI units, in scenes of this size, does not change.
 const NOTHING: f64 = 1e-10;
 
+/// What Newton's tolerance of 1e-13 leaves in a position, over the length, and in a force, over EA: measured 5e-13 and 7e-13.
+const UNSOLVED: f64 = 2e-12;
+
 /// Largest step over the size of what is moved, and how many smaller ones are tried, each a fifth of the one before.
 const STEP: f64 = 5e-4;
 const STEPS: usize = 4;
@@ -444,6 +447,8 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
     }
     match scene_parameter::finite_differences(&case.document, &case.numbers, &own_values) {
         Ok(moved) => problem.finite_differences = moved,
+        // Two motions of one frequency, of which one is moved, have no frequency of their own that a loss factor holds at.
+        Err(error) if error.to_string().contains("rod.loss_frequency_hz") => return,
         Err(error) => return faults.push(format!("seed {seed}: {error}")),
     }
     case.set(&mut problem, &values).unwrap();
@@ -556,6 +561,17 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             step *= 0.2;
         }
         let unit = |name: &str| name.rsplit_once('_').map_or("", |(_, unit)| unit).to_string();
+        let rod = &model.rod;
+        let unsolved = |name: &str| {
+            UNSOLVED
+                * match unit(name).as_str() {
+                    "m" => rod.length,
+                    "n" => rod.ea,
+                    // The work that the residuals do.
+                    _ if name == "numerical_dissipation_j" => rod.ea * rod.length,
+                    _ => 0.0,
+                }
+        };
         let largest_by_unit = |o: usize| {
             let of_unit = gradients.iter().filter(|other| unit(&other.0) == unit(&gradients[o].0));
             largest(of_unit.map(|other| other.1))
@@ -574,9 +590,11 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             let noise = |[coarse, fine]: &[f64; 2]| (coarse - fine).abs();
             let beyond = |pair: &[f64; 2]| {
                 let error = pair.iter().map(|by| (exact - by).abs()).fold(f64::INFINITY, f64::min);
-                (error - 4.0 * noise(pair)).max(0.0) / scale
+                (error - 4.0 * noise(pair) - unsolved(name) / size).max(0.0) / scale
             };
-            let known = pairs.filter(|pair| noise(pair) <= 1e-5 * scale);
+            // Steps across a kink may agree with each other and not with smaller ones, which then need not agree as well.
+            let from_known = pairs.skip_while(|pair| noise(pair) > 1e-5 * scale);
+            let known = from_known.filter(|pair| noise(pair) <= 1e-4 * scale);
             let Some(pair) = known.min_by(|a, b| beyond(a).total_cmp(&beyond(b))) else { continue };
             let (error, coarse, noise) = (beyond(&pair), pair[0], noise(&pair));
             count.known += 1;

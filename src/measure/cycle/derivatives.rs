@@ -12,8 +12,8 @@ use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::{Key, PowerKind};
 use crate::model::Dynamics;
 
-/// Relative step of the finite difference by which the ends of cycles move.
-const FREQUENCY_STEP: f64 = 1e-3;
+/// Relative step of the finite difference by the period.
+const PERIOD_STEP: f64 = 1e-3;
 
 /// Quadrature weights of the values and rates at each time in an integral over a cycle.
 #[derive(Debug, Clone)]
@@ -89,38 +89,29 @@ impl Cycles {
         self.source == CycleSource::Actuation
     }
 
-    /// The mean of `measure` over the last whole cycles, which lie between the last of `ends`, by its formula in `dynamics`, a slightly
-    /// perturbed scene. If the drive has the frequency f/(1 + `stretch`) there instead of f, the ends t = n/f move, and the integrals
-    /// between them follow to first order.
-    pub(crate) fn mean_as(
+    /// The derivative of the mean of `measure` by the logarithm of the frequency f of what drives the cycles that comes from the motion of
+    /// their ends t = n/f, the last of `ends`, in `dynamics`.
+    pub(crate) fn by_log_frequency(
         &self,
         measure: &CycleMeasure,
         dynamics: &Dynamics,
         ends: &[CycleEnd],
-        stretch: f64,
     ) -> Option<f64> {
         let cycles = self.whole(f64::INFINITY);
         let ends = &ends[ends.len().checked_sub(1 + cycles.len())?..];
-        let moved = |(cycle, ends): (&Cycle, &[CycleEnd])| {
-            let [from, until] = [ends[0], ends[1]].map(|end| end.time * stretch);
-            let change = cycle.change + ends[1].rates * until - ends[0].rates * from;
-            (measure.of)(&Cycle { from: cycle.from + from, until: cycle.until + until, change, ..*cycle }, dynamics)
+        let of = |(cycle, ends): (&Cycle, &[CycleEnd])| {
+            // By the integrals between ends that move by -t, and by the period alone, which no distance or power feels.
+            let change = ends[0].rates * ends[0].time - ends[1].rates * ends[1].time;
+            let (slopes, _) = slopes(measure, cycle, dynamics)?;
+            let lasting = |factor: f64| {
+                (measure.of)(&Cycle { until: cycle.from + cycle.period() * factor, ..*cycle }, dynamics)
+            };
+            let central = |part: f64| Some((lasting(1.0 - part)? - lasting(1.0 + part)?) / (2.0 * part));
+            let [near, far] = [central(PERIOD_STEP)?, central(2.0 * PERIOD_STEP)?];
+            Some(slopes.dot(&change) + (4.0 * near - far) / 3.0)
         };
-        let means: Vec<f64> = cycles.iter().zip(ends.windows(2)).map(moved).collect::<Option<_>>()?;
-        (!means.is_empty()).then(|| means.iter().sum::<f64>() / means.len() as f64)
-    }
-
-    /// The part of the derivative of the mean of `measure` by the frequency (Hz) of the actuation that comes from the motion of the
-    /// ends t = n/f of the cycles, the last of `ends`; zero if something else drives the cycles.
-    pub(crate) fn by_frequency(&self, measure: &CycleMeasure, dynamics: &Dynamics, ends: &[CycleEnd]) -> f64 {
-        if !self.follow_actuation() {
-            return 0.0;
-        }
-        // A smooth function of the logarithm of the frequency, by differences of fourth order.
-        let mean = |change: f64| self.mean_as(measure, dynamics, ends, (-change).exp_m1());
-        let central = |change: f64| Some((mean(change)? - mean(-change)?) / (2.0 * change));
-        let by = central(FREQUENCY_STEP).zip(central(2.0 * FREQUENCY_STEP));
-        by.map_or(f64::NAN, |(near, far)| (4.0 * near - far) / (3.0 * dynamics.inputs.drive.frequency))
+        let sum = cycles.iter().zip(ends.windows(2)).map(of).sum::<Option<f64>>()?;
+        (!cycles.is_empty()).then(|| sum / cycles.len() as f64)
     }
 
     /// The ends of the last whole cycles of a run with steps between `times`, each as the index of the step's end and a fraction of the
@@ -219,7 +210,7 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
     let period = cycle.period();
     let velocity = cycle.velocity();
     // At rest there is no direction.
-    let direction = velocity.try_normalize(0.0).unwrap_or_default();
+    let direction = velocity.try_normalize(cycle.least_speed(dynamics)).unwrap_or_default();
     let per = 1.0 / period;
     // The part of a mean vector along the axis.
     let mut along = |at: usize, mean: Vector2<f64>, size: f64| {
@@ -258,6 +249,9 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
             let (([thrust, speed], power), axis) = (cycle.thrust_speed_and_power(dynamics)?, cycle.axis()?);
             set_vector(&mut by, index::FORCE, axis * (speed / power * per));
             set_vector(&mut by, index::POSITION, axis * (thrust / power * per));
+            let across = |mean: Vector2<f64>| mean - axis * mean.dot(&axis);
+            let turned = across(cycle.mean_vector(index::FORCE)) * speed + across(velocity) * thrust;
+            set_vector(&mut by, index::AXIS, turned * (per / (power * cycle.mean_vector(index::AXIS).norm())));
             for i in [0, 3] {
                 by[index::WORK + i] = -thrust * speed / (power * power) * per;
             }

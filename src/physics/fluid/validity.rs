@@ -11,6 +11,10 @@ use nalgebra::Complex;
 use super::medium::Fluid;
 use crate::rod::Rod;
 
+/// The part of the velocity along a rod that its Reynolds numbers count as across it, if it is the larger: no rod lies along a flow
+/// exactly.
+const MISALIGNED: f64 = 0.1;
+
 /// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
 /// time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,10 +23,20 @@ pub struct TransverseMotion {
     pub speed: f64,
     /// ρw/μ where each node is, 1/m.
     pub per_depth: f64,
+    /// ρu/μ of the velocity u along it, 1/m.
+    pub along: f64,
     /// ρ|V|/μ of a head body, of its velocity V in all directions, 1/m.
     pub body: f64,
     /// Density and viscosity where the rod is.
     pub fluid: Fluid,
+}
+
+impl TransverseMotion {
+    /// What Reynolds numbers are made from, 1/m: ρw/μ, or [`MISALIGNED`] of ρu/μ if that is larger; and whether it is.
+    pub fn counted(&self) -> (f64, bool) {
+        let along = MISALIGNED * self.along;
+        (self.per_depth.max(along), along > self.per_depth)
+    }
 }
 
 /// What the numbers of a motion are made from.
@@ -43,7 +57,7 @@ pub struct FlowConditions<'a> {
 /// A number of the motion that a range is given in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DimensionlessNumber {
-    /// wD/ν by the mean depth D and the velocity w across the rod.
+    /// wD/ν by the mean depth D and the velocity w across the rod, or a tenth of that along it if that is larger.
     Reynolds,
     /// wL/ν by the length.
     LengthReynolds,
@@ -102,7 +116,7 @@ impl DimensionlessNumber {
         let depth = || rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let per_nu = fluid.density / fluid.viscosity;
         let longest = rod.body.map(|body| body.along.max(body.across));
-        let moving = |size: f64| Some(motion.across.per_depth * size).filter(|number| *number > 0.0);
+        let moving = |size: f64| Some(motion.across.counted().0 * size).filter(|number| *number > 0.0);
         match self {
             Self::Unsteady => {
                 let (reynolds, stokes) = (moving(depth())?, Self::Stokes.of(motion)?);

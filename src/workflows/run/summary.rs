@@ -48,10 +48,8 @@ impl Summary {
             model_reason: stepper.choice().and_then(|choice| choice.reason.clone()),
             forces: model.forces.iter().map(|force| force.name()).collect(),
             fluid_reason: scene.fluid_choice().map(|choice| choice.reason.clone()),
-            fluid_error: scene
-                .fluid_choice()
-                .and_then(|choice| choice.errors)
-                .map(|[motion, power]| FluidError { motion, power }),
+            fluid_error: scene.fluid_choice().and_then(|choice| choice.errors).map(FluidError::from),
+            fluid_uncertainty: scene.fluid_choice().and_then(|choice| choice.uncertainty).map(FluidError::from),
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
             time_step_s: match stepper.pace() {

@@ -234,7 +234,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
 }
 
 /// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
-const RESULT_COLUMNS: [&str; 86] = [
+const RESULT_COLUMNS: [&str; 87] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -250,6 +250,7 @@ const RESULT_COLUMNS: [&str; 86] = [
     "forces",
     "fluid_reason",
     "fluid_error",
+    "fluid_uncertainty",
     "integrator",
     "form",
     "time_step_s",

@@ -7,6 +7,7 @@ use super::model_run::FluidModelRun;
 use crate::fluid::laws::Dependence;
 use crate::number_format::{percent, two_digits};
 use crate::reduced::MotionAndPower;
+use crate::reduced::fluid_estimates::UNCERTAINTY_FRACTION;
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
@@ -115,13 +116,13 @@ impl<'a> FluidReport<'a> {
             });
         }
         if let Some(limits) = uncertain {
-            let (text, enough) = self.verdict(rows, reference, limits);
+            let (text, enough) = self.verdict(rows, reference, limits.map(|limit| UNCERTAINTY_FRACTION * limit));
             findings.answers.push(text);
             findings.numbers.insert("law_that_suffices".into(), json!(enough));
         }
     }
 
-    /// The fluid model that the scene needs: the simplest one whose differences are within the uncertainty of the reference.
+    /// The fluid model that the scene needs: the simplest one whose differences are within the `limits`, those of the automatic choice.
     fn verdict(&self, rows: &[FluidModelRow<'_>], reference: &FluidModelRow<'_>, limits: [f64; 2]) -> (String, String) {
         let keeps_water = self.models.water_decides && reference.model.reactive;
         let within = |row: &&FluidModelRow<'_>| {
@@ -150,7 +151,7 @@ impl<'a> FluidReport<'a> {
         };
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
-                "Verdict: {} is good to {} in {motion} and {} in power here, within what {} itself is uncertain by; more than that this scene does not need.{water}",
+                "Verdict: {} is good to {} in {motion} and {} in power here, within a quarter of what {} itself is uncertain by; more than that this scene does not need.{water}",
                 taken.model,
                 percent(of_motion.abs()),
                 percent(of_power.abs()),
@@ -164,7 +165,8 @@ impl<'a> FluidReport<'a> {
                 let excess =
                     |both: &[f64; 2]| both.iter().zip(limits).map(|(x, limit)| x.abs() / limit).fold(0.0, f64::max);
                 let nearest = nearest.min_by(|a, b| excess(&a.1).total_cmp(&excess(&b.1)));
-                let why = nearest.map_or("no other law holds".to_string(), |(row, [of_motion, of_power])| {
+                let none = if keeps_water { "no other law with the water's inertia holds" } else { "no other law holds" };
+                let why = nearest.map_or(none.to_string(), |(row, [of_motion, of_power])| {
                     format!(
                         "the nearest below, {}, is off by {} in {motion} and {} in power",
                         row.model,
