@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use caudal::design::{Answer, Design};
+use caudal::design::{Answer, Design, SearchIteration};
 use caudal::error::Result;
 use caudal::report::Claim;
 
@@ -20,15 +20,13 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
     }
     let interrupted = watch_for_interrupts();
     let design = Design::resumed(&document, &folder, |iteration| {
-        say(&format!(
-            "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  step {:.1e}{}",
-            iteration.start + 1,
-            iteration.iteration,
-            iteration.objective,
-            iteration.stationarity,
-            iteration.step,
-            if iteration.accepted { "" } else { "  rejected" }
-        ));
+        if let Some(SearchIteration { start, iteration, objective, stationarity, step, accepted }) = iteration {
+            say(&format!(
+                "start {} iteration {iteration:>2}  objective {objective:.6e}  stationarity {stationarity:.1e}  step {step:.1e}{}",
+                start + 1,
+                if *accepted { "" } else { "  rejected" }
+            ));
+        }
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     for line in &design.lines {

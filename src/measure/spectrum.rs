@@ -160,7 +160,8 @@ impl Spectrum {
                     self.add(moments.frequency(), arm * moments.speed());
                 }
                 let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
-                let quarters = (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
+                let quarters =
+                    (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
                 let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY_TOLERANCE * moments.size();
                 self.is_transient |= !quarters.into_iter().all(alike);
             }

@@ -526,7 +526,7 @@ fn an_interrupted_search_keeps_the_best_so_far() {
     }
     let mut seen = Vec::new();
     let design = Design::of(&document, |iteration| {
-        seen.push(iteration.objective);
+        seen.extend(iteration.map(|iteration| iteration.objective));
         if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     let design = design.unwrap();

@@ -38,12 +38,12 @@ pub fn design<'py>(
 }
 
 /// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
-fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&SearchIteration, &mut Option<PyErr>) -> ControlFlow<()> {
+fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(Option<&SearchIteration>, &mut Option<PyErr>) -> ControlFlow<()> {
     move |iteration, failure| {
         let told = Python::attach(|py| {
             py.check_signals()?;
-            let told = (iteration.iteration, iteration.objective);
-            progress.as_ref().map_or(Ok(()), |callback| callback.call1(py, told).map(|_| ()))
+            let news = progress.as_ref().zip(iteration);
+            news.map_or(Ok(()), |(callback, news)| callback.call1(py, (news.iteration, news.objective)).map(|_| ()))
         });
         match told {
             Ok(()) => ControlFlow::Continue(()),

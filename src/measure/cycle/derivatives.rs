@@ -103,9 +103,8 @@ impl Cycles {
             // By the integrals between ends that move by -t, and by the period alone, which no distance or power feels.
             let change = ends[0].rates * ends[0].time - ends[1].rates * ends[1].time;
             let (slopes, _) = slopes(measure, cycle, dynamics)?;
-            let lasting = |factor: f64| {
-                (measure.of)(&Cycle { until: cycle.from + cycle.period() * factor, ..*cycle }, dynamics)
-            };
+            let lasting =
+                |factor: f64| (measure.of)(&Cycle { until: cycle.from + cycle.period() * factor, ..*cycle }, dynamics);
             let central = |part: f64| Some((lasting(1.0 - part)? - lasting(1.0 + part)?) / (2.0 * part));
             let [near, far] = [central(PERIOD_STEP)?, central(2.0 * PERIOD_STEP)?];
             Some(slopes.dot(&change) + (4.0 * near - far) / 3.0)

@@ -51,7 +51,7 @@ impl DistributedDesign {
     pub fn next(
         document: &Document,
         folder: &Path,
-        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+        tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<Option<Self>> {
         let scene = document.scene()?;
         let table = DesignTable::of(&scene).map_err(|fault| document.error_at(&fault))?;

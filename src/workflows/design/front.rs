@@ -44,7 +44,7 @@ pub(super) fn front(
     objective: &Objective,
     found: &SearchResult,
     (problem, checkpoint): (impl Fn() -> Result<Problem>, &mut Checkpoint),
-    mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    mut tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
 ) -> Result<(Vec<ParetoPoint>, bool)> {
     let (Some(wanted), Some(other)) = (&table.front, table.second()) else { return Ok((Vec::new(), false)) };
     let second = Objective::new(&other, &problem()?, None)?.like(objective);

@@ -1,7 +1,7 @@
 //! Limits of a design as inequality constraints: on the body (mass, buoyancy, wall), on the loads (moment, strain, power), on means
 //! over cycles, and on a second goal.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::design_vector::DesignVector;
 use super::objective::Objective;
@@ -107,8 +107,13 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
 pub struct LimitUse {
     /// A description of the limit.
     pub limit: String,
-    /// Value over the limit, or the limit over a value that is to be large, infinite where nothing of that is reached.
+    /// Value over the limit, or the limit over a value that is to be large: infinite where nothing of that is reached, `null` in JSON.
+    #[serde(deserialize_with = "or_infinite")]
     pub used: f64,
+}
+
+fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 impl LimitUse {
@@ -129,15 +134,10 @@ impl LimitUse {
         all.into_iter().max_by(|a, b| a.used.total_cmp(&b.used))
     }
 
-    /// The most used of `limits`, with a finite number, as it is stored.
-    pub(super) fn stored(limits: &[LimitValue]) -> Option<Self> {
-        Self::most(Self::of(limits)).map(|limit| Self { used: limit.used.min(f64::MAX), ..limit })
-    }
-
     /// How much of it is used, in words.
     pub(super) fn words(&self) -> String {
         match self.used {
-            f64::MAX.. => "nothing of it is reached".to_string(),
+            f64::INFINITY => "nothing of it is reached".to_string(),
             used => format!("{:.2} % of it", 100.0 * used),
         }
     }

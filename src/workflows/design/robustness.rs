@@ -106,7 +106,7 @@ impl<'a> RobustnessChecks<'a> {
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
         let value = objective.measure(&mut problem, &own).filter(|value| value.is_finite())?;
         let limits = Limits::of(&self.limited, &mut problem, &objective).ok()?.at(&mut problem, &own, &[])?;
-        Some(CheckResult { objective: value, limit: LimitUse::stored(&limits) })
+        Some(CheckResult { objective: value, limit: LimitUse::most(LimitUse::of(&limits)) })
     }
 
     /// Runs all simulations whose results are not in `checkpoint`, on all cores.

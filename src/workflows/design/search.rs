@@ -348,7 +348,7 @@ impl<'a> Search<'a> {
             return None;
         }
         let (_, limits) = self.at(&limits, profile, &[])?;
-        LimitUse::stored(&limits)
+        LimitUse::most(LimitUse::of(&limits))
     }
 
     fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Iterate> {
@@ -363,12 +363,12 @@ impl<'a> Search<'a> {
         Some(Iterate { x: x.into(), value, limits })
     }
 
-    /// Finds the best design from several starts. `tell` is called after each iteration and may stop the search, which then returns
-    /// the best design so far.
+    /// Finds the best design from several starts. `tell` is called after each iteration, and without one between the simulations that look
+    /// for a start, and may stop the search, which then returns the best design so far.
     ///
     /// # Errors
     /// [`Error::Design`] if no start can be simulated, or a quadratic program cannot be solved.
-    pub fn run(&mut self, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<SearchResult> {
+    pub fn run(&mut self, tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>) -> Result<SearchResult> {
         self.run_from(None, tell)
     }
 
@@ -376,7 +376,7 @@ impl<'a> Search<'a> {
     pub(super) fn run_start(
         &mut self,
         only: usize,
-        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+        tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<SearchResult> {
         self.run_starts(None, Some(only), tell)
     }
@@ -385,7 +385,7 @@ impl<'a> Search<'a> {
     pub(super) fn run_from(
         &mut self,
         from: Option<Vec<f64>>,
-        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+        tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<SearchResult> {
         self.run_starts(from, None, tell)
     }
@@ -394,7 +394,7 @@ impl<'a> Search<'a> {
         &mut self,
         from: Option<Vec<f64>>,
         only: Option<usize>,
-        mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+        mut tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<SearchResult> {
         let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
@@ -411,17 +411,13 @@ impl<'a> Search<'a> {
             }
             let x = match &from {
                 Some(x) => unknowns.kept(x.clone()),
-                None if sampled && start > 0 => {
-                    // Which takes a while: it is told of the last iteration again.
-                    let goes_on = || history.last().map_or(ControlFlow::Continue(()), &mut tell);
-                    match self.promising((&unknowns, &limits), start, goes_on) {
-                        ControlFlow::Continue(x) => x,
-                        ControlFlow::Break(()) => {
-                            interrupted = true;
-                            break;
-                        }
+                None if sampled && start > 0 => match self.promising((&unknowns, &limits), start, || tell(None)) {
+                    ControlFlow::Continue(x) => x,
+                    ControlFlow::Break(()) => {
+                        interrupted = true;
+                        break;
                     }
-                }
+                },
                 None => unknowns.first(start),
             };
             let Some(first) = self.point(&unknowns, &limits, x) else { continue };
@@ -432,7 +428,7 @@ impl<'a> Search<'a> {
             }
             let mut told = |mut iteration: SearchIteration| {
                 iteration.start = start;
-                let told = tell(&iteration);
+                let told = tell(Some(&iteration));
                 history.push(iteration);
                 told
             };
@@ -466,8 +462,12 @@ impl<'a> Search<'a> {
             beyond + end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
         let Some(best) = ends.into_iter().min_by(|a, b| merit(a).total_cmp(&merit(b))) else {
-            let reason = "no start could be simulated; try other bounds, or a smaller step".into();
-            return Err(Error::Design { reason });
+            let reason = if interrupted {
+                "interrupted before a start could be simulated"
+            } else {
+                "no start could be simulated; try other bounds, or a smaller step"
+            };
+            return Err(Error::Design { reason: reason.into() });
         };
         let converged = self.has_converged(&best);
         let (why, kept) = (best.why.clone(), best.point.is_kept());

@@ -111,11 +111,12 @@ pub(super) struct ComparedProfile {
 }
 
 impl Design {
-    /// Solves the design problem of `document`; `tell` is called after each iteration and may stop the search.
+    /// Solves the design problem of `document`; `tell` is called after each iteration, and without one in between; it may stop
+    /// the search.
     ///
     /// # Errors
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] if there is no answer; those of data and simulation.
-    pub fn of(document: &Document, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<Self> {
+    pub fn of(document: &Document, tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>) -> Result<Self> {
         Self::made(document, None, tell)
     }
 
@@ -127,7 +128,7 @@ impl Design {
     pub fn resumed(
         document: &Document,
         folder: &Path,
-        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+        tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<Self> {
         Self::made(document, Some(folder), tell)
     }
@@ -148,7 +149,7 @@ impl Design {
     fn made(
         document: &Document,
         folder: Option<&Path>,
-        mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+        mut tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<Self> {
         let scene = document.scene()?;
         document.read_as::<SceneWithDesign>()?; // whose complaints know their place

@@ -165,7 +165,8 @@ impl<'a> FluidReport<'a> {
                 let excess =
                     |both: &[f64; 2]| both.iter().zip(limits).map(|(x, limit)| x.abs() / limit).fold(0.0, f64::max);
                 let nearest = nearest.min_by(|a, b| excess(&a.1).total_cmp(&excess(&b.1)));
-                let none = if keeps_water { "no other law with the water's inertia holds" } else { "no other law holds" };
+                let none =
+                    if keeps_water { "no other law with the water's inertia holds" } else { "no other law holds" };
                 let why = nearest.map_or(none.to_string(), |(row, [of_motion, of_power])| {
                     format!(
                         "the nearest below, {}, is off by {} in {motion} and {} in power",
