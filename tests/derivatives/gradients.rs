@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::common;
 use caudal::cycle::derivatives;
@@ -16,6 +16,10 @@ use common::{Dice, largest};
 
 /// Scenes tried; CAUDAL_GRADIENTS tries more, from CAUDAL_SEED on.
 const SCENES: u64 = 3;
+
+/// Scenes in which 2000 found a wrong derivative once: means over cycles by the frequency beside a head that comes back to its place, at
+/// rest, and between ends that slide, and the energy of a rod that is hardly stretched by its length.
+const FOUND: [u64; 5] = [39, 125, 318, 345, 350];
 
 /// Entries that are moved in a scene.
 const MOVED: usize = 5;
@@ -617,21 +621,21 @@ fn gradients_in_random_scenes_are_those_of_differences() {
     let asked = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let scenes: u64 = asked("CAUDAL_GRADIENTS").unwrap_or(SCENES);
     let first: u64 = asked("CAUDAL_SEED").unwrap_or(1);
-    let next = AtomicU64::new(first);
+    let known = if first == 1 { &FOUND[..] } else { &[] };
+    let seeds: Vec<u64> = known.iter().copied().chain(first..first + scenes).collect();
+    let next = AtomicUsize::new(0);
     let (mut count, mut faults) = (Count::default(), Vec::new());
     std::thread::scope(|scope| {
         let work = || {
             let (mut count, mut faults) = (Count::default(), Vec::new());
             loop {
-                let seed = next.fetch_add(1, Ordering::Relaxed);
-                if seed >= first + scenes {
-                    return (count, faults);
-                }
+                let i = next.fetch_add(1, Ordering::Relaxed);
+                let Some(seed) = seeds.get(i).copied() else { return (count, faults) };
                 let before = faults.len();
                 try_scene(random(seed), seed, &[], &mut count, &mut faults);
                 faults[before..].iter().for_each(|fault| eprintln!("{fault}"));
-                if (seed + 1 - first).is_multiple_of(100) {
-                    eprintln!("{} scenes", seed + 1 - first);
+                if (i + 1).is_multiple_of(100) {
+                    eprintln!("{} scenes", i + 1);
                 }
             }
         };

@@ -844,3 +844,57 @@ fn the_tip_s_amplitude_without_a_medium_is_that_of_the_head_as_it_is_held() {
     assert!((held / expected - 1.0).abs() < 0.05 && (turned / held - 1.0).abs() < 2e-3, "{held} {turned} {expected}");
     assert!((free / held - 1.0).abs() > 0.2, "{free} {held}");
 }
+
+#[test]
+fn a_table_that_ends_within_a_period_says_what_its_formula_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let estimates = |position: &str| {
+        let head = format!("head={{kind=\"driven\", position_m={position}}}");
+        let scene = scene_of(TAIL, &[&head, "reactive={}", "solver.duration_s=4.0"]);
+        let found = scene.fluid_estimates().unwrap();
+        let errors = found.laws.iter().flat_map(|law| law.errors);
+        [found.regime.tip, found.regime.reynolds].into_iter().chain(errors).collect::<Vec<_>>()
+    };
+    let formula = estimates("[0.0, {amplitude=0.02, frequency_hz=2.0}]");
+    for periods in [8.0, 8.4, 8.5, 11.3] {
+        let path = folder.path().join(format!("{periods}.csv"));
+        let row = |k: u32| {
+            let t = f64::from(k) / 200.0;
+            format!("{t},0,{}\n", 0.02 * (std::f64::consts::TAU * 2.0 * t).sin())
+        };
+        let rows: String = (0..=(periods * 100.0) as u32).map(row).collect();
+        std::fs::write(&path, "time_s,x_m,y_m\n".to_string() + &rows).unwrap();
+        let table = estimates(&format!("{{table={path:?}}}"));
+        println!("{periods}: {table:?} for {formula:?}");
+        // Measured: 3e-3.
+        let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 0.01 * b.abs();
+        assert!(table.len() == formula.len() && table.iter().zip(&formula).all(near), "{table:?} for {formula:?}");
+    }
+}
+
+#[test]
+fn a_rod_that_is_towed_along_itself_moves_along_itself() {
+    let scene = scene_of(TAIL, &["head.kind=clamped", "medium.flow_m_s=[0.5, 0.0]"]);
+    let regime = scene.regime().unwrap();
+    println!("{regime:?}");
+    assert!(regime.across.speed < 1e-12 && (regime.along - 0.5).abs() < 1e-6, "{regime:?}");
+    // No rod lies along a flow exactly: laws are judged by a tenth of it, 0.05 m/s by 4 mm in water.
+    assert!((regime.reynolds / 200.0 - 1.0).abs() < 1e-6, "{regime:?}");
+    let stepper = Stepper::of(&scene).unwrap();
+    let said = Assessment::of(&scene, &stepper).unwrap();
+    let flow = said.facts.iter().find(|fact| fact.name == "flow around the rod").unwrap();
+    assert!(flow.text.contains("a tenth of 5.000e-1 m/s along the rod"), "{}", flow.text);
+}
+
+#[test]
+fn a_choice_without_estimates_says_why() {
+    // Ten metres of worm in water: no law holds at its Reynolds number.
+    let scene = scene_of(
+        TAIL,
+        &["rod.length_m=10.0", "rod.outer_radius_m=0.4", "head.kind=clamped", "medium.flow_m_s=[0.0, 1.0]"],
+    );
+    let choice = scene.fluid_choice().unwrap();
+    println!("{choice:?}");
+    assert!(choice.reason.starts_with("no estimates: ") && choice.errors.is_none(), "{choice:?}");
+    assert_eq!(choice.law.unwrap().name, "cross-flow");
+}
