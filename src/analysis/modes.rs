@@ -86,13 +86,15 @@ pub struct Mode {
     pub shape: Vec<f64>,
 }
 
-/// The natural angular frequencies of a rod (rad/s), each list rising, without the rigid modes.
+/// The natural angular frequencies of a rod (rad/s), each list rising, without the rigid modes, and what damps them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
     /// Of bending: motion across the rod; N − 2 of a free rod, N − 1 of one with a held head.
     pub bending: Vec<f64>,
     /// Of stretching: motion along the rod; N − 1 of either.
     pub stretching: Vec<f64>,
+    /// The largest drag of a node over its inertia, across the rod and along it, at rest, 1/s.
+    pub drag: [f64; 2],
 }
 
 impl Modes {
@@ -109,7 +111,8 @@ impl Modes {
     /// # Errors
     /// Those of [`of`](Self::of).
     pub fn of_model(model: Model) -> Result<Self> {
-        let Model { rod, forces, fluid, layers, .. } = model;
+        let Model { mut rod, forces, fluid, layers, .. } = model;
+        rod.damping = None;
         Self::of_matrices(&Matrices::of(&rod, Some((forces, fluid, layers)))?.undamped(&rod)?)
     }
 
@@ -123,7 +126,8 @@ impl Modes {
             let squares = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
             Ok(squares.into_iter().skip(matrices.rigid(axis)).map(|square| square.max(0.0).sqrt()).collect())
         });
-        Ok(Self { bending: bending?, stretching: stretching? })
+        let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
+        Ok(Self { bending: bending?, stretching: stretching?, drag })
     }
 
     /// The lowest of all.
@@ -143,16 +147,17 @@ impl Modes {
     }
 
     /// The steps of `method` that amplify none of them in a rod of `damping`, by theory; `None` where all are. Kelvin–Voigt damping
-    /// gives a mode the ratio ζ = τω/2, so the highest of each kind bounds them.
+    /// gives a mode the ratio ζ = τω/2, and a drag c per inertia c/(2ω): the steps that a mode with both allows become shorter as ω grows,
+    /// so the highest of each kind bounds them.
     pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
         let times = damping.map_or([0.0; 2], |damping| {
             let bending = damping.bending.iter().copied().fold(0.0, f64::max);
             [bending, damping.stretching.iter().copied().fold(0.0, f64::max)]
         });
         let highest = [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or(0.0));
-        let bounds = highest.into_iter().zip(times).filter(|(frequency, _)| *frequency > 0.0);
-        let bounds = bounds.filter_map(|(frequency, time)| {
-            let limit = stability_limit(method, 0.5 * time * frequency)?;
+        let bounds = highest.into_iter().zip(times).zip(self.drag).filter(|((frequency, _), _)| *frequency > 0.0);
+        let bounds = bounds.filter_map(|((frequency, time), drag)| {
+            let limit = stability_limit(method, 0.5 * (time * frequency + drag / frequency))?;
             Some(StableSteps { largest: limit / frequency, frequency, limit })
         });
         bounds.min_by(|a, b| a.largest.total_cmp(&b.largest))
@@ -242,6 +247,17 @@ impl Matrices {
 
     fn nodes(&self) -> usize {
         self.mass.len() / 2
+    }
+
+    /// A bound of the damping of a mode over its inertia, 1/s: the largest of a row.
+    fn largest_damping(&self, axis: ModeKind) -> f64 {
+        let Some(damping) = &self.damping else { return 0.0 };
+        let i = axis.entry();
+        let row = |k: usize| {
+            let near = damping.coupled(k).filter(|j| *j >= self.first);
+            near.map(|j| damping.entry(2 * k + i, 2 * j + i).abs()).sum::<f64>() / self.inertia(axis, k)
+        };
+        (self.first..self.nodes()).map(row).fold(0.0, f64::max)
     }
 
     /// Damping ratio ζ = φᵀCφ / (2ω φᵀMφ) of a mode; `None` without damping.

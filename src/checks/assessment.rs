@@ -438,14 +438,11 @@ impl Assessment {
         }
         self.describe_media(scene, model, regime);
         let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
-        // Along and across, at the speeds of the motion.
-        let speed = if regime.across.speed > 0.0 { regime.across.speed } else { 1e-9 * rod.length };
+        // Along and across, at the speed of the motion.
+        let speed = if regime.reynolds > 0.0 { regime.counted_speed() } else { 1e-9 * rod.length };
         let coefficients = |forces: &Forces| forces.coefficients(rod, regime.across.fluid, speed);
         let Some([along, across]) = coefficients(forces) else { return };
-        fact(
-            "drag per length and speed",
-            format!("{along:.4e} N s/m^2 along, {across:.4e} across, at the speed across"),
-        );
+        fact("drag per length and speed", format!("{along:.4e} N s/m^2 along, {across:.4e} across, at that speed"));
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
         let wave = scene.wavelength();
         let law_inputs = LawInputs {
@@ -534,7 +531,7 @@ impl Assessment {
                     before[1],
                     here[0],
                     here[1],
-                    here[0] * regime.across.speed * regime.depth / here[1]
+                    here[0] * regime.counted_speed() * regime.depth / here[1]
                 ),
             );
             before = here;
@@ -553,7 +550,8 @@ impl Assessment {
                 ));
             }
         }
-        if regime.across.speed > 0.0 {
+        let speed = regime.counted_speed();
+        if speed > 0.0 {
             // Waves on the interface of two liquids have the gravity that is left of their difference.
             let densities =
                 std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density));
@@ -561,7 +559,7 @@ impl Assessment {
             let reduced = densities.windows(2).map(|pair| gravity * (pair[1] - pair[0]).abs() / pair[0].max(pair[1]));
             let least = reduced.filter(|reduced| *reduced > 0.0).fold(f64::INFINITY, f64::min);
             let froude = least.is_finite().then(|| {
-                let froude = regime.across.speed / (least * regime.depth).sqrt();
+                let froude = speed / (least * regime.depth).sqrt();
                 format!("Froude number w/√(g′D) = {froude:.3e} with g′ = gΔρ/ρ = {least:.3e} m/s^2, ")
             });
             let heaviest = layers.iter().map(|layer| layer.fluid.density).fold(medium.density_kg_m3.get(), f64::max);
@@ -570,7 +568,7 @@ impl Assessment {
                 format!(
                     "{}Weber number ρw²D/σ = {:.3e} with the surface tension of water against air; not modelled: waves (Froude numbers around 1), cavities (well above 1), surface tension (Weber numbers around 1 and below), the cushion of air",
                     froude.unwrap_or_default(),
-                    heaviest * regime.across.speed.powi(2) * regime.depth / SURFACE_TENSION
+                    heaviest * speed.powi(2) * regime.depth / SURFACE_TENSION
                 ),
             );
         }
@@ -822,7 +820,7 @@ fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
     let slender = regime.depth / rod.length;
     let decides = if regime.water_decides_stability() {
         format!(
-            "; it decides whether the rod is stable, which a motion from rest need not show (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {})",
+            "; it may decide whether the rod is stable, which a motion from rest need not show (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {})",
             two_digits(regime.flow_velocity.powi(2)),
             regime::BECK
         )

@@ -230,7 +230,11 @@ pub fn main() -> ExitCode {
     };
     outcome.unwrap_or_else(|error| {
         print_error(&error.to_string());
-        ExitCode::from(if error.is_bad_input() { exit::WRONG_INPUT } else { exit::FAILED })
+        ExitCode::from(match error {
+            Error::Interrupted => exit::INTERRUPTED,
+            error if error.is_bad_input() => exit::WRONG_INPUT,
+            _ => exit::FAILED,
+        })
     })
 }
 

@@ -89,7 +89,7 @@ pub fn run(
             summary.nodes
         ));
         if ModelKind::named(summary.model).is_some_and(|kind| kind.estimate.is_none()) {
-            say("  the run has the whole model too: what they differ by is the error of its steps");
+            say("  the run has the whole model too: what they differ by is the error of steps, of both");
         }
         for measure in ErrorMeasure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };

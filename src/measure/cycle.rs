@@ -52,10 +52,8 @@ const POWERS: [&str; index::ALL - index::WORK] = [
     "power into the material",
 ];
 
-/// A swimmer that moves less than this fraction of its length per cycle is at rest; so is a held head, which goes where it must and whose
-/// places between steps, where cycles end, are known to some 1e-7.
+/// A swimmer that moves less than this fraction of its length per cycle is at rest.
 const MIN_DISTANCE: f64 = 1e-9;
-const MIN_HELD_DISTANCE: f64 = 1e-6;
 
 /// Rounding of phases (in cycles) to integers, and of frequency ratios.
 const PHASE_ROUNDING: f64 = 1e-9;
@@ -351,8 +349,7 @@ impl Cycle {
 
     /// The least |U| (m/s) that is none of one that stays in place.
     fn least_speed(&self, dynamics: &Dynamics) -> f64 {
-        let least = if dynamics.model.head.is_some() { MIN_HELD_DISTANCE } else { MIN_DISTANCE };
-        least * dynamics.model.rod.length / self.period()
+        MIN_DISTANCE * dynamics.model.rod.length / self.period()
     }
 
     /// |U|, m/s, or None if the swimmer stays in place.
@@ -828,7 +825,12 @@ impl Cycles {
                 for z in ends_in(before, after) {
                     self.extend_range(now, [passed, z]);
                     let from = &self.last;
-                    self.push_cycle(dynamics, from.time + z * (now.time - from.time), interpolate(from, now, z)[0]);
+                    let time = from.time + z * (now.time - from.time);
+                    let mut integrals = interpolate(from, now, z)[0];
+                    if let Some(place) = dynamics.head_place(time) {
+                        set_vector(&mut integrals, index::POSITION, place);
+                    }
+                    self.push_cycle(dynamics, time, integrals);
                     passed = z;
                     self.range = [f64::INFINITY, f64::NEG_INFINITY];
                 }

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_4, PI, SQRT_2, TAU};
 use nalgebra::Vector2;
 
 use crate::actuation::{Actuation, Wave};
-use crate::fluid::validity::TransverseMotion;
+use crate::fluid::validity::{MISALIGNED, TransverseMotion};
 use crate::head::Pose;
 use crate::model::Drive;
 use crate::rod::Rod;
@@ -85,6 +85,11 @@ impl Regime {
             slenderness: rod.length / rod.sections.largest_radius(),
             tip: motion.tip,
         }
+    }
+
+    /// The velocity that is behind its Reynolds number, m/s: w, or a tenth of that along the rod if that is larger.
+    pub fn counted_speed(&self) -> f64 {
+        self.across.speed.max(MISALIGNED * self.along)
     }
 
     /// True where the water's inertia counts for whether the rod is stable, as a motion from rest may not show.

@@ -146,8 +146,14 @@ impl Spectrum {
                 };
                 let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.time));
                 let Some(mut moments) = Moments::of(rows, [first, last], |_| 1.0, velocity) else { return };
-                // Parts of a period at its end count for less.
-                if moments.frequency() * (last - first) >= WINDOWED {
+                let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
+                let mut quarters =
+                    (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
+                let size = moments.size();
+                let is_transient = quarters.any(|quarter| (quarter - size).abs() > STATIONARY_TOLERANCE * size);
+                self.is_transient |= is_transient;
+                // Parts of a period at its end count for less; a burst may be there.
+                if !is_transient && moments.frequency() * (last - first) >= WINDOWED {
                     let part = |time: f64| window((time - first) / (last - first));
                     moments = Moments::of(rows, [first, last], part, velocity).unwrap_or(moments);
                 }
@@ -159,11 +165,6 @@ impl Spectrum {
                 } else {
                     self.add(moments.frequency(), arm * moments.speed());
                 }
-                let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
-                let quarters =
-                    (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
-                let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY_TOLERANCE * moments.size();
-                self.is_transient |= !quarters.into_iter().all(alike);
             }
         }
     }

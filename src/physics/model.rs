@@ -488,6 +488,11 @@ impl Dynamics {
         self.held = self.pose(t, pose);
     }
 
+    /// Where a held head is at time `t` (s) of the last step.
+    pub(crate) fn head_place(&self, t: f64) -> Option<Vector2<f64>> {
+        self.pose(t, pose_before).map(|[x, y, _]| Vector2::new(x.value, y.value))
+    }
+
     /// Where a held head is at time `t` (s), by what `own` says of the scene's own motion of it.
     fn pose(&self, t: f64, own: fn(&HeadMotion, f64) -> Pose) -> Option<Pose> {
         let mut pose = own(self.model.head.as_ref()?, t);

@@ -14,7 +14,6 @@ use crate::cycle::{Cycles, MAX_CYCLES};
 use crate::error::{Error, Result};
 use crate::fluid::Fluid;
 use crate::fluid::laws::DragLaw;
-use crate::fluid::uncertainty::Uncertainty;
 use crate::fluid::validity::TransverseMotion;
 use crate::integrator::Method;
 use crate::linear::SolverChoice as Linear;
@@ -41,6 +40,9 @@ const MAX_NODES: u64 = 49;
 
 /// Relative rounding of times.
 const ROUNDING: f64 = 1e-9;
+
+/// A rod that moves less than this part of its length through the fluid in a whole run is at rest, but for rounding.
+const AT_REST: f64 = 1e-12;
 
 /// Tolerance of Newton's method relative to the length, and how many times failing steps are halved.
 const NEWTON_TOLERANCE: f64 = 1e-7;
@@ -155,7 +157,12 @@ fn simulate_steps(model: &Arc<Model>, span: ShortRun, steps: u64) -> Result<Shor
     let means = MotionAndPower::of(&cycles, &dynamics).ok_or_else(nothing)?;
     let from = samples.partition_point(|sample| sample.time <= span.measured_from() + ROUNDING * duration);
     let (measured, held) = (&samples[from.saturating_sub(1)..], model.head.is_some());
-    Ok(ShortRunResult { means, motion: motion(measured, span.measured_periods(), held) })
+    let mut motion = motion(measured, span.measured_periods(), held);
+    if motion.along.hypot(motion.across.speed) * duration < AT_REST * model.rod.length {
+        motion.along = 0.0;
+        motion.across = TransverseMotion { speed: 0.0, per_depth: 0.0, along: 0.0, ..motion.across };
+    }
+    Ok(ShortRunResult { means, motion })
 }
 
 /// The motion of the rod relative to the fluid at one time: mean squares over its nodes.
@@ -270,6 +277,8 @@ pub struct FluidEstimate {
     pub means: MotionAndPower,
     /// Estimated errors of motion and power relative to the most accurate law.
     pub errors: [f64; 2],
+    /// Its published uncertainty in motion and power, where it holds.
+    pub uncertainty: Option<[f64; 2]>,
 }
 
 impl FluidEstimate {
@@ -295,7 +304,7 @@ pub struct FluidEstimates {
 impl FluidEstimates {
     /// The estimates from the results of the scene with each law, the most accurate last.
     pub fn of(
-        found: Vec<(&'static DragLaw, bool, MotionAndPower)>,
+        found: Vec<(&'static DragLaw, bool, MotionAndPower, Option<[f64; 2]>)>,
         uncertainty: [f64; 2],
         held: bool,
         regime: Regime,
@@ -303,10 +312,11 @@ impl FluidEstimates {
         let highest = found.last()?.2;
         let error = |difference: f64| (SAFETY_FACTOR * difference.abs()).max(MIN_ERROR);
         let count = found.len();
-        let laws = found.into_iter().enumerate().map(|(i, (law, reactive, means))| FluidEstimate {
+        let laws = found.into_iter().enumerate().map(|(i, (law, reactive, means, uncertainty))| FluidEstimate {
             law,
             reactive,
             means,
+            uncertainty,
             errors: if i + 1 == count { [0.0; 2] } else { means.differences(&highest).map(error) },
         });
         let laws: Vec<_> = laws.collect();
@@ -321,11 +331,10 @@ impl FluidEstimates {
     /// The estimates of the `allowed` laws relative to the most accurate of them, or None if none is allowed.
     pub fn restricted_to(&self, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
         let of = self.laws.iter().filter(|estimate| allowed(estimate.law, estimate.reactive));
-        let found: Vec<_> = of.map(|estimate| (estimate.law, estimate.reactive, estimate.means)).collect();
-        let (highest, reactive, _) = *found.last()?;
-        // Of a law that the scene measures itself nothing is published.
-        let known = highest.uncertainty(self.regime.reynolds, reactive);
-        let uncertainty = known.map_or(self.uncertainty, |known: Uncertainty| known.measured(self.held));
+        let found: Vec<_> =
+            of.map(|estimate| (estimate.law, estimate.reactive, estimate.means, estimate.uncertainty)).collect();
+        // Of a law that the scene measures itself nothing is published, nor beyond its range.
+        let uncertainty = found.last()?.3.unwrap_or(self.uncertainty);
         Self::of(found, uncertainty, self.held, self.regime)
     }
 
@@ -404,7 +413,7 @@ impl FluidChoice {
         };
         if left_out {
             reason = format!(
-                "with the water's inertia, which decides whether the rod is stable (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {BECK}); {reason}",
+                "with the water's inertia, which may decide whether the rod is stable (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {BECK}); {reason}",
                 two_digits(estimates.regime.flow_velocity.powi(2)),
                 BECK = regime::BECK
             );
@@ -414,20 +423,23 @@ impl FluidChoice {
             reactive: taken.reactive,
             reason,
             errors: (estimates.laws.len() > 1).then_some(taken.errors),
-            uncertainty: Some(estimates.uncertainty).filter(|both| both.iter().all(|part| part.is_finite())),
+            uncertainty: highest.uncertainty.filter(|both| both.iter().all(|part| part.is_finite())),
         })
     }
 
-    /// Includes the changes of motion and power by `law`, which is valid and more accurate than all candidates, in the reason and errors.
-    pub fn count(&mut self, law: &DragLaw, changes: [f64; 2], held: bool) {
+    /// Includes the changes of motion and power by `law`, which is valid and more accurate than all candidates, in the reason, the errors
+    /// and the uncertainty.
+    pub fn count(&mut self, law: &DragLaw, changes: [f64; 2], estimates: &FluidEstimates) {
         let [motion, power] = changes.map(|part| signed(100.0 * part, 1));
-        let named = if held { "thrust" } else { "speed" };
+        let named = if estimates.held { "thrust" } else { "speed" };
         self.reason += &format!(
             "; {} holds here and is above these, but is not run: the motion would have {motion} % {named} and take {power} % power",
             law.name
         );
         let known = self.errors.unwrap_or_default();
         self.errors = Some([0, 1].map(|i| known[i].max(SAFETY_FACTOR * changes[i].abs()).max(MIN_ERROR)));
+        let published = law.uncertainty(estimates.regime.reynolds, self.reactive);
+        self.uncertainty = published.map(|published| published.measured(estimates.held));
     }
 
     /// The chosen law, for messages.

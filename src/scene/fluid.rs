@@ -640,7 +640,7 @@ impl Scene {
         if let Some((law, changes)) = is_below.then(|| self.nonlocal_drag()).flatten()
             && let Some(taken) = &mut self.fluid_choice
         {
-            taken.count(law, changes, estimates.held);
+            taken.count(law, changes, &estimates);
         }
     }
 
@@ -714,7 +714,9 @@ impl Scene {
         let uncertainty = found[highest].4.map_or([f64::INFINITY; 2], |known| known.measured(held));
         let last = found.remove(highest);
         found.push(last);
-        let found = found.into_iter().map(|(law, reactive, means, ..)| (law, reactive, means)).collect();
+        let measured = |known: Option<Uncertainty>| known.map(|known| known.measured(held));
+        let found = found.into_iter().map(|(law, reactive, means, _, known)| (law, reactive, means, measured(known)));
+        let found = found.collect();
         FluidEstimates::of(found, uncertainty, held, regime)
             .ok_or_else(|| "what the motion comes to is not finite".to_string())
     }

@@ -144,8 +144,8 @@ impl Problem {
 
     /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives by `parameters`.
     /// None if there is no such mean or if it is not [differentiable](crate::cycle::derivatives::is_differentiable). A parameter that
-    /// changes the frequency of the drive also moves the ends of the cycles. That by the frequency of the actuation is a difference if the run
-    /// has more cycles than are averaged.
+    /// changes the frequency of the drive also moves the ends of the cycles. What comes by the frequency of the actuation is a difference if
+    /// the run has more cycles than are averaged.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
@@ -168,15 +168,35 @@ impl Problem {
             }
         }
         let outputs: Vec<Output> = parts.into_iter().map(|(output, ..)| output).collect();
-        let mut by = self.adjoint(parameters, &outputs, &rows, &trajectory)?;
+        let own = cycles.frequency(&self.dynamics);
+        // The derivatives of the logarithm of that frequency: zero, and not rounding, by a number that leaves it.
+        let log = |place: &mut PerturbedScene| {
+            Ok(own.zip(cycles.frequency(&place.dynamics)).map_or(0.0, |(own, now)| (now / own).ln()))
+        };
+        let mut stretch = |parameter: &Parameter| match parameter {
+            Parameter::OfScene(i) => self.finite_differences[*i].of_value(log),
+            Parameter::Frequency if cycles.follow_actuation() => Ok(own.map_or(0.0, f64::recip)),
+            _ => Ok(0.0),
+        };
+        let stretches: Vec<f64> = parameters.iter().map(&mut stretch).collect::<Result<_>>()?;
         let passed = ends.len() - 1;
-        let slides = parameters.contains(&Parameter::Frequency) && passed > MAX_CYCLES && cycles.follow_actuation();
-        let trend = if slides { self.trend_by_frequency(measure, passed)? } else { None };
+        let slides = stretches.iter().any(|by| *by != 0.0) && passed > MAX_CYCLES && cycles.follow_actuation();
+        let with_frequency: Vec<Parameter> = parameters.iter().cloned().chain([Parameter::Frequency]).collect();
+        let asked = if slides { &with_frequency } else { parameters };
+        let mut by = self.adjoint(asked, &outputs, &rows, &trajectory)?;
+        let slid = cycles.by_log_frequency(measure, &self.dynamics, &ends).unwrap_or(f64::NAN);
+        // Instead of the exact derivative by the logarithm of the frequency.
+        let trend = match by.get(parameters.len()).zip(own) {
+            Some((exact, own)) => self.trend_by_frequency(measure, passed)?.map_or(slid, |trend| own * (trend - exact)),
+            None => slid,
+        };
         let whole = cycles.whole(f64::INFINITY);
         let averaged = |dynamics: &Dynamics| measure.mean(whole, dynamics).unwrap_or(f64::NAN);
-        let own = cycles.frequency(&self.dynamics);
-        let slid = cycles.by_log_frequency(measure, &self.dynamics, &ends).unwrap_or(f64::NAN);
-        for (by, parameter) in by.iter_mut().zip(parameters) {
+        by.truncate(parameters.len());
+        for ((by, parameter), stretch) in by.iter_mut().zip(parameters).zip(stretches) {
+            if stretch != 0.0 {
+                *by += stretch * trend;
+            }
             match parameter {
                 Parameter::OfForces(key) => {
                     let own = integral_derivatives.iter().flat_map(|dependence| &dependence.by_key);
@@ -186,14 +206,7 @@ impl Problem {
                 Parameter::OfScene(i) => {
                     let moved = &mut self.finite_differences[*i];
                     *by += moved.of_value(|place| Ok(averaged(&place.dynamics)))?;
-                    // Zero, and not rounding, of one that is the same.
-                    let log = |place: &mut PerturbedScene| {
-                        own.zip(cycles.frequency(&place.dynamics)).map_or(0.0, |(own, now)| (now / own).ln())
-                    };
-                    *by += slid * moved.of_value(|place| Ok(log(place)))?;
                 }
-                Parameter::Frequency if let Some(trend) = trend => *by = trend,
-                Parameter::Frequency if cycles.follow_actuation() => *by += slid / self.dynamics.inputs.drive.frequency,
                 _ => {}
             }
         }

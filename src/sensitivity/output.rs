@@ -392,6 +392,8 @@ pub(super) struct StepInterval {
 pub(super) struct LocalDerivatives {
     /// ∇κ_k by the nodes k−1, k, k+1.
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
+    /// ℓ − ℓ₀ of each edge, m.
+    stretches: Vec<f64>,
     /// Of a damped rod ∇Ω_k by the positions of the same nodes, Ω the rate of the turning at the joint; else empty.
     spins: Vec<[Vector2<f64>; 3]>,
     /// ∂f/∂p of the parameters of forces, two entries per node.
@@ -402,6 +404,7 @@ impl LocalDerivatives {
     pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
         Self {
             slopes: vec![[Vector2::zeros(); 3]; nodes],
+            stretches: vec![0.0; nodes - 1],
             spins: Vec::new(),
             keys: keys.iter().map(|key| (*key, vec![0.0; 2 * nodes])).collect(),
         }
@@ -422,6 +425,8 @@ impl LocalDerivatives {
             let after = across(k);
             self.slopes[k] = [before, -before - after, after];
         }
+        let cells = edges.iter().zip(dynamics.model.rod.cells.iter());
+        self.stretches.iter_mut().zip(cells).for_each(|(own, (edge, cell))| *own = edge.length - cell.rest);
         self.spins.clear();
         if let Some(KelvinVoigt { rates, .. }) = dynamics.damped() {
             self.spins.resize(self.slopes.len(), [Vector2::zeros(); 3]);
@@ -735,11 +740,13 @@ impl Quantity {
             }
             Self::Stretching => {
                 let mut energy = 0.0;
-                for (k, (edge, cell)) in at.bent.edges().iter().zip(rod.cells.iter()).enumerate() {
+                let cells = at.bent.edges().iter().zip(rod.cells.iter()).zip(&at.point.stretches);
+                for (k, ((edge, cell), own)) in cells.enumerate() {
                     let pull = edge.t * (factor * cell.tension(edge));
                     add(&mut g.q, k, -pull);
                     add(&mut g.q, k + 1, pull);
-                    energy += cell.energy(edge);
+                    // To first order in ℓ₀: in the scene of a finite difference that changes by far more than the edge is stretched.
+                    energy += cell.axial * own * (edge.length - cell.rest - 0.5 * own);
                 }
                 energy
             }

@@ -10,6 +10,9 @@ use crate::model::Model;
 use crate::scene::parameter::{ProfileParameter, ScalarParameter};
 use crate::scene::{Document, Scene};
 
+/// A signed number below this part of its typical value counts as zero: the rounding of forces is divided by its change.
+const SMALL: f64 = 1e-3;
+
 /// The key of the flow, m/s.
 const FLOW: &str = "medium.flow_m_s";
 
@@ -38,11 +41,19 @@ pub struct SceneParameter {
     whole: toml::Value,
     /// The parameter of the simulation; see [`assign_indices`] for [`Parameter::OfScene`].
     pub by: Parameter,
-    /// The scale of its finite difference where it is zero.
-    size: f64,
+    /// A typical value.
+    typical: f64,
+    /// True if it may have both signs.
+    is_signed: bool,
 }
 
 impl SceneParameter {
+    /// The scale of the finite difference at this value: the value itself, if it is not small for a number that may be zero.
+    fn scale(&self, value: f64) -> f64 {
+        let least = if self.is_signed { SMALL * self.typical } else { 0.0 };
+        if value.abs() > least { value.abs() } else { self.typical }
+    }
+
     /// The key, with the index within its value.
     pub fn label(&self) -> String {
         match (self.xi, self.place.first()) {
@@ -92,7 +103,11 @@ impl<'a> SceneParameters<'a> {
                 own: *value,
                 whole: whole.clone(),
                 by: Parameter::OfScene(0),
-                size: self.size(key),
+                typical: points
+                    .points
+                    .iter()
+                    .fold(self.typical(key, points.unit), |most, point| most.max(point[1].abs())),
+                is_signed: points.points.iter().any(|point| point[1] <= 0.0),
             };
             return points.points.iter().enumerate().map(number).collect();
         }
@@ -112,7 +127,10 @@ impl<'a> SceneParameters<'a> {
                 own: scalar.value,
                 whole,
                 by: by.unwrap_or(Parameter::OfScene(0)),
-                size: self.size(key),
+                typical: scalars
+                    .iter()
+                    .fold(self.typical(key, scalar.unit), |most, scalar| most.max(scalar.value.abs())),
+                is_signed: *scalar.range.start() < 0.0,
             }
         };
         scalars.iter().map(number).collect()
@@ -134,18 +152,23 @@ impl<'a> SceneParameters<'a> {
             || key.ends_with("frequency_hz") && (law == Some("weak-inertia") || loss)
     }
 
-    /// The scale of the finite difference by a number where it is zero: a typical value. Forces are linear in the remaining ones.
-    fn size(&self, key: &str) -> f64 {
+    /// A typical value of a number with this unit.
+    fn typical(&self, key: &str, unit: &str) -> f64 {
         let rod = &self.model.rod;
-        match key {
-            "rod.inner_radius_m" => 1e-3 * rod.length,
-            FLOW | "medium.beyond.offset_m" => rod.length,
-            // A start is not linear in the damping of a rod that is driven faster than this.
-            _ if key.starts_with("rod.damping_time_s") => {
-                let driven =
-                    self.model.actuation.as_ref().map_or(f64::INFINITY, |(_, drive)| 1.0 / (TAU * drive.frequency));
-                rod.bending_time().min(driven)
-            }
+        let length = rod.length;
+        let driven = self.model.actuation.as_ref().map_or(f64::INFINITY, |(_, drive)| 1.0 / (TAU * drive.frequency));
+        // A start is not linear in the damping of a rod that is driven faster than it vibrates.
+        let time = rod.bending_time().min(driven);
+        match unit {
+            _ if key == "rod.inner_radius_m" => 1e-3 * length,
+            "m" => length,
+            "1/m" => 1.0 / length,
+            "s" => time,
+            "1/s" => 1.0 / time,
+            "m/s" => length / time,
+            "m/s^2" => length / (time * time),
+            "N" => rod.ei / (length * length),
+            "N m" => rod.ei / length,
             _ => 1.0,
         }
     }
@@ -211,8 +234,7 @@ pub fn finite_differences(
         if direction.iter().all(|part| part.abs() < ALONG) {
             return Ok(FiniteDifference::zero(own.nodes()));
         }
-        let size = if values[i] == 0.0 { number.size } else { values[i].abs() };
-        let moved = FiniteDifference::of(0.0, size, |change| {
+        let moved = FiniteDifference::of(0.0, number.scale(values[i]), |change| {
             let values: Vec<f64> = values.iter().zip(&direction).map(|(own, part)| own + change * part).collect();
             let scene = scene_of(&values)?.with_fluid_of(&own);
             Ok([scene.model()?, scene.model()?])

@@ -32,9 +32,15 @@ pub fn design<'py>(
         design.write(&folder)?.complete()?;
         design.numbers()
     });
-    let numbers = pythonize::pythonize(py, &designed.or_raise(py)?)?.cast_into::<PyDict>()?;
+    let numbers = designed.or_raise(py).map_err(|error| raised_before(error, &mut failure))?;
+    let numbers = pythonize::pythonize(py, &numbers)?.cast_into::<PyDict>()?;
     numbers.set_item("folder", folder)?;
     Ok((numbers, failure))
+}
+
+/// What stopped a search that had nothing to return yet, instead of the `error` that says so.
+fn raised_before(error: PyErr, failure: &mut Option<PyErr>) -> PyErr {
+    failure.take().unwrap_or(error)
 }
 
 /// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
@@ -70,9 +76,10 @@ pub fn parts(
     drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let (mut failure, mut tell) = (None, telling(progress));
     let next = py.detach(|| DistributedDesign::next(document, &folder, |iteration| tell(iteration, &mut failure)));
-    match (next.or_raise(py)?, failure) {
-        (_, Some(failure)) => Err(failure),
-        (next, None) => Ok(next.map(|next| {
+    let next = next.or_raise(py).map_err(|error| raised_before(error, &mut failure))?;
+    match failure {
+        Some(failure) => Err(failure),
+        None => Ok(next.map(|next| {
             let noun = next.noun();
             JobHandle::new(next, noun, "_simulate", folder)
         })),

@@ -13,7 +13,7 @@ use crate::rod::Rod;
 
 /// The part of the velocity along a rod that its Reynolds numbers count as across it, if it is the larger: no rod lies along a flow
 /// exactly.
-const MISALIGNED: f64 = 0.1;
+pub(crate) const MISALIGNED: f64 = 0.1;
 
 /// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
 /// time.

@@ -138,6 +138,7 @@ impl LimitUse {
     pub(super) fn words(&self) -> String {
         match self.used {
             f64::INFINITY => "nothing of it is reached".to_string(),
+            used if self.limit.contains(" at least ") => format!("{:.2} % of it is reached", 100.0 / used),
             used => format!("{:.2} % of it", 100.0 * used),
         }
     }

@@ -462,11 +462,10 @@ impl<'a> Search<'a> {
             beyond + end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
         let Some(best) = ends.into_iter().min_by(|a, b| merit(a).total_cmp(&merit(b))) else {
-            let reason = if interrupted {
-                "interrupted before a start could be simulated"
-            } else {
-                "no start could be simulated; try other bounds, or a smaller step"
-            };
+            if interrupted {
+                return Err(Error::Interrupted);
+            }
+            let reason = "no start could be simulated; try other bounds, or a smaller step";
             return Err(Error::Design { reason: reason.into() });
         };
         let converged = self.has_converged(&best);

@@ -271,6 +271,9 @@ impl Design {
                     let checks =
                         RobustnessChecks::of((document, &search.scenarios), &scene, &table, target.as_ref(), &profile);
                     evidence.checks = checks.make(&mut search.checkpoint);
+                    if let Ok(scene) = scene_with(document, &table.numbers, &[], &profile) {
+                        lines.extend(ranges_left(&scene).into_iter().map(|note| format!("of the design: {note}")));
+                    }
                     let again = || Problem::of(&scene);
                     (evidence.front, evidence.unfinished) =
                         front(&table, &objective, &found, (again, &mut search.checkpoint), &mut tell)?;
@@ -569,4 +572,10 @@ fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Op
     come_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
     let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
+}
+
+/// What the motion of `scene` takes out of its range.
+fn ranges_left(scene: &Scene) -> Vec<String> {
+    let (Ok(model), Ok(regime)) = (scene.model(), scene.regime()) else { return Vec::new() };
+    scene.range_notes(&model.forces, &model.rod, regime.across)
 }

@@ -414,23 +414,32 @@ impl DesignTable {
             return Err((key, "found with a goal that has no such limit; allowed: with \"distance\", \"efficiency\" and means over cycles".into()));
         }
         let held = scene.head.kind != HeadKind::Free;
-        for (key, given, fits, instead) in [
+        let head = if held { "a held head" } else { "a free head" };
+        for (key, given, fits, found, instead) in [
             (
                 "design.least_speed_m_s",
                 self.least_speed_m_s,
                 !held,
+                head,
                 "a free head; design.least_thrust_n is for held ones",
             ),
             (
                 "design.least_thrust_n",
                 self.least_thrust_n,
                 held,
+                head,
                 "a held head; design.least_speed_m_s is for free ones",
+            ),
+            (
+                "design.largest_power_w",
+                self.largest_power_w,
+                scene.actuation.is_some(),
+                "a passive tail",
+                "an [actuation], whose power that is",
             ),
         ] {
             if given.is_some() && !fits {
-                let head = if held { "a held head" } else { "a free head" };
-                return Err((key, format!("found with {head}; allowed: with {instead}")));
+                return Err((key, format!("found with {found}; allowed: with {instead}")));
             }
         }
         if self.over.is_some() && !searched {

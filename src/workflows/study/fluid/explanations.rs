@@ -145,7 +145,7 @@ impl<'a> FluidReport<'a> {
         let taken = rows.iter().filter(|row| row.model.holds).filter(within).min_by(order).unwrap_or(reference);
         let motion = self.motion();
         let water = if keeps_water {
-            " The water's inertia decides whether the rod is stable, which a motion from rest need not show: laws without it are left out."
+            " The water's inertia may decide whether the rod is stable, which a motion from rest need not show: laws without it are left out."
         } else {
             ""
         };
