@@ -158,7 +158,16 @@ impl Estimates {
                 Err("its error cannot be estimated: it is not finite".to_string())
             }
         };
-        let (shape, overdamped) = (checked(estimator.shape()), checked(estimator.overdamped()));
+        let shape = checked(estimator.shape());
+        let is_accurate = |errors: &Differences| {
+            let mut asked = run.measures.into_iter().flatten().filter_map(|measure| errors.get(measure));
+            asked.all(|error| error <= run.accuracy)
+        };
+        if !shape.as_ref().is_ok_and(is_accurate) {
+            // A model that is not taken sets no steps.
+            estimator.tolerance = f64::INFINITY;
+        }
+        let overdamped = checked(estimator.overdamped());
         let work = estimator.work * model.rod.nodes as f64 / run.nodes as f64;
         Self { shape, overdamped, tolerance: estimator.tolerance(), work }
     }
@@ -679,13 +688,20 @@ impl Estimator {
     /// Simulates the free rod's motion without inertia again, with the inertia that `drift` omits as a load, delayed by the time in which
     /// the rod reaches its speed.
     fn simulate_with_inertial_load(&mut self, drift: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
+        let own = self.dynamics.inputs.force.take();
+        let series = self.simulate_with(drift, own.as_deref());
+        self.dynamics.inputs.force = own;
+        series
+    }
+
+    /// The same on top of the `own` force of the inputs.
+    fn simulate_with(&mut self, drift: &SimulatedMotion, own: Option<&[f64]>) -> Result<TimeSeries, NoEstimate> {
         let mut series = drift.series.without_points();
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
         let mut rigid = self.chain.fit_state(&self.dynamics, natural, &first);
         let start = rigid;
-        let own = self.dynamics.inputs.force.take();
-        let mut rates = self.loaded_rates(drift, own.as_deref(), 0.0, &rigid);
+        let mut rates = self.loaded_rates(drift, own, 0.0, &rigid);
         let late = self.times.stops[1];
         for axis in 0..3 {
             rigid[axis] = start[axis] - late * rates[axis];
@@ -694,7 +710,6 @@ impl Estimator {
         for i in 0..drift.series.points.len() {
             let to = drift.series.points[i].time;
             if to > t {
-                let own = own.as_deref();
                 let step =
                     DormandPrinceStep::new(t, rigid, rates, to - t, |t, rigid| self.loaded_rates(drift, own, t, rigid));
                 (rigid, rates) = (step.end, step.rate());
@@ -703,7 +718,6 @@ impl Estimator {
             let point = self.place(t, None, &rigid, &rates)?;
             series.points.push(point);
         }
-        self.dynamics.inputs.force = own;
         Ok(series)
     }
 

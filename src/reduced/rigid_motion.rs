@@ -186,17 +186,17 @@ impl RigidChain {
     ) -> RigidMotion {
         /// The largest number of Newton iterations. One is exact for drag linear in velocity.
         const ITERATIONS: u32 = 30;
-        /// Increments of this part of the shape's own speed are rounding, for derivatives that are differences.
+        /// Increments of this part of a typical speed are rounding, for derivatives that are differences.
         const CONVERGED: f64 = 1e-13;
         let rod = &dynamics.model.rod;
         let means = self.place_nodes::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
         self.centre(rod, means);
         let mut motion = Vector3::zeros();
+        let speed = self.typical_speed(dynamics);
+        // Differences over speeds of that size.
+        let scale = [speed, speed, speed / rod.length];
         for _ in 0..ITERATIONS {
             let here = Vector3::from(self.applied(dynamics, motion.into()));
-            // Differences over speeds of the size of the shape's own.
-            let speed = self.v.iter().fold(0.0_f64, |max, v| max.max(v.abs())).max(f64::MIN_POSITIVE);
-            let scale = [speed, speed, speed / rod.length];
             let columns = [0, 1, 2].map(|i| {
                 let mut moved = motion;
                 moved[i] += scale[i];
@@ -212,6 +212,20 @@ impl RigidChain {
             }
         }
         [motion.x, motion.y, motion.z, 0.0, 0.0, 0.0]
+    }
+
+    /// The larger of the shape's own speed (m/s) and that which drag allows under what pulls at it; if both are zero, one of the rod's.
+    fn typical_speed(&mut self, dynamics: &Dynamics) -> f64 {
+        let rod = &dynamics.model.rod;
+        let own = self.v.iter().fold(0.0_f64, |max, v| max.max(v.abs()));
+        if own > 0.0 && !dynamics.is_loaded() {
+            return own;
+        }
+        let probe = rod.length / rod.bending_time();
+        let [here, moved] = [0.0, probe].map(|speed| Vector3::from(self.applied(dynamics, [speed, 0.0, 0.0])));
+        let pull = here.xy().norm().max(here.z.abs() / rod.length);
+        let drift = pull * probe / (moved - here).xy().norm();
+        if drift.is_finite() && own.max(drift) > 0.0 { own.max(drift) } else { own.max(probe) }
     }
 
     /// Writes the velocities of the centred chain that moves with `own` of its own motion and on top of it with velocity x, y

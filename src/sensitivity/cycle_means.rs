@@ -57,13 +57,14 @@ fn parts(held: bool) -> Vec<Part> {
     }
     parts.push((Q::Flow(0).into(), |d| d.flow[0], summed));
     parts.push((Q::Flow(1).into(), |d| d.flow[1], summed));
-    let works: [(Output, Quantity, Coefficient); 6] = [
+    let works: [(Output, Quantity, Coefficient); 7] = [
         (Work::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
         (Work::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
         (Work::Load.into(), Q::LoadPower, |d| d.work[2]),
         (Work::Flow.into(), Q::FlowPower, |d| d.work[4]),
         (Work::Wake.into(), Q::WakePower, |d| d.work[5]),
         (Work::Other.into(), Q::OtherPower, |d| d.work[6]),
+        (Work::Material.into(), Q::MaterialPower, |d| d.work[8]),
     ];
     for (work, power, by) in works {
         parts.push((work, by, value));

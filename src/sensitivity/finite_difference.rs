@@ -74,7 +74,7 @@ impl FiniteDifference {
     /// # Errors
     /// Those of `model`.
     pub fn of(own: f64, size: f64, mut model: impl FnMut(f64) -> Result<[Model; 2]>) -> Result<Self> {
-        let step = std::env::var("CAUDAL_STEP").map_or(RELATIVE_STEP, |s| s.parse().unwrap()) * size;
+        let step = RELATIVE_STEP * size;
         let mut scene = |[at, weight]: [f64; 2]| {
             let [used, kept] = model(own + at * step)?;
             let nodes = used.rod.nodes;

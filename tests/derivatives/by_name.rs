@@ -106,6 +106,28 @@ fn a_value_and_its_derivatives_by_names_are_those_of_differences() {
 }
 
 #[test]
+fn derivatives_by_numbers_that_are_zero_but_for_rounding_are_those_at_zero() {
+    for (key, zero, almost) in [
+        ("loads.gravity_m_s2", "[0.0, -9.81]", "[6e-16, -9.81]"), // 9.81 cos 90°
+        ("medium.flow_m_s", "[0.1, 0.0]", "[0.1, 1e-14]"),
+        ("medium.shear.rate_per_s", "0.0", "1e-14"),
+        ("actuation.envelope", "[1.0, 0.0]", "[1.0, 1e-12]"),
+        ("rod.stiffness_gradient", "0.0", "1e-13"),
+    ] {
+        for output in ["tip_x_m", "tip_y_m", "actuation_work_j"] {
+            let [zero, almost] = [zero, almost].map(|value| {
+                let (_, slopes) = value_and_grad(&document(&[&format!("{key}={value}")]), output, &[key]).unwrap();
+                slopes.into_iter().next().unwrap().values
+            });
+            let largest = zero.iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
+            let worst = zero.iter().zip(&almost).fold(0.0_f64, |worst, (a, b)| worst.max((a - b).abs())) / largest;
+            println!("{output} by {key}: {zero:?}, off {worst:.1e}");
+            assert!(worst <= 1e-7, "{output} by {key}: {almost:?} for {zero:?}");
+        }
+    }
+}
+
+#[test]
 fn first_states_that_are_given_in_part_leave_the_others_to_the_scene() {
     let shaped = ["start.kind=shaped"];
     let own = caudal::sensitivity::simulation::parameters(&document(&shaped).scene().unwrap()).unwrap();

@@ -507,7 +507,10 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
     }
     let mut means = Vec::new();
     for measure in &measures {
-        let Some((mean, by)) = problem.cycle_mean(measure, &parameters).unwrap() else { continue };
+        let Some((mean, by)) = problem.cycle_mean(measure, &parameters).unwrap() else {
+            assert_eq!(problem.cycle_mean(measure, &[]).unwrap(), None, "seed {seed}: {}", measure.key);
+            continue;
+        };
         let column = |(_, column): &(Entry, usize)| by.get(*column).copied();
         gradients.push((measure.key.to_string(), mean.abs(), moved.iter().map(column).collect()));
         means.push(*measure);

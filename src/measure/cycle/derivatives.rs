@@ -39,8 +39,8 @@ pub struct IntegralDerivatives {
     pub force: [f64; 2],
     /// By the integral of the moment on a held head.
     pub moment: f64,
-    /// By the work of actuation, drag, loads, held head, flow, wake and other forces.
-    pub work: [f64; 7],
+    /// By the work of actuation, drag, loads, held head, flow, wake, other forces, spray and the material.
+    pub work: [f64; index::ALL - index::WORK],
     /// By parameters of the forces themselves.
     pub by_key: Vec<(Key, f64)>,
 }
@@ -238,6 +238,7 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
         "cycle_head_power_w" => by[index::WORK + 3] = per,
         "cycle_flow_power_w" => by[index::WORK + 4] = per,
         "cycle_other_power_w" => by[index::WORK + 6] = per,
+        "cycle_material_power_w" => by[index::WORK + 8] = per,
         "cycle_cost_of_transport" => {
             let (speed, power) = cycle.speed_and_power(dynamics)?;
             let weight = dynamics.model.rod.total_mass() * GRAVITY;
