@@ -827,7 +827,7 @@ impl Cycles {
                     let from = &self.last;
                     let time = from.time + z * (now.time - from.time);
                     let mut integrals = interpolate(from, now, z)[0];
-                    if let Some(place) = dynamics.head_place(time) {
+                    if let Some([place, _]) = dynamics.head_place(time) {
                         set_vector(&mut integrals, index::POSITION, place);
                     }
                     self.push_cycle(dynamics, time, integrals);

@@ -488,9 +488,9 @@ impl Dynamics {
         self.held = self.pose(t, pose);
     }
 
-    /// Where a held head is at time `t` (s) of the last step.
-    pub(crate) fn head_place(&self, t: f64) -> Option<Vector2<f64>> {
-        self.pose(t, pose_before).map(|[x, y, _]| Vector2::new(x.value, y.value))
+    /// Where a held head is at time `t` (s) of the last step, and its velocity (m/s).
+    pub(crate) fn head_place(&self, t: f64) -> Option<[Vector2<f64>; 2]> {
+        self.pose(t, pose_before).map(|[x, y, _]| [Vector2::new(x.value, y.value), Vector2::new(x.rate, y.rate)])
     }
 
     /// Where a held head is at time `t` (s), by what `own` says of the scene's own motion of it.

@@ -700,14 +700,14 @@ impl Scene {
         }
         found.reverse();
         let regime = regime.ok_or("no law holds")?;
-        // The highest law: it drops least of what the scene says, knows the water's inertia, and is least uncertain.
-        let rank = |(.., dropped, known): &(&DragLaw, bool, MotionAndPower, usize, Option<Uncertainty>),
+        // The highest law: it drops least of what the scene says, knows the water's inertia, is least uncertain, and holds farthest.
+        let rank = |(law, .., dropped, known): &(&DragLaw, bool, MotionAndPower, usize, Option<Uncertainty>),
                     reactive: bool| {
-            (*dropped, !reactive, known.map_or(f64::INFINITY, |known| known.measured(held)[0]))
+            (*dropped, !reactive, known.map_or(f64::INFINITY, |known| known.measured(held)[0]), -law.reynolds)
         };
         let order = |a: &usize, b: &usize| {
             let [a, b] = [a, b].map(|i| rank(&found[*i], found[*i].1));
-            a.0.cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2))
+            a.0.cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2)).then(a.3.total_cmp(&b.3))
         };
         let known = (0..found.len()).filter(|i| found[*i].4.is_some());
         let highest = known.min_by(order).ok_or("no law with a published uncertainty holds")?;

@@ -116,7 +116,7 @@ impl Problem {
                     metrics.count_step(measurements, None, load, dynamics.head_mass())?;
                     let before = *cycles;
                     cycles.follow(dynamics, state, metrics, None);
-                    ends.extend(cycles.ends_since(&before));
+                    ends.extend(cycles.ends_since(dynamics, &before));
                 }
             }
             trajectory.push(state);

@@ -64,13 +64,16 @@ impl Cycles {
         CycleEnd { time: self.last.time, rates: self.last.rates }
     }
 
-    /// The ends within the step since `before`.
-    pub(crate) fn ends_since(&self, before: &Self) -> impl Iterator<Item = CycleEnd> {
+    /// The ends within the step of `dynamics` since `before`.
+    pub(crate) fn ends_since(&self, dynamics: &Dynamics, before: &Self) -> impl Iterator<Item = CycleEnd> {
         let (from, to) = (before.last, self.last);
         let span = from.phase.zip(to.phase).filter(|_| to.time > from.time);
         let end = move |z: f64| {
-            let [_, rates] = interpolate(&from, &to, z);
-            CycleEnd { time: from.time + z * (to.time - from.time), rates }
+            let ([_, mut rates], time) = (interpolate(&from, &to, z), from.time + z * (to.time - from.time));
+            if let Some([_, velocity]) = dynamics.head_place(time) {
+                set_vector(&mut rates, index::POSITION, velocity);
+            }
+            CycleEnd { time, rates }
         };
         span.into_iter().flat_map(move |(before, after)| ends_in(before, after).map(end))
     }

@@ -1,7 +1,7 @@
 //! The results of a design in sentences: what was identified or found, binding limits, the Pareto front, tolerances.
 
 use super::front::ParetoPoint;
-use super::identify::{Identifiability, Identification, JointEstimate, identify};
+use super::identify::{Identifiability, Identification, JointEstimate, MAX_RELATIVE_DEVIATION, identify};
 use super::markers::Markers;
 use super::refit::Refit;
 use super::scenarios::ScenarioResult;
@@ -272,7 +272,7 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
     if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
         return Some(format!(
-            "no unknown costs 1 % of the objective, alone, within a factor of {:.0}",
+            "no unknown costs 1 % of the objective, alone and whatever the limits, within a factor of {:.0}",
             MAX_REPORTED_TOLERANCE.exp()
         ));
     }
@@ -284,7 +284,52 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
         None => format!("{}: a factor of {:.0} costs less", tolerance.name, MAX_REPORTED_TOLERANCE.exp()),
     };
     let loosest = if tolerances.len() > 1 { format!("; the loosest: {}", words(loose)) } else { String::new() };
-    Some(format!("what costs 1 % of the objective, alone: {}, the tightest{loosest}", words(tight)))
+    Some(format!(
+        "what costs 1 % of the objective, alone and whatever the limits: {}, the tightest{loosest}",
+        words(tight)
+    ))
+}
+
+/// How well a fit of positions knows the stiffness of joint `i`, which may be at a `bound`.
+pub(super) fn joint_verdict(
+    found: &SearchResult,
+    table: &DesignTable,
+    i: usize,
+    bound: bool,
+) -> Option<Identifiability> {
+    let identifies = table.goal == Goal::Identify;
+    let together = identifies && found.confused.iter().any(|group| group.len() > 1);
+    Some(match found.deviations.get(i) {
+        _ if bound => Identifiability::AtABound,
+        Some(deviation) if together && *deviation > MAX_RELATIVE_DEVIATION => Identifiability::NotToldApart,
+        Some(_) if identifies && !found.converged => Identifiability::NotConverged,
+        Some(_) if found.misfit.is_some() => Identifiability::DoesNotFit,
+        Some(deviation) if *deviation <= MAX_RELATIVE_DEVIATION => Identifiability::Identified,
+        Some(_) if identifies => Identifiability::Unobservable,
+        Some(_) => Identifiability::PriorDriven,
+        None => return None,
+    })
+}
+
+/// How many joints an identification by the whole motion knows, bounds being over `reference`, N m².
+pub(super) fn explain_joints(found: &SearchResult, table: &DesignTable, reference: f64) -> Option<String> {
+    let stiffness = &found.profile.stiffness_n_m2;
+    if table.goal != Goal::Identify || stiffness.is_empty() {
+        return None;
+    }
+    let at_bound = |ei: f64| table.bounds.iter().any(|bound| (ei / (bound * reference) - 1.0).abs() < 1e-6);
+    let verdicts: Vec<Identifiability> =
+        stiffness.iter().enumerate().filter_map(|(i, ei)| joint_verdict(found, table, i, at_bound(*ei))).collect();
+    let count = |verdict: &Identifiability| verdicts.iter().filter(|other| *other == verdict).count();
+    let identified = count(&Identifiability::Identified);
+    let mut others: Vec<Identifiability> = Vec::new();
+    for verdict in &verdicts {
+        if *verdict != Identifiability::Identified && !others.contains(verdict) {
+            others.push(*verdict);
+        }
+    }
+    let others = others.iter().map(|verdict| format!(", {} {}", count(verdict), verdict.words()));
+    Some(format!("stiffness: {identified} of {} joints identified{}", verdicts.len(), others.collect::<String>()))
 }
 
 /// An estimated number.
@@ -295,6 +340,9 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
     let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));
     let moved = discretisation.filter(|moved| moved.abs() > 0.5 * number.deviation.unwrap_or(f64::INFINITY));
     let moved = moved.map_or(String::new(), |moved| {
+        if moved.abs() > value.abs() {
+            return "; mesh and steps err by more than its own size: the data hardly say what it is".to_string();
+        }
         let part = signed(100.0 * moved / value.abs(), 2);
         format!("; a mesh and steps without error would move it by {part} %, which the deviation contains: take more nodes or smaller steps")
     });

@@ -3,7 +3,8 @@
 use serde_json::{Value, json};
 
 use super::design_vector::BASELINE;
-use super::identify::{Identifiability, MAX_RELATIVE_DEVIATION};
+use super::explanations::joint_verdict;
+use super::identify::Identifiability;
 use super::markers::distances;
 use super::scenarios::ScenarioResult;
 use super::search::EstimatedNumber;
@@ -565,9 +566,9 @@ impl Design {
             Answer::StaticShape(_) => columns.push("verdict"),
         }
         let row = |(i, k): (usize, usize)| {
-            let (ei, factor) = (self.stiffness[i], self.stiffness[i] / rod.ei);
-            let mut row = vec![json!(k), json!(rod.xi(k)), json!(ei), json!(factor)];
-            let bound = self.table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
+            let ei = self.stiffness[i];
+            let mut row = vec![json!(k), json!(rod.xi(k)), json!(ei), json!(ei / rod.joint_stiffness(k))];
+            let bound = self.table.bounds.iter().any(|bound| (ei / (bound * rod.ei) - 1.0).abs() < 1e-6);
             let verdict = match &self.answer {
                 Answer::Identification(found) => {
                     let joint = &found.joints[i];
@@ -582,20 +583,7 @@ impl Design {
                     row.extend(has(DesignVariable::Phase).then(|| json!(found.profile.phase_rad[i])));
                     let deviation = found.deviations.get(i);
                     row.extend(self.table.fits_positions().then(|| json!(deviation.map(|d| d * ei))));
-                    let identifies = self.table.goal == Goal::Identify;
-                    let together = identifies && found.confused.iter().any(|group| group.len() > 1);
-                    match deviation {
-                        _ if bound => Identifiability::AtABound.words(),
-                        Some(deviation) if together && *deviation > MAX_RELATIVE_DEVIATION => {
-                            Identifiability::NotToldApart.words()
-                        }
-                        Some(_) if identifies && !found.converged => Identifiability::NotConverged.words(),
-                        Some(_) if found.misfit.is_some() => Identifiability::DoesNotFit.words(),
-                        Some(deviation) if *deviation <= MAX_RELATIVE_DEVIATION => Identifiability::Identified.words(),
-                        Some(_) if identifies => Identifiability::Unobservable.words(),
-                        Some(_) => Identifiability::PriorDriven.words(),
-                        None => "",
-                    }
+                    joint_verdict(found, &self.table, i, bound).map_or("", Identifiability::words)
                 }
                 Answer::StaticShape(_) if bound => Identifiability::AtABound.words(),
                 Answer::StaticShape(_) => "",

@@ -11,8 +11,8 @@ use super::checkpoint::{self, Checkpoint};
 use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
-    explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification, explain_misfit,
-    explain_refit, explain_scenarios, explain_search, explain_tolerances,
+    explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification, explain_joints,
+    explain_misfit, explain_refit, explain_scenarios, explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
@@ -246,6 +246,7 @@ impl Design {
                     found.count_discretisation(document, &scene, &table, markers);
                 }
                 lines.extend(explain_search(&found, &table));
+                lines.extend(explain_joints(&found, &table, search.reference));
                 let profile = found.profile.clone();
                 if table.goal != Goal::Identify {
                     evidence.profiles = compare(&mut search, &found, &table);
@@ -285,6 +286,10 @@ impl Design {
                         let mut designs = Vec::new();
                         if search.scenarios.is_empty() {
                             designs.extend(of(document, &profile).map(|scene| (None, scene)));
+                            let others = evidence.front.iter().enumerate().skip(1);
+                            designs.extend(others.filter_map(|(i, point)| {
+                                Some((Some(format!("point {} of the front", i + 1)), of(document, &point.profile)?))
+                            }));
                         }
                         designs.extend(search.scenarios.iter().filter_map(|case| {
                             Some((Some(case.name.clone()), of(&case.document, &case.profile(&profile))?))

@@ -93,6 +93,11 @@ impl<'a> FluidReport<'a> {
                 two_digits(reynolds)
             ),
         });
+        for (law, reason) in &self.models.missing {
+            findings.answers.push(format!(
+                "{law} holds there too, and knows how distant parts of the rod act on each other, but is not compared: {reason}."
+            ));
+        }
         for (key, of) in [("uncertainty_motion", 0), ("uncertainty_power", 1)] {
             findings.numbers.insert(key.into(), json!(uncertain.map(|both| both[of])));
         }
@@ -151,11 +156,15 @@ impl<'a> FluidReport<'a> {
         };
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
-                "Verdict: {} is good to {} in {motion} and {} in power here, within a quarter of what {} itself is uncertain by; more than that this scene does not need.{water}",
+                "Verdict: {} is good to {} in {motion} and {} in power here, within a quarter of what {} itself is uncertain by; {}.{water}",
                 taken.model,
                 percent(of_motion.abs()),
                 percent(of_power.abs()),
-                reference.model
+                reference.model,
+                match self.models.missing.first() {
+                    None => "more than that this scene does not need".to_string(),
+                    Some((law, _)) => format!("whether it needs {law} is not known"),
+                }
             ),
             _ => {
                 let nearest = rows

@@ -41,6 +41,8 @@ impl fmt::Debug for FluidModel {
 pub struct FluidModels {
     pub models: Vec<FluidModel>,
     pub refused: Vec<(String, String)>,
+    /// Those of them that hold, know how distant parts of the rod act on each other, and cannot be had on this mesh.
+    pub missing: Vec<(String, String)>,
     pub reynolds: f64,
     /// True if the added mass decides whether the rod is stable.
     pub water_decides: bool,
@@ -56,7 +58,7 @@ impl FluidModels {
         let reynolds = regime.reynolds;
         let motion = scene.motion(&rod, regime.across);
         let (own_law, own_reactive) = scene.fluid_model(&rod);
-        let (mut models, mut refused) = (Vec::new(), Vec::new());
+        let (mut models, mut refused, mut missing) = (Vec::new(), Vec::new(), Vec::new());
         for law in LAWS.iter().filter(|law| law.name != auto::LAW.name) {
             for reactive in [false, true] {
                 let own = own_law == Some(law) && own_reactive == reactive;
@@ -67,6 +69,9 @@ impl FluidModels {
                 let (scene, dropped) = match scene.with_fluid(law, reactive) {
                     Ok(other) => other,
                     Err(reason) => {
+                        if holds && law.is_nonlocal() {
+                            missing.push((name.clone(), reason.clone()));
+                        }
                         refused.push((name, reason));
                         continue;
                     }
@@ -79,12 +84,14 @@ impl FluidModels {
                 models.push(FluidModel { law, reactive, own, holds, uncertainty, dropped, scene });
             }
         }
-        Ok(Self { models, refused, reynolds, water_decides: regime.water_decides_stability() })
+        Ok(Self { models, refused, missing, reynolds, water_decides: regime.water_decides_stability() })
     }
 }
 
-/// The index of the most accurate of `models`: the one that drops the fewest keys of the scene, and among those the least uncertain.
+/// The index of the most accurate of `models`: the one that drops the fewest keys of the scene, among those the least uncertain, and of
+/// equally uncertain ones that of the largest range.
 pub fn most_accurate<'a>(models: impl Iterator<Item = (usize, &'a FluidModel)>, held: bool) -> Option<usize> {
-    let known = models.filter_map(|(i, model)| Some((i, model.dropped, model.uncertainty?.measured(held)[0])));
-    known.min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2))).map(|(i, ..)| i)
+    let known = models
+        .filter_map(|(i, model)| Some((i, model.dropped, model.uncertainty?.measured(held)[0], model.law.reynolds)));
+    known.min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2)).then(b.3.total_cmp(&a.3))).map(|(i, ..)| i)
 }
