@@ -442,7 +442,10 @@ impl Assessment {
         let speed = if regime.reynolds > 0.0 { regime.counted_speed() } else { 1e-9 * rod.length };
         let coefficients = |forces: &Forces| forces.coefficients(rod, regime.across.fluid, speed);
         let Some([along, across]) = coefficients(forces) else { return };
-        fact("drag per length and speed", format!("{along:.4e} N s/m^2 along, {across:.4e} across, at that speed"));
+        fact(
+            "drag per length and speed",
+            format!("{along:.4e} N s/m^2 along, {across:.4e} across, at {speed:.3e} m/s"),
+        );
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
         let wave = scene.wavelength();
         let law_inputs = LawInputs {

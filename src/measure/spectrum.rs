@@ -152,12 +152,13 @@ impl Spectrum {
                 let size = moments.size();
                 let is_transient = quarters.any(|quarter| (quarter - size).abs() > STATIONARY_TOLERANCE * size);
                 self.is_transient |= is_transient;
-                // Parts of a period at its end count for less; a burst may be there.
-                if !is_transient && moments.frequency() * (last - first) >= WINDOWED {
-                    let part = |time: f64| window((time - first) / (last - first));
-                    moments = Moments::of(rows, [first, last], part, velocity).unwrap_or(moments);
+                // Parts of a period at the ends count for less, but a burst may be there.
+                let weight = |part: f64| if is_transient { 1.0 } else { window(part) };
+                if moments.frequency() * (last - first) >= WINDOWED {
+                    let seen = |time: f64| weight((time - first) / (last - first));
+                    moments = Moments::of(rows, [first, last], seen, velocity).unwrap_or(moments);
                 }
-                let lines = lines(rows, [first, last], velocity);
+                let lines = lines(rows, [first, last], weight, velocity);
                 if lines.len() > 1 {
                     let all: f64 = lines.iter().map(|line| line.speed * line.speed).sum();
                     let scale = arm * moments.speed() / all.sqrt();
@@ -228,9 +229,14 @@ fn window(part: f64) -> f64 {
     0.42 - 0.5 * phase.cos() + 0.08 * (2.0 * phase).cos()
 }
 
-/// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform; their speeds are right in
-/// proportion.
-fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Vec<SpectralLine> {
+/// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform with the `weight` of each part of
+/// its span; their speeds are right in proportion.
+fn lines(
+    rows: &[Row],
+    [from, to]: [f64; 2],
+    weight: impl Fn(f64) -> f64,
+    velocity: impl Fn(f64, f64, f64) -> [f64; 2],
+) -> Vec<SpectralLine> {
     let count = (2 * rows.len()).next_power_of_two().clamp(64, TIMES);
     let mut row = 0;
     let sample = |i: usize| {
@@ -242,7 +248,7 @@ fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) ->
         velocity(at.value, at.rate, at.acceleration)[0]
     };
     let velocities: Vec<f64> = (0..count).map(sample).collect();
-    let window = |i: usize| window((i as f64 + 0.5) / count as f64);
+    let window = |i: usize| weight((i as f64 + 0.5) / count as f64);
     // The mean as the window sees it: one of parts of a period is none.
     let [sum, all] = (0..count).fold([0.0; 2], |[sum, all], i| [sum + window(i) * velocities[i], all + window(i)]);
     let mean = sum / all;

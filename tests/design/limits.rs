@@ -233,3 +233,42 @@ fn a_design_that_breaks_its_limits_is_no_gain() {
     let said = |words: &str| design.lines.iter().any(|line| line.contains(words));
     assert!(said("no gain: the design does not keep its limits") && !said("survives"), "{:#?}", design.lines);
 }
+
+#[test]
+fn a_search_that_is_interrupted_before_it_has_a_start_is_interrupted() {
+    let mut document = document("goal = \"distance\", direction = \"-x\", largest_power_w = 100.0");
+    // The flow is too fast for the steps of any start.
+    document.set("medium.flow_m_s=[0.0, 1e5]").unwrap();
+    document.set("design.starts=3").unwrap();
+    let mut told = 0;
+    let error = Design::of(&document, |iteration| {
+        assert!(iteration.is_none(), "{iteration:?}");
+        told += 1;
+        ControlFlow::Break(())
+    });
+    assert_eq!((error.unwrap_err(), told), (caudal::Error::Interrupted, 1));
+}
+
+#[test]
+fn the_power_of_an_actuation_that_is_not_there_is_no_limit() {
+    let mut document = Document::new("driven.toml", crate::common::driven(9));
+    document.set("design={ goal = \"cycle_thrust_n\", largest_power_w = 1.0 }").unwrap();
+    let error = Design::of(&document, |_| ControlFlow::Continue(())).unwrap_err();
+    assert!(error.is_bad_input() && error.to_string().contains("found with a passive tail"), "{error}");
+}
+
+#[test]
+fn what_is_to_be_reached_is_told_as_its_part() {
+    // Twice as fast as the fastest.
+    let free = found(FASTEST);
+    let least = 2.0 * free.objective;
+    let mut document = document(&format!("{FASTEST}, least_speed_m_s = {least:e}"));
+    document.set("design.goal=cycle_actuation_power_w").unwrap();
+    document.set("design.better=smaller").unwrap();
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let line = design.lines.iter().find(|line| line.contains("% of it is reached")).unwrap();
+    println!("{line}");
+    let words = line.split(" % of it is reached").next().unwrap();
+    let part: f64 = words.rsplit(' ').next().unwrap().parse().unwrap();
+    assert!((part - 50.0).abs() < 2.0, "{line}");
+}

@@ -182,3 +182,33 @@ fn an_interrupted_study_of_laws_goes_on_to_the_same_end() {
     };
     assert_eq!(of_forces(&found), of_forces(&wanted));
 }
+
+#[test]
+fn what_a_mesh_cannot_have_is_said_beside_the_verdict() {
+    let worm = r#"
+[rod]
+nodes = 33
+length_m = 0.001
+outer_radius_m = 4e-5
+youngs_modulus_pa = 4e5
+density_kg_m3 = 1260.0
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 8000.0
+frequency_hz = 1.0
+wavelength_m = 0.0007
+[medium]
+viscosity_pa_s = 1.4
+density_kg_m3 = 1260.0
+[drag]
+law = "cox"
+[solver]
+duration_s = 2.0
+"#;
+    let [fine, coarse] = ["rod.nodes=33", "rod.nodes=25"].map(|nodes| findings(&scene_of(worm, &[nodes])).answers);
+    println!("{fine:#?}\n{coarse:#?}");
+    let missing = fine.iter().filter(|answer| answer.starts_with("nonlocal") && answer.contains("at most 31")).count();
+    assert_eq!(missing, 1, "{fine:?}");
+    assert!(fine.last().unwrap().contains("whether it needs nonlocal is not known"), "{fine:?}");
+    assert!(coarse.last().unwrap().contains("nonlocal is needed here"), "{coarse:?}");
+}

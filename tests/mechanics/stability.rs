@@ -125,6 +125,24 @@ fn symplectic_euler_is_stable_below_two_over_the_highest_frequency() {
 }
 
 #[test]
+fn drag_shortens_the_steps_of_an_explicit_method_as_is_said() {
+    for ratio in [0.1, 1.0, 10.0] {
+        let plain = scene(&[]);
+        let (highest, own) = (Modes::of(&rod(&plain)).unwrap().highest(), rod(&plain));
+        // Drag over mass of each node is a part of the highest frequency.
+        let along = ratio * highest * own.total_mass() / own.length;
+        let drag = format!("drag={{law=\"coefficients\", along_n_s_m2={along:e}, across_n_s_m2={along:e}}}");
+        let scene = scene(&["medium={ viscosity_pa_s = 1.0, density_kg_m3 = 1e-6 }", &drag]);
+        let said = Modes::of_model(scene.model().unwrap()).unwrap().explicit_steps(None).unwrap().largest;
+        // x'' + c x' + ω² x = 0 by v ← v − h(ω² x + c v), x ← x + h v: its eigenvalue of −1.
+        let formula = ((ratio * ratio + 4.0).sqrt() - ratio) / highest;
+        let found = limit_of(&scene, "symplectic-euler", &[], formula);
+        println!("{ratio}: {found:e}, said {said:e}, formula {formula:e}");
+        assert!((said / formula - 1.0).abs() < 1e-6 && (found / said - 1.0).abs() < 1e-3, "{found:e} {said:e}");
+    }
+}
+
+#[test]
 fn newmark_below_half_gamma_is_stable_up_to_its_limit() {
     let scene = scene(&["rod.mass_lumping=uniform"]);
     let highest = Modes::of(&rod(&scene)).unwrap().highest();

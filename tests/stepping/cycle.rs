@@ -454,3 +454,36 @@ fn a_symmetric_beat_is_periodic_and_one_that_begins_names_what_differs() {
     let said = begun.cycles().averages(begun.view().dynamics).to_string();
     assert!(said.contains("not periodic yet: the ") && said.ends_with("from cycle to cycle"), "{said}");
 }
+
+#[test]
+fn a_held_head_that_comes_back_has_no_path_whatever_the_steps() {
+    const HEAVED: &str = r#"
+[rod]
+nodes = 17
+length_m = 0.3
+outer_radius_m = 0.004
+youngs_modulus_pa = 2e6
+density_kg_m3 = 1100.0
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1000.0
+[drag]
+law = "cross-flow"
+[head]
+kind = "driven"
+position_m = [{amplitude=0.03, frequency_hz=1.0}, {amplitude=0.03, frequency_hz=1.0, phase_rad=1.0}]
+[solver]
+integrator = "newmark"
+time_step_s = 0.01
+duration_s = 6.3
+"#;
+    let excursion = |step: f64| {
+        let stepper = run(&scene_of(HEAVED, &[&format!("solver.time_step_s={step}")]));
+        assert_eq!(of(&stepper, &cycle::STROUHAL), None, "{step}");
+        mean(&stepper, &cycle::TIP_EXCURSION)
+    };
+    let [fine, coarse, coarser] = [0.01, 0.0487, 0.0613].map(excursion);
+    println!("{fine} {coarse} {coarser}");
+    // Across a path that is none: three times as much.
+    assert!((coarse / fine - 1.0).abs() < 0.02 && (coarser / fine - 1.0).abs() < 0.02, "{fine} {coarse} {coarser}");
+}
