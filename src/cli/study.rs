@@ -70,7 +70,8 @@ pub enum Study {
         /// What varies: modulus, amplitude, nodes, spin, damping, flow, or load
         #[arg(long, default_value = "modulus", value_parser = vary)]
         vary: Vary,
-        /// Its smallest and largest value [default: around the scene's]
+        /// Its smallest and largest value [default: of the modulus a ten-thousandth of the scene's to its own, of the amplitude a quarter
+        /// to four times it]
         #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
         range: Option<[f64; 2]>,
         /// Smallest and largest step, s [default: a hundredth to four times the scene's]

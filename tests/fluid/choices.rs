@@ -377,12 +377,12 @@ fn the_water_that_makes_a_flag_flutter_is_kept() {
     assert!(!slow.fluid_choice().unwrap().reactive, "{:?}", slow.fluid_choice());
 }
 
-/// Root mean square of the velocity across the rod over the run's last `period`s of four, or all of it.
-pub fn speed_across(scene: &Scene) -> f64 {
+/// Root mean squares of the velocity across and along the rod over the last four periods of the run, or all of it.
+pub fn speeds(scene: &Scene) -> [f64; 2] {
     let period = scene.spectrum().slowest().map(f64::recip);
     let duration = scene.solver.duration_s.get();
     let from = period.map_or(0.0, |period| duration - 4.0_f64.min((duration / period).floor() - 1.0).max(1.0) * period);
-    let (mut sum, mut count) = (0.0, 0.0);
+    let (mut sums, mut count) = ([0.0; 2], 0.0);
     common::run_with(scene, |stepper| {
         let view = stepper.view();
         if view.state.t <= from {
@@ -394,11 +394,12 @@ pub fn speed_across(scene: &Scene) -> f64 {
             let (q, v) = (&view.state.q, &view.state.v);
             let tangent = (at(q, (k + 1).min(last)) - at(q, k.saturating_sub(1))).normalize();
             let velocity = at(v, k) - dynamics.flow_at(at(q, k));
-            sum += tangent.perp(&velocity).powi(2);
+            sums[0] += tangent.perp(&velocity).powi(2);
+            sums[1] += tangent.dot(&velocity).powi(2);
             count += 1.0;
         }
     });
-    (sum / count).sqrt()
+    sums.map(|sum: f64| (sum / count).sqrt())
 }
 
 #[test]
@@ -440,7 +441,7 @@ fn the_regime_that_is_said_is_that_of_the_run() {
             println!("{name}: {:?}", scene.regime());
             continue;
         };
-        let part = regime.across.speed / speed_across(scene) - 1.0;
+        let part = regime.across.speed / speeds(scene)[0] - 1.0;
         println!("{name}: w = {:e} m/s, {:+.1} % of the run's", regime.across.speed, 100.0 * part);
         if part.abs() > 0.2 {
             far.push((name, part));

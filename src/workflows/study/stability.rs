@@ -129,7 +129,7 @@ impl Vary {
 pub struct StabilityOptions {
     /// The parameter that varies.
     pub vary: Vary,
-    /// Its range; `None` for a range around the scene's value.
+    /// Its range; `None` for one that follows from the scene's value.
     pub range: Option<[f64; 2]>,
     /// Range of steps, s; `None` for a hundredth to four times the scene's.
     pub steps: Option<[f64; 2]>,
@@ -140,7 +140,7 @@ pub struct StabilityOptions {
 }
 
 impl Default for StabilityOptions {
-    /// Young's modulus, with twelve values and twelve steps around the scene's own.
+    /// Young's modulus, with twelve values up to the scene's own and twelve steps around its step.
     fn default() -> Self {
         Self { vary: Vary::Modulus, range: None, steps: None, points: 12, accurate: 0.05 }
     }
