@@ -245,7 +245,7 @@ fn estimates_are_honest_on_random_scenes_and_never_far_off() {
     assert!(without.len() as u64 * 50 <= wanted, "{without:?}");
     assert!(honest * 100 >= 95 * pairs, "{honest} of {pairs}");
     // Measured on 300 scenes: 1110 of 1116 honest, one off by a factor of 3.7.
-    let beyond = far.iter().find(|(.., estimated, found)| !(0.2..=5.0).contains(&(estimated / found)));
+    let beyond = far.iter().find(|(.., estimated, found)| !(0.2..=5.0).contains(&(estimated / found.max(MIN_ERROR))));
     assert!(far.len() * 100 <= pairs && beyond.is_none(), "{far:?}");
 }
 

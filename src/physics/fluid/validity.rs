@@ -32,7 +32,7 @@ pub struct TransverseMotion {
 }
 
 impl TransverseMotion {
-    /// What Reynolds numbers are made from, 1/m: ρw/μ, or [`MISALIGNED`] of ρu/μ if that is larger; and whether it is.
+    /// What Reynolds numbers are made from, 1/m: ρw/μ, or a tenth of ρu/μ if that is larger; and whether it is.
     pub fn counted(&self) -> (f64, bool) {
         let along = MISALIGNED * self.along;
         (self.per_depth.max(along), along > self.per_depth)
