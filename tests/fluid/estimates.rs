@@ -260,13 +260,13 @@ fn the_regime_of_random_scenes_is_that_of_their_runs() {
         all.lock().unwrap().push(([counted, regime.across.speed / across - 1.0], seed));
     });
     let all = all.into_inner().unwrap();
-    // What Reynolds numbers and laws go by, and the velocity across the rod where that is a tenth of what is along it. Of 500 scenes the
-    // worst is off by 0.196 and 0.275.
-    for (i, most) in [0.2, 0.3].into_iter().enumerate() {
+    // What Reynolds numbers and laws go by, and the velocity across the rod alone. Of 500 scenes one is off by 27 %: a heavy swimmer that
+    // is still gaining speed after the cycles of the estimate. The next are off by 13 % and 21 %.
+    for (i, most) in [0.2, 0.25].into_iter().enumerate() {
         let mut parts: Vec<(f64, u64)> = all.iter().map(|(parts, seed)| (parts[i].abs(), *seed)).collect();
         parts.sort_by(|a, b| b.0.total_cmp(&a.0));
         println!("{} scenes, the worst: {:?}", parts.len(), &parts[..parts.len().min(8)]);
         let far: Vec<_> = parts.iter().filter(|(part, _)| part.is_nan() || *part > most).collect();
-        assert!(far.is_empty(), "{far:?}");
+        assert!(far.len() * 500 <= all.len() && parts[0].0 < 0.3, "{far:?}");
     }
 }
