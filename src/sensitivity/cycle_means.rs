@@ -15,7 +15,7 @@ use super::parameter::Parameter;
 use super::problem::Problem;
 use super::trajectory::Trajectory;
 use crate::cycle::derivatives::{CycleEnd, IntegralDerivatives, IntegralWeights};
-use crate::cycle::{CycleMeasure, Cycles, MAX_CYCLES};
+use crate::cycle::{CycleMeasure, Cycles, EFFICIENCY, MAX_CYCLES};
 use crate::error::Result;
 use crate::metrics::{Measurements, RunMetrics};
 use crate::model::Dynamics;
@@ -141,6 +141,20 @@ impl Problem {
     pub fn no_cycle(&mut self) -> Result<Option<String>> {
         let (_, cycles, _) = self.simulate_cycles()?;
         Ok(cycles.reason(&self.dynamics))
+    }
+
+    /// The reason why its simulation has no mean of `measure`.
+    ///
+    /// # Errors
+    /// Those of [`simulate_cycles`](Self::simulate_cycles).
+    pub fn no_mean(&mut self, measure: &CycleMeasure) -> Result<String> {
+        let (_, cycles, _) = self.simulate_cycles()?;
+        let averages = cycles.averages(&self.dynamics);
+        let of_efficiency = averages.efficiency_reason.filter(|_| measure.key == EFFICIENCY.key);
+        Ok(averages
+            .reason
+            .or(of_efficiency)
+            .unwrap_or_else(|| "the scene has nothing that it is a mean of".to_string()))
     }
 
     /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives by `parameters`.

@@ -570,8 +570,8 @@ impl Simulation {
         }
         let parameters = self.parameters(&by)?;
         let Some((value, slopes)) = self.problem.cycle_mean(&measure, &parameters)? else {
-            let key = measure.key;
-            return Err(refusal(format!("this run has no {key}: no whole cycle, or nothing to average")));
+            let (key, reason) = (measure.key, self.problem.no_mean(&measure)?);
+            return Err(refusal(format!("this run has no {key}: {reason}")));
         };
         let mut parts = slopes.into_iter();
         Ok((value, by.into_iter().map(|by| self.take(by, &mut parts)).collect()))
