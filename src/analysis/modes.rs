@@ -148,16 +148,19 @@ impl Modes {
 
     /// The steps of `method` that amplify none of them in a rod of `damping`, by theory; `None` where all are. Kelvin–Voigt damping
     /// gives a mode the ratio ζ = τω/2, and a drag c per inertia c/(2ω): the steps that a mode with both allows become shorter as ω grows,
-    /// so the highest of each kind bounds them.
+    /// so the highest of each kind bounds them. Some methods allow longer steps where there is drag, which the highest mode need not feel.
     pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
-        let times = damping.map_or([0.0; 2], |damping| {
-            let bending = damping.bending.iter().copied().fold(0.0, f64::max);
-            [bending, damping.stretching.iter().copied().fold(0.0, f64::max)]
-        });
+        // The least and the largest along the rod.
+        let ends = |times: &[f64]| {
+            [times.iter().copied().fold(f64::INFINITY, f64::min), times.iter().copied().fold(0.0, f64::max)]
+        };
+        let times = damping.map_or([[0.0; 2]; 2], |damping| [ends(&damping.bending), ends(&damping.stretching)]);
         let highest = [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or(0.0));
         let bounds = highest.into_iter().zip(times).zip(self.drag).filter(|((frequency, _), _)| *frequency > 0.0);
-        let bounds = bounds.filter_map(|((frequency, time), drag)| {
-            let limit = stability_limit(method, 0.5 * (time * frequency + drag / frequency))?;
+        let bounds = bounds.filter_map(|((frequency, [least, most]), drag)| {
+            let ratios = [least * frequency, most * frequency + drag / frequency].map(|damping| 0.5 * damping);
+            let limits = ratios.into_iter().filter_map(|ratio| stability_limit(method, ratio));
+            let limit = limits.min_by(f64::total_cmp)?;
             Some(StableSteps { largest: limit / frequency, frequency, limit })
         });
         bounds.min_by(|a, b| a.largest.total_cmp(&b.largest))
@@ -249,13 +252,14 @@ impl Matrices {
         self.mass.len() / 2
     }
 
-    /// A bound of the damping of a mode over its inertia, 1/s: the largest of a row.
+    /// A bound of the damping of a mode over its inertia, 1/s: the largest sum of a row of M^(-½) C M^(-½).
     fn largest_damping(&self, axis: ModeKind) -> f64 {
         let Some(damping) = &self.damping else { return 0.0 };
         let i = axis.entry();
         let row = |k: usize| {
             let near = damping.coupled(k).filter(|j| *j >= self.first);
-            near.map(|j| damping.entry(2 * k + i, 2 * j + i).abs()).sum::<f64>() / self.inertia(axis, k)
+            let inertia = |j: usize| (self.inertia(axis, k) * self.inertia(axis, j)).sqrt();
+            near.map(|j| damping.entry(2 * k + i, 2 * j + i).abs() / inertia(j)).sum()
         };
         (self.first..self.nodes()).map(row).fold(0.0, f64::max)
     }

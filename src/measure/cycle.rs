@@ -52,8 +52,10 @@ const POWERS: [&str; index::ALL - index::WORK] = [
     "power into the material",
 ];
 
-/// A swimmer that moves less than this fraction of its length per cycle is at rest.
+/// A swimmer that moves less than this fraction of its length per cycle is at rest; so is a held head, of which the phases of the ends of
+/// cycles are rounded.
 const MIN_DISTANCE: f64 = 1e-9;
+const MIN_HELD_DISTANCE: f64 = 1e-7;
 
 /// Rounding of phases (in cycles) to integers, and of frequency ratios.
 const PHASE_ROUNDING: f64 = 1e-9;
@@ -349,7 +351,8 @@ impl Cycle {
 
     /// The least |U| (m/s) that is none of one that stays in place.
     fn least_speed(&self, dynamics: &Dynamics) -> f64 {
-        MIN_DISTANCE * dynamics.model.rod.length / self.period()
+        let least = if dynamics.model.head.is_some() { MIN_HELD_DISTANCE } else { MIN_DISTANCE };
+        least * dynamics.model.rod.length / self.period()
     }
 
     /// |U|, m/s, or None if the swimmer stays in place.

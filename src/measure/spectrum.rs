@@ -7,7 +7,7 @@
 //! A table counts as the lines of its Fourier transform, each with its part of ⟨u²⟩ of the velocity u; where it has one line, that has the
 //! moments of the table, f = √(⟨u̇²⟩/⟨u²⟩)/2π: exact for a sinusoid.
 
-use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 use nalgebra::Complex;
 
@@ -152,12 +152,13 @@ impl Spectrum {
                 let size = moments.size();
                 let is_transient = quarters.any(|quarter| (quarter - size).abs() > STATIONARY_TOLERANCE * size);
                 self.is_transient |= is_transient;
-                // Parts of a period at the ends count for less, but a burst may be there.
-                let weight = |part: f64| if is_transient { 1.0 } else { window(part) };
-                if moments.frequency() * (last - first) >= WINDOWED {
-                    let seen = |time: f64| weight((time - first) / (last - first));
-                    moments = Moments::of(rows, [first, last], seen, velocity).unwrap_or(moments);
+                // Parts of a period at its end count for less.
+                if !is_transient && moments.frequency() * (last - first) >= WINDOWED {
+                    let part = |time: f64| window((time - first) / (last - first));
+                    moments = Moments::of(rows, [first, last], part, velocity).unwrap_or(moments);
                 }
+                // A burst may be at an end.
+                let weight = if is_transient { taper } else { window };
                 let lines = lines(rows, [first, last], weight, velocity);
                 if lines.len() > 1 {
                     let all: f64 = lines.iter().map(|line| line.speed * line.speed).sum();
@@ -227,6 +228,13 @@ impl Moments {
 fn window(part: f64) -> f64 {
     let phase = TAU * part;
     0.42 - 0.5 * phase.cos() + 0.08 * (2.0 * phase).cos()
+}
+
+/// A window of one, but for the first and last twentieth of its span, over which it rises and falls as a cosine: what is cut off does not
+/// leak.
+fn taper(part: f64) -> f64 {
+    let rise = (20.0 * part.min(1.0 - part)).clamp(0.0, 1.0);
+    0.5 - 0.5 * (PI * rise).cos()
 }
 
 /// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform with the `weight` of each part of

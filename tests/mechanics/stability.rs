@@ -143,6 +143,23 @@ fn drag_shortens_the_steps_of_an_explicit_method_as_is_said() {
 }
 
 #[test]
+fn steps_that_drag_would_lengthen_are_not_said_to_be_stable() {
+    // γ > ½ and 2β < γ: damping lets a mode take longer steps, and the fastest one of a tapered rod does not have the tip's.
+    let method = (Method::named("newmark").unwrap().build)(&[0.25, 0.6]);
+    let all = |drag: &str| {
+        let scene = scene(&[
+            "rod.outer_radius_m=[[0.0, 0.01], [1.0, 0.001]]",
+            "medium={ viscosity_pa_s = 1.0, density_kg_m3 = 1.0 }",
+            drag,
+        ]);
+        Modes::of_model(scene.model().unwrap()).unwrap().stable_steps(&*method, None).unwrap().largest
+    };
+    let drag = |size: f64| format!("drag={{law=\"coefficients\", along_n_s_m2={size:e}, across_n_s_m2={size:e}}}");
+    let [none, much] = [1e-9, 1e4].map(|size| all(&drag(size)));
+    assert!((much / none - 1.0).abs() < 1e-9, "{much:e} {none:e}");
+}
+
+#[test]
 fn newmark_below_half_gamma_is_stable_up_to_its_limit() {
     let scene = scene(&["rod.mass_lumping=uniform"]);
     let highest = Modes::of(&rod(&scene)).unwrap().highest();

@@ -286,7 +286,8 @@ impl Design {
                         let mut designs = Vec::new();
                         if search.scenarios.is_empty() {
                             designs.extend(of(document, &profile).map(|scene| (None, scene)));
-                            let others = evidence.front.iter().enumerate().skip(1);
+                            let others =
+                                evidence.front.iter().enumerate().filter(|(_, point)| point.profile != profile);
                             designs.extend(others.filter_map(|(i, point)| {
                                 Some((Some(format!("point {} of the front", i + 1)), of(document, &point.profile)?))
                             }));
