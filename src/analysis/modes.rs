@@ -151,10 +151,11 @@ impl Modes {
     /// so the highest of each kind bounds them. Some methods allow longer steps where there is drag, which the highest mode need not feel.
     pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
         // The least and the largest along the rod.
-        let ends = |times: &[f64]| {
-            [times.iter().copied().fold(f64::INFINITY, f64::min), times.iter().copied().fold(0.0, f64::max)]
+        let ends = |times: &mut dyn Iterator<Item = &f64>| {
+            times.fold([f64::INFINITY, 0.0_f64], |[least, most], time| [least.min(*time), most.max(*time)])
         };
-        let times = damping.map_or([[0.0; 2]; 2], |damping| [ends(&damping.bending), ends(&damping.stretching)]);
+        let times = damping
+            .map_or([[0.0; 2]; 2], |damping| [ends(&mut damping.bending.iter()), ends(&mut damping.stretching.iter())]);
         let highest = [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or(0.0));
         let bounds = highest.into_iter().zip(times).zip(self.drag).filter(|((frequency, _), _)| *frequency > 0.0);
         let bounds = bounds.filter_map(|((frequency, [least, most]), drag)| {

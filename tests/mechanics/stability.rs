@@ -148,6 +148,7 @@ fn steps_that_drag_would_lengthen_are_not_said_to_be_stable() {
     let method = (Method::named("newmark").unwrap().build)(&[0.25, 0.6]);
     let all = |drag: &str| {
         let scene = scene(&[
+            "rod.inner_radius_m=0.0",
             "rod.outer_radius_m=[[0.0, 0.01], [1.0, 0.001]]",
             "medium={ viscosity_pa_s = 1.0, density_kg_m3 = 1.0 }",
             drag,
