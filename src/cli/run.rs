@@ -73,9 +73,7 @@ pub fn run(
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
-    if let Some((force, moment)) = summary.max_head_force_n.zip(summary.max_head_moment_n_m) {
-        say(&format!("on the held head at most {force:.4e} N and {moment:.4e} N m, the start included"));
-    }
+    say(&largest(&summary));
     say(&summary.cycles.to_string());
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));
@@ -124,6 +122,19 @@ pub fn run(
             ExitCode::from(exit::FAILED)
         }
     })
+}
+
+/// What a joint, the actuation and a held head bore or gave at most.
+fn largest(summary: &Summary) -> String {
+    let mut parts = vec![format!("a joint {:.4e} N m", summary.max_joint_moment_n_m)];
+    if let Some(power) = summary.max_actuation_power_w {
+        parts.push(format!("the actuation {power:.4e} W"));
+    }
+    let on_head = summary.max_head_force_n.zip(summary.max_head_moment_n_m).zip(summary.max_head_power_w);
+    if let Some(((force, moment), power)) = on_head {
+        parts.push(format!("the held head {force:.4e} N, {moment:.4e} N m and {power:.4e} W"));
+    }
+    format!("at most, the start included: {}", parts.join("; "))
 }
 
 /// Where `time` (s) is on the bar.

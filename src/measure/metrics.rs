@@ -90,6 +90,11 @@ impl Power {
             + self.other
     }
 
+    /// Of the actuation and of a held head.
+    fn of_drives(&self) -> [f64; 2] {
+        [self.actuation, self.head]
+    }
+
     /// Computes each part by `value`, which gets the accessor of the part.
     #[inline(always)]
     fn by_part(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
@@ -527,6 +532,12 @@ impl Measurements {
         [self.head_force.norm(), self.head_moment.abs()]
     }
 
+    /// The largest modulus of the couples (N m) that the joints pass on.
+    fn largest_couple(&self) -> f64 {
+        let couple = |(moment, kappa): (&f64, &f64)| (moment * bend::curvature_per_turning(*kappa)).abs();
+        self.moment.iter().zip(&self.kappa).map(couple).fold(0.0, |most, own| if own > most { own } else { most })
+    }
+
     /// Angle of a held head, from +x, rad.
     pub(crate) fn head_angle(&self) -> f64 {
         self.head_angle[0]
@@ -597,6 +608,10 @@ pub struct RunningTotals {
     pub max_rotation: f64,
     /// Largest force (N) and moment (N m) of the tail on a held head at any step.
     pub max_on_head: [f64; 2],
+    /// Largest couple (N m) that a joint passes on at any step.
+    pub max_couple: f64,
+    /// Largest power (W) of the actuation and of a held head at any step.
+    pub max_power: [f64; 2],
     /// Number of accepted steps.
     pub steps: u64,
     /// Number of halved steps.
@@ -673,6 +688,8 @@ impl RunMetrics {
                 max_lateral: now.com.y.abs(),
                 max_strain: now.strain,
                 max_on_head: now.on_head(),
+                max_couple: now.largest_couple(),
+                max_power: now.power.of_drives(),
                 ..RunningTotals::default()
             },
             first_energy: now.energy.total(),
@@ -754,6 +771,9 @@ impl RunMetrics {
         totals.max_rotation = next.rotation_since(&self.now, totals.max_rotation);
         let [force, moment] = next.on_head();
         totals.max_on_head = [totals.max_on_head[0].max(force), totals.max_on_head[1].max(moment)];
+        totals.max_couple = totals.max_couple.max(next.largest_couple());
+        let [actuation, head] = next.power.of_drives();
+        totals.max_power = [totals.max_power[0].max(actuation), totals.max_power[1].max(head)];
         std::mem::swap(&mut self.now, next);
         Ok(())
     }

@@ -106,6 +106,9 @@ pub struct Summary {
     pub mean_head_moment_n_m: Option<f64>,
     pub max_head_force_n: Option<f64>,
     pub max_head_moment_n_m: Option<f64>,
+    pub max_head_power_w: Option<f64>,
+    pub max_joint_moment_n_m: f64,
+    pub max_actuation_power_w: Option<f64>,
     #[serde(flatten)]
     pub cycles: CycleAverages,
     pub wall_s: f64,
