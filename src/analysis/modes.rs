@@ -423,6 +423,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
     Dynamics::new(Arc::new(Model {
         rod: rod.clone(),
         actuation: None,
+        active_moments: false,
         start: Start::Jump,
         forces,
         fluid: Fluid { flow: Vector2::zeros(), acceleration: Vector2::zeros(), ..fluid },

@@ -56,6 +56,7 @@ const TERMINALS: [Terminal; 3] = [
         "plug",
         &[
             ("amplitude", "actuation_amplitude"),
+            ("moment", "actuation_moment_n_m"),
             ("frequency", "actuation_frequency_hz"),
             ("phase", "actuation_phase_rad"),
         ],

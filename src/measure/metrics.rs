@@ -14,7 +14,7 @@ use crate::fluid::{Fluid, Forces, Kinematics, PowerKind};
 use crate::head::{Row, hermite};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::linear::Real;
-use crate::model::{Dynamics, Mechanics};
+use crate::model::{ActiveMoments, Dynamics, Mechanics};
 use crate::rod::damping::KelvinVoigt;
 use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, DampedRate, Edge, bend, node};
@@ -60,7 +60,7 @@ impl Energy {
 /// Powers (W), or work (J): dE/dt = actuation − material − viscous − wake − spray + load + head + flow + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Power {
-    /// Supplied by the change of natural curvature: −Σ m_k dκ̄_k/dt.
+    /// Supplied by the change of natural curvature and by active moments: Σ M_k dκ_k/dt − Σ (m_k + M_k) dκ̄_k/dt.
     pub actuation: f64,
     /// Dissipated in the rod's material, see [`Damping`](crate::rod::Damping).
     pub material: f64,
@@ -246,10 +246,12 @@ pub struct Measurements {
     head_push: Vector2<f64>,
     /// Curvature κ_k, dimensionless, one entry per node.
     pub kappa: Vec<f64>,
-    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, with what a damped material resists its rate with; one entry per node.
+    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k) − M_k, N m, conjugate to κ_k, with what a damped material resists its rate with; one entry per node.
     pub moment: Vec<f64>,
-    /// The elastic part of it, N m, of a damped material; else empty.
+    /// The elastic part of it, N m, of a damped material or beside active moments; else empty.
     elastic: Vec<f64>,
+    /// The active moments M_k, N m, where there are any; else empty.
+    active: Vec<f64>,
     /// True where the moving natural curvature works against all of the moments, else against the elastic part.
     drives_all: bool,
     /// Largest |ℓ/ΔL − 1| of an edge.
@@ -332,13 +334,14 @@ impl Measurements {
 
     /// Copies `other`, without allocating if capacities suffice.
     pub(crate) fn copy_from(&mut self, other: &Self) {
-        let Self { mut kappa, mut moment, mut elastic, mut natural, mut tangent, .. } = std::mem::take(self);
+        let Self { mut kappa, mut moment, mut elastic, mut active, mut natural, mut tangent, .. } = std::mem::take(self);
         kappa.clone_from(&other.kappa);
         moment.clone_from(&other.moment);
         elastic.clone_from(&other.elastic);
+        active.clone_from(&other.active);
         natural.clone_from(&other.natural);
         tangent.clone_from(&other.tangent);
-        *self = Self { kappa, moment, elastic, natural, tangent, ..*other };
+        *self = Self { kappa, moment, elastic, active, natural, tangent, ..*other };
     }
 
     /// The number of nodes; zero if the lengths of its arrays are inconsistent.
@@ -391,6 +394,7 @@ impl Measurements {
             sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).enumerate().map(stored).sum();
         }
         let material = self.resist(dynamics, taken, &mut sums.actuation);
+        self.activate(dynamics, state, taken, &mut sums);
         let held = || holding.unwrap_or_else(|| bent.reaction());
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let moving = bent.kinematics();
@@ -435,6 +439,52 @@ impl Measurements {
         damping.power(rod, rates)
     }
 
+    /// Tells apart what active moments and what the natural curvature give: corrects the energy of bending and the power of the actuation in
+    /// `sums`. A shape that is `taken` has no energy: it is given whatever bends it.
+    fn activate(&mut self, dynamics: &Dynamics, state: &State, taken: bool, sums: &mut RodSums) {
+        match dynamics.active.as_ref().filter(|_| !taken) {
+            Some(active) => self.activate_by(active, dynamics, state, sums),
+            None => {
+                self.active.clear();
+                if dynamics.damped().is_none() {
+                    self.elastic.clear();
+                }
+            }
+        }
+    }
+
+    #[inline(never)] // most rods are bent by curvature
+    fn activate_by(&mut self, active: &ActiveMoments, dynamics: &Dynamics, state: &State, sums: &mut RodSums) {
+        let rod = &dynamics.model.rod;
+        self.active.clone_from(&active.moment);
+        self.elastic.resize(rod.nodes, 0.0);
+        sums.actuation = 0.0;
+        for k in rod.joints() {
+            let (moment, stiffness) = (active.moment[k], rod.joint[k]);
+            let bent = moment / stiffness;
+            let deviation = self.kappa[k] - self.natural[k];
+            // ½B(d + M/B)² for ½Bd².
+            sums.bending += moment * (deviation + 0.5 * bent);
+            self.natural[k] -= bent;
+            self.elastic[k] = stiffness * deviation + moment;
+            let natural_rate = dynamics.natural_rate[k] - active.rate[k] / stiffness;
+            sums.actuation += moment * self.curvature_rate(dynamics, state, k) - self.elastic[k] * natural_rate;
+        }
+    }
+
+    /// dκ_k/dt of the joint at node `k`, 1/s, as its edges turn.
+    fn curvature_rate(&self, dynamics: &Dynamics, state: &State, k: usize) -> f64 {
+        let spin = |e: usize| {
+            let across = |values: &[f64]| self.tangent[e].perp(&(node(values, e + 1) - node(values, e)));
+            across(&state.v) / self.tangent[e].dot(&(node(&state.q, e + 1) - node(&state.q, e)))
+        };
+        let before = match (k, &dynamics.held) {
+            (0, held) => held.map_or(0.0, |[_, _, angle]| angle.rate),
+            _ => spin(k - 1),
+        };
+        bend::curvature_per_turning(self.kappa[k]) * (spin(k) - before)
+    }
+
     /// The moments that the natural curvature works against, N m: where it `jumps`, the elastic part of them.
     fn driven(&self, jumps: bool) -> &[f64] {
         if self.elastic.is_empty() || (self.drives_all && !jumps) { &self.moment } else { &self.elastic }
@@ -470,6 +520,7 @@ impl Measurements {
         };
         let mut sums = measured.sums;
         let material = self.resist(dynamics, false, &mut sums.actuation);
+        self.activate(dynamics, state, false, &mut sums);
         self.assemble(dynamics, state, &sums, material, forces, || measured.held)
     }
 
@@ -562,15 +613,19 @@ impl Measurements {
         Power { load, ..Power::by_part(work) }
     }
 
-    /// Work (J) since `before`, by the trapezoidal rule: in time for drag and flow, in κ̄ for the actuation, in position and angle for the
+    /// Work (J) since `before`, by the trapezoidal rule: in time for drag and flow, in κ̄ or κ for the actuation, in position and angle for the
     /// head. `load` is the work of the loads.
     fn work_since(&self, before: &Self, load: f64, head_mass: f64) -> Power {
         let half_time = 0.5 * (self.time - before.time);
         let trapezoid = |of: fn(&Power) -> f64| half_time * (of(&self.power) + of(&before.power));
-        let actuation = (self.natural.iter().zip(&before.natural))
+        let mut actuation = (self.natural.iter().zip(&before.natural))
             .zip(self.driven(half_time == 0.0).iter().zip(before.driven(half_time == 0.0)))
             .map(|((now, old), (m_now, m_old))| -0.5 * (m_now + m_old) * (now - old))
             .sum();
+        for active in [&self.active, &before.active] {
+            let bent = active.iter().zip(self.kappa.iter().zip(&before.kappa));
+            actuation += bent.map(|(moment, (now, old))| 0.5 * moment * (now - old)).sum::<f64>();
+        }
         let translation = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
         let inertia = 0.5 * head_mass * (self.head[1].norm_squared() - before.head[1].norm_squared());
         let twist = 0.5 * (self.head_moment + before.head_moment) * (self.head_angle[0] - before.head_angle[0]);

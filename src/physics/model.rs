@@ -46,7 +46,7 @@ pub(crate) fn lengths_allowed(rod: &Rod) -> [f64; 2] {
 /// A periodic drive of the actuation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Drive {
-    /// Amplitude κ_amp.
+    /// Amplitude κ_amp, or that of the moment, N m.
     pub amplitude: f64,
     /// Frequency f, Hz.
     pub frequency: f64,
@@ -72,6 +72,8 @@ pub struct Model {
     pub rod: Rod,
     /// Actuation and its drive as the scene has it.
     pub actuation: Option<(Box<dyn Actuation>, Drive)>,
+    /// True where it gives active moments (N m), not natural curvatures.
+    pub active_moments: bool,
     /// How the run starts.
     pub start: Start,
     /// What acts on the rod from outside, beside constant loads.
@@ -121,6 +123,8 @@ pub struct Inputs {
     phase_origin: [f64; 2],
     /// A host's own natural curvature at each joint (1/m), one entry per node.
     pub natural: Option<Vec<f64>>,
+    /// A host's own active moment of each joint (N m), one entry per node.
+    pub moment: Option<Vec<f64>>,
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
@@ -135,18 +139,20 @@ pub struct Inputs {
 
 impl Clone for Inputs {
     fn clone(&self) -> Self {
-        let (natural, force, head) = (self.natural.clone(), self.force.clone(), self.head.clone());
-        Self { natural, force, head, ..*self }
+        let (natural, moment) = (self.natural.clone(), self.moment.clone());
+        let (force, head) = (self.force.clone(), self.head.clone());
+        Self { natural, moment, force, head, ..*self }
     }
 
     /// Allocates nothing where there is room.
     fn clone_from(&mut self, other: &Self) {
-        let mut natural = self.natural.take();
+        let (mut natural, mut moment) = (self.natural.take(), self.moment.take());
         let (mut force, mut head) = (self.force.take(), self.head.take());
         natural.clone_from(&other.natural);
+        moment.clone_from(&other.moment);
         force.clone_from(&other.force);
         head.clone_from(&other.head);
-        *self = Self { natural, force, head, ..*other };
+        *self = Self { natural, moment, force, head, ..*other };
     }
 }
 
@@ -158,6 +164,7 @@ impl Inputs {
             phase_offset: 0.0,
             phase_origin: [0.0; 2],
             natural: None,
+            moment: None,
             force: None,
             fluid: model.fluid,
             flow_taken: false,
@@ -170,7 +177,7 @@ impl Inputs {
     pub fn act_as(&self, other: &Self) -> bool {
         let parts =
             |inputs: &Self| (inputs.drive, inputs.phase_offset, inputs.phase_origin, inputs.fluid, inputs.layers);
-        parts(self) == parts(other) && self.natural == other.natural && self.force == other.force
+        parts(self) == parts(other) && self.natural == other.natural && self.moment == other.moment && self.force == other.force
     }
 
     /// Changes the frequency (Hz) at time `t` (s), keeping the phase.
@@ -221,7 +228,7 @@ impl Inputs {
     }
 }
 
-/// The drive of the actuation at one time: κ̄ = S g(φ), its size S and its phase φ, each with its first two rates.
+/// The drive of the actuation at one time: it gives S g(φ), its size S and its phase φ, each with its first two rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Swing {
     /// S, dS/dt and d²S/dt².
@@ -238,6 +245,37 @@ impl Swing {
     }
 }
 
+/// Active moments M_k of the joints (N m), conjugate to their curvatures, and their rates (N m/s), one entry per node.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ActiveMoments {
+    /// M_k.
+    pub moment: Vec<f64>,
+    /// dM_k/dt.
+    pub rate: Vec<f64>,
+}
+
+impl ActiveMoments {
+    /// None, of `nodes` nodes.
+    pub(crate) fn zeros(nodes: usize) -> Self {
+        Self { moment: vec![0.0; nodes], rate: vec![0.0; nodes] }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.moment.fill(0.0);
+        self.rate.fill(0.0);
+    }
+
+    /// Adds M_k/B_k and its rate to a natural curvature and its rate; where `rod` has no joint moments become zero.
+    fn bend(&mut self, rod: &Rod, [natural, rate]: [&mut [f64]; 2]) {
+        for (moments, natural) in [(&mut self.moment, natural), (&mut self.rate, rate)] {
+            let joints = rod.joints();
+            moments[..joints.start].fill(0.0);
+            moments[joints.end..].fill(0.0);
+            joints.for_each(|k| natural[k] += moments[k] / rod.joint[k]);
+        }
+    }
+}
+
 /// A model in motion: its inputs and all that follows from time and inputs alone, with room to work in.
 #[derive(Debug)]
 pub struct Dynamics {
@@ -249,10 +287,13 @@ pub struct Dynamics {
     pub inputs: Inputs,
     /// How they go on by themselves, where the host has said so.
     pub course: Option<Box<InputExtrapolation>>,
-    /// Natural curvature κ̄_k at the time last moved to, one entry per node; zero where there is no joint.
+    /// Curvature κ̄_k without moment at the time last moved to, one entry per node; zero where there is no joint. It is the natural one, and
+    /// with active moments that which they bend the joint to: m_k = B_k(κ_k − κ̄_k) = B_k(κ_k − natural) − M_k.
     pub natural: Vec<f64>,
     /// dκ̄_k/dt, 1/s.
     pub natural_rate: Vec<f64>,
+    /// The active moments in them, where there are any.
+    pub active: Option<ActiveMoments>,
     /// Pose of a held head at the time last moved to.
     pub held: Option<Pose>,
     /// Where the step ends (s) that is under way, or was made last: there the head is as the step brings it, see
@@ -282,6 +323,7 @@ impl Dynamics {
             course: None,
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
+            active: None,
             held: None,
             step_end: None,
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
@@ -352,6 +394,7 @@ impl Dynamics {
         self.inputs.clone_from(inputs);
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
+        self.active.take_if(|_| !self.model.active_moments && self.inputs.moment.is_none());
     }
 
     /// Takes over what a host says of coordinate `i` (x, y, angle) of a held head at time `t` (s): its derivative of `order`
@@ -379,12 +422,22 @@ impl Dynamics {
         self.evaluate(t);
     }
 
-    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry per node, when the inputs change by `by`.
-    pub(crate) fn natural_change(&self, by: &Inputs, t: f64, natural: &mut [f64], rate: &mut [f64]) {
-        let Model { rod, actuation, start, .. } = &*self.model;
+    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry per node, and of the active moments in them, when the inputs change
+    /// by `by`.
+    pub(crate) fn natural_change(
+        &self,
+        by: &Inputs,
+        t: f64,
+        [natural, rate]: [&mut [f64]; 2],
+        active: &mut ActiveMoments,
+    ) {
+        let Model { rod, actuation, start, active_moments, .. } = &*self.model;
         natural.fill(0.0);
         rate.fill(0.0);
+        active.clear();
         if let Some((actuation, _)) = actuation {
+            let (natural, rate) =
+                if *active_moments { (&mut active.moment[..], &mut active.rate[..]) } else { (&mut *natural, &mut *rate) };
             let wave = self.inputs.wave(start, t, self.course.as_deref());
             let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
             let [gain, gain_rate] = start.gain(t);
@@ -404,6 +457,10 @@ impl Dynamics {
         }
         rod.at_joints(natural);
         rod.at_joints(rate);
+        if let Some(own) = &by.moment {
+            active.moment.iter_mut().zip(own).for_each(|(moment, own)| *moment += own);
+        }
+        active.bend(rod, [natural, rate]);
     }
 
     /// Finds how a head that a host moves goes on from time `t` to `end` (s), where a step of the host ends; it `begins` at
@@ -452,29 +509,56 @@ impl Dynamics {
     /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node.
     pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64]) {
         out.fill(0.0);
-        let Model { rod, actuation, start, .. } = &*self.model;
-        let course = self.course.as_deref();
-        if let Some((actuation, _)) = actuation {
-            let swing = self.inputs.swing(start, t, course);
-            actuation.add_derivatives(swing.acceleration(), swing.phase[0], out);
+        let Model { rod, active_moments, .. } = &*self.model;
+        if !active_moments {
+            self.add_wave_acceleration(t, out);
         }
-        if let Some(course) = course {
-            course.add_natural_acceleration(t, rod.spacing, out);
+        if let Some(course) = &self.course {
+            course.add_second(t, |inputs| inputs.natural.as_deref(), rod.spacing, out);
         }
         rod.at_joints(out);
+        if let Some(moments) = self.moment_acceleration(t) {
+            rod.joints().for_each(|k| out[k] += moments[k] / rod.joint[k]);
+        }
+    }
+
+    /// d²M_k/dt² of active moments (N m/s²) at time `t` (s), one entry per node, where there are any.
+    pub(crate) fn moment_acceleration(&self, t: f64) -> Option<Vec<f64>> {
+        let mut out = vec![0.0; self.active.as_ref()?.moment.len()];
+        if self.model.active_moments {
+            self.add_wave_acceleration(t, &mut out);
+        }
+        if let Some(course) = &self.course {
+            course.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, &mut out);
+        }
+        Some(out)
+    }
+
+    fn add_wave_acceleration(&self, t: f64, out: &mut [f64]) {
+        let Model { actuation, start, .. } = &*self.model;
+        if let Some((actuation, _)) = actuation {
+            let swing = self.inputs.swing(start, t, self.course.as_deref());
+            actuation.add_derivatives(swing.acceleration(), swing.phase[0], out);
+        }
     }
 
     /// Evaluates natural curvature and head pose at time `t`.
     fn evaluate(&mut self, t: f64) {
         self.follow_course(t);
-        let Model { rod, actuation, start, .. } = &*self.model;
-        if actuation.is_some() || self.inputs.natural.is_some() {
+        let Model { rod, actuation, start, active_moments, .. } = &*self.model;
+        if *active_moments || self.inputs.moment.is_some() {
+            self.active.get_or_insert_with(|| ActiveMoments::zeros(rod.nodes)).clear();
+        }
+        if actuation.is_some() || self.inputs.natural.is_some() || self.active.is_some() {
             self.natural.fill(0.0);
             self.natural_rate.fill(0.0);
         }
         if let Some((actuation, _)) = actuation {
             let wave = self.inputs.wave(start, t, self.course.as_deref());
-            actuation.add(wave, &mut self.natural, &mut self.natural_rate);
+            match &mut self.active {
+                Some(ActiveMoments { moment, rate }) if *active_moments => actuation.add(wave, moment, rate),
+                _ => actuation.add(wave, &mut self.natural, &mut self.natural_rate),
+            }
         }
         if let Some(own) = &self.inputs.natural {
             self.natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
@@ -484,6 +568,13 @@ impl Dynamics {
         }
         rod.at_joints(&mut self.natural);
         rod.at_joints(&mut self.natural_rate);
+        if let Some(active) = &mut self.active {
+            let rate = self.course.as_ref().and_then(|course| course.rate().moment.as_ref());
+            for (to, own) in [(&mut active.moment, self.inputs.moment.as_ref()), (&mut active.rate, rate)] {
+                to.iter_mut().zip(own.into_iter().flatten()).for_each(|(to, own)| *to += own);
+            }
+            active.bend(rod, [&mut self.natural, &mut self.natural_rate]);
+        }
         let pose = if self.step_end == Some(t) { pose_before } else { pose };
         self.held = self.pose(t, pose);
     }

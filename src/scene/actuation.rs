@@ -1,4 +1,4 @@
-//! `[actuation]`: the natural curvature that drives the rod.
+//! `[actuation]`: the wave of natural curvature, or of active moment, that drives the rod.
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -24,7 +24,9 @@ pub struct ActuationTable {
     pub kind: &'static ActuationKind,
     /// Amplitude of the natural curvature for `travelling-wave` and `standing-wave`, in radians per reference length.
     pub kappa_amp: Option<Finite>,
-    /// Reference length of the amplitude, m. By default 1 m, so that the amplitude is a curvature in 1/m.
+    /// Amplitude of the active moment that bends each joint against its stiffness, N m, in place of `kappa_amp`.
+    pub moment_amp_n_m: Option<Finite>,
+    /// Reference length of `kappa_amp`, m. By default 1 m, so that the amplitude is a curvature in 1/m.
     pub kappa_reference_length_m: Option<Positive>,
     /// Frequency of the wave, Hz.
     pub frequency_hz: NotNegative,
@@ -66,6 +68,7 @@ impl ActuationTable {
     fn given(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("kappa_amp", self.kappa_amp.is_some()),
+            ("moment_amp_n_m", self.moment_amp_n_m.is_some()),
             ("kappa_reference_length_m", self.kappa_reference_length_m.is_some()),
             ("wavelength_m", self.wavelength_m.is_some()),
             ("harmonics", self.harmonics.is_some()),
@@ -82,8 +85,15 @@ impl ActuationTable {
             let owners = owners.collect::<Vec<_>>().join(", ");
             return fault(key, format!("found with kind = \"{}\"; allowed: only with {owners}", kind.name));
         }
-        if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| given == **key)) {
-            return fault(key, format!("missing; kind = \"{}\" has no default for it", kind.name));
+        if self.moment_amp_n_m.is_some() {
+            if let Some(key) = ["kappa_amp", "kappa_reference_length_m"].into_iter().find(|key| self.given().any(|own| own == *key)) {
+                return fault(key, "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment".into());
+            }
+        }
+        let stands_for = |given: &str, key: &str| given == key || (given, key) == ("moment_amp_n_m", "kappa_amp");
+        if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| stands_for(given, key))) {
+            let or = if *key == "kappa_amp" { ", nor moment_amp_n_m in its place" } else { "" };
+            return fault(key, format!("missing{or}; kind = \"{}\" has no default for it", kind.name));
         }
         if let Some(slope) = self.slope.map(Positive::get).filter(|slope| *slope > STEEPEST) {
             return fault("slope", format!("found {slope}; allowed: above 0, at most {STEEPEST}"));
@@ -101,9 +111,25 @@ impl ActuationTable {
         Ok(())
     }
 
-    /// κ_amp, or the factor of a curvature that other keys define.
+    /// κ_amp or the amplitude of the moment (N m), or the factor of a curvature that other keys define.
     pub(crate) fn amplitude(&self) -> f64 {
-        self.kappa_amp.map_or(1.0, Finite::get)
+        self.moment_amp_n_m.or(self.kappa_amp).map_or(1.0, Finite::get)
+    }
+
+    /// The key of the number that says how strong it is.
+    pub(crate) fn amplitude_key(&self) -> &'static str {
+        match (self.slope, self.moment_amp_n_m) {
+            (Some(_), _) => "actuation.slope",
+            (None, Some(_)) => "actuation.moment_amp_n_m",
+            (None, None) => "actuation.kappa_amp",
+        }
+    }
+
+    /// The same with an amplitude `factor` times as large.
+    pub(super) fn times(mut self, factor: f64) -> Self {
+        let amplitude = Some(Finite::constant(self.amplitude() * factor));
+        *(if self.moment_amp_n_m.is_some() { &mut self.moment_amp_n_m } else { &mut self.kappa_amp }) = amplitude;
+        self
     }
 
     /// The points of the profiles of amplitude and phase, empty by default.
@@ -121,7 +147,10 @@ impl ActuationTable {
             front: rod.front,
             spacing: rod.spacing,
             envelope: self.envelope.map(Finite::get),
-            reference_length: self.kappa_reference_length_m.map_or(1.0, Positive::get),
+            reference_length: match self.moment_amp_n_m {
+                Some(_) => rod.spacing,
+                None => self.kappa_reference_length_m.map_or(1.0, Positive::get),
+            },
             wavelength: self.wavelength_m.map_or(f64::INFINITY, Positive::get),
             harmonics: &harmonics,
             slope: self.slope.map_or(0.0, Positive::get),

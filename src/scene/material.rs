@@ -11,7 +11,7 @@ use super::fluid::DragTable;
 use super::key_error::KeyError;
 use super::value::{NotNegative, NumberOrProfile, ScalarSignal, SignalValue, VectorSignal};
 use crate::head::Signal;
-use crate::rod::MaterialDamping;
+use crate::rod::{DampedRate, MaterialDamping};
 
 /// The damping time τ of a material: one for stretching and bending, or one for each.
 #[derive(Debug, Clone, PartialEq)]
@@ -147,6 +147,20 @@ impl Scene {
     }
 
     /// The damping of the rod's material, if it has any.
+    /// What moves the natural curvature, whose rate the material may resist or not, must be there.
+    pub(super) fn check_damped_rate(&self) -> std::result::Result<(), KeyError> {
+        let moments = self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
+        if moments && self.rod.damping_of == Some(DampedRate::Elastic) {
+            return Err(KeyError {
+                key: "rod.damping_of".into(),
+                problem: "found \"elastic\" with actuation.moment_amp_n_m: moments leave the natural curvature where it is, so the \
+                          whole curvature is the elastic one; allowed: \"whole\""
+                    .into(),
+            });
+        }
+        Ok(())
+    }
+
     pub(super) fn damping(&self) -> Option<MaterialDamping> {
         let table = &self.rod;
         let [stretching, bending] = match (&table.damping_time_s, &table.loss_factor) {

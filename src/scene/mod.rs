@@ -149,6 +149,7 @@ impl Scene {
         self.record.check_nodes(nodes)?;
         self.head.check()?;
         self.check_loss_factor()?;
+        self.check_damped_rate()?;
         self.check_radius()?;
         self.rod.check_sizes(self.head.kind != HeadKind::Free || self.head_body.is_some())?;
         let duration = self.solver.duration_s.get();
@@ -189,6 +190,7 @@ impl Scene {
         let uniform = layers.is_none_or(|layers| layers.iter().len() == 0);
         Ok(Model {
             actuation: self.drive(&rod),
+            active_moments: self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some()),
             start: self.start.build(),
             forces: self.forces(&rod).map_err(|KeyError { key, problem }| self.error(&key, problem))?,
             fluid,

@@ -173,6 +173,9 @@ impl Scene {
                 let reference = actuation.kappa_reference_length_m.unwrap_or(Positive::constant(1.0));
                 list.add("actuation.kappa_reference_length_m", "m", "reference length of the amplitude", reference);
             }
+            if let Some(amplitude) = actuation.moment_amp_n_m {
+                list.add("actuation.moment_amp_n_m", "N m", "amplitude of the active moment of a joint", amplitude);
+            }
             if let Some(slope) = actuation.slope {
                 list.add("actuation.slope", "1", "largest slope of the sine", slope);
             }

@@ -1,6 +1,7 @@
 //! Errors at the start of a run, such as a rod that folds over, with the key of the scene that most likely causes them.
 
 use super::Scene;
+use super::actuation::ActuationTable;
 use super::value::{NumberOrProfile, Positive};
 use crate::error::Error;
 
@@ -34,8 +35,7 @@ impl Scene {
 
     /// The key of the amplitude of the actuation.
     fn amplitude_key(&self) -> &'static str {
-        let slope = self.actuation.as_ref().is_some_and(|table| table.slope.is_some());
-        if slope { "actuation.slope" } else { "actuation.kappa_amp" }
+        self.actuation.as_ref().map_or("actuation.kappa_amp", ActuationTable::amplitude_key)
     }
 
     /// The key of the most extreme number, the one furthest from 1, among those that determine forces.

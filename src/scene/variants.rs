@@ -150,9 +150,7 @@ impl Scene {
     /// The scene with the amplitude of the actuation multiplied by `factor`.
     pub fn with_amplitude(&self, factor: f64) -> Self {
         let mut scene = self.clone();
-        if let Some(actuation) = &mut scene.actuation {
-            actuation.kappa_amp = Some(Finite::constant(actuation.amplitude() * factor));
-        }
+        scene.actuation = scene.actuation.map(|actuation| actuation.times(factor));
         scene
     }
 

@@ -207,7 +207,7 @@ impl Problem {
             by_force.iter_mut().skip(2 * nodes * n).zip(&force).for_each(|(by, force)| *by -= force);
             if n == 0 {
                 let by_natural = natural.iter_mut().zip(&bends);
-                for (total, effect) in total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends()) {
+                for (total, effect) in total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends(&shape)) {
                     let [mut q, mut v] = shaped_start::first_by(bent.dynamics, effect, &shape);
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);

@@ -36,7 +36,7 @@ pub enum Quantity {
     Bending,
     /// Kinetic energy, J.
     Kinetic,
-    /// Power of the moving natural curvature, W.
+    /// Power of the moving natural curvature and of active moments, W.
     ActuationPower,
     /// Power dissipated in the material, W.
     MaterialPower,
@@ -77,7 +77,7 @@ pub enum Quantity {
 /// Work summed over the steps as in [`RunMetrics`](crate::metrics::RunMetrics), J.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Work {
-    /// Of the moving natural curvature.
+    /// Of the moving natural curvature and of active moments.
     Actuation,
     /// Dissipated in the material.
     Material,
@@ -307,11 +307,14 @@ pub(super) struct Gradient {
     flow_at_centre: Vector2<f64>,
     /// By velocities, for one force.
     own: Vec<f64>,
-    /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry per node.
+    /// By B_k, κ̄_k and dκ̄_k/dt, and by the change over a step of the natural curvature, one entry per node.
     pub(super) stiffness: Vec<f64>,
     pub(super) natural: Vec<f64>,
     pub(super) natural_rate: Vec<f64>,
     pub(super) natural_step: Vec<f64>,
+    /// By active moments M_k where κ̄_k stays as it is, and by those of both ends of a step.
+    pub(super) active: Vec<f64>,
+    pub(super) active_ends: Vec<f64>,
     /// By a host's forces at this time, and by those at the other end of a step, two entries per node.
     pub(super) force: Vec<f64>,
     pub(super) force_beyond: Vec<f64>,
@@ -334,7 +337,9 @@ impl Gradient {
             stiffness: a.clone(),
             natural: a.clone(),
             natural_rate: a.clone(),
-            natural_step: a,
+            natural_step: a.clone(),
+            active: a.clone(),
+            active_ends: a,
             keys: keys.iter().map(|key| (*key, 0.0)).collect(),
         }
     }
@@ -347,6 +352,8 @@ impl Gradient {
         for part in [&mut self.stiffness, &mut self.natural, &mut self.natural_rate, &mut self.natural_step] {
             part.fill(0.0);
         }
+        self.active.fill(0.0);
+        self.active_ends.fill(0.0);
         self.keys.iter_mut().for_each(|(_, by)| *by = 0.0);
     }
 
@@ -379,8 +386,10 @@ impl Gradient {
 pub(super) struct StepInterval {
     /// Its length, s.
     pub(super) h: f64,
-    /// Change of κ̄ over it, one entry per node.
+    /// Change of the natural curvature over it, one entry per node.
     pub(super) natural: Vec<f64>,
+    /// Sum of the active moments at both ends, one entry per node.
+    pub(super) active: Vec<f64>,
     /// Change of a host's forces over it, two entries per node.
     pub(super) force: Vec<f64>,
     /// Poses of a held head at its start and end.
@@ -394,7 +403,8 @@ pub(super) struct LocalDerivatives {
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
     /// ℓ − ℓ₀ of each edge, m.
     stretches: Vec<f64>,
-    /// Of a damped rod ∇Ω_k by the positions of the same nodes, Ω the rate of the turning at the joint; else empty.
+    /// Of a damped rod, or one with active moments, ∇Ω_k by the positions of the same nodes, Ω the rate of the turning at the joint; else
+    /// empty.
     spins: Vec<[Vector2<f64>; 3]>,
     /// ∂f/∂p of the parameters of forces, two entries per node.
     keys: Vec<(Key, Vec<f64>)>,
@@ -428,9 +438,9 @@ impl LocalDerivatives {
         let cells = edges.iter().zip(dynamics.model.rod.cells.iter());
         self.stretches.iter_mut().zip(cells).for_each(|(own, (edge, cell))| *own = edge.length - cell.rest);
         self.spins.clear();
-        if let Some(KelvinVoigt { rates, .. }) = dynamics.damped() {
+        if dynamics.rates.is_some() || dynamics.active.is_some() {
             self.spins.resize(self.slopes.len(), [Vector2::zeros(); 3]);
-            let slope = |e: usize| rates.edges[e].spin_slope(&edges[e], Direction::POSITIONS);
+            let slope = |e: usize| bent.edge_rate(e).spin_slope(&edges[e], Direction::POSITIONS);
             for k in dynamics.model.rod.joints() {
                 let before = if k == 0 { Vector2::zeros() } else { slope(k - 1) };
                 let after = slope(k);
@@ -484,7 +494,7 @@ pub(super) struct OutputContext<'a> {
 }
 
 impl OutputContext<'_> {
-    /// B_k(κ_k − κ̄_k), the elastic part of m_k, and κ_k − κ̄_k.
+    /// B_k(κ_k − κ̄_k), m_k without what resists the rate of κ_k, and κ_k − κ̄_k.
     fn moment(&self, k: usize) -> [f64; 2] {
         let deviation = self.bent.kappa()[k] - self.bent.dynamics.natural[k];
         [self.bent.dynamics.model.rod.joint[k] * deviation, deviation]
@@ -496,21 +506,32 @@ impl OutputContext<'_> {
         self.point.scatter(k, factor * stiffness, &mut g.q);
         g.stiffness[k] += factor * self.moment(k)[1];
         g.natural[k] -= factor * stiffness;
+        g.active[k] += factor;
         if self.bent.resisted_natural_rate(k) != 0.0 {
             self.add_resisting(k, factor, g);
         }
     }
 
-    /// Adds `factor` times the gradient of the part of m_k that resists the rate r = s Ω − κ̄′: ∇r = ½κΩ ∇κ + s ∇Ω by positions, ∇κ by
-    /// velocities.
+    /// The curvature beyond the natural one, and the part M_k/B_k of it that active moments give.
+    fn strained(&self, k: usize) -> [f64; 2] {
+        let by_moment = self.bent.active_moment(k)[0] / self.bent.dynamics.model.rod.joint[k];
+        [self.moment(k)[1] + by_moment, by_moment]
+    }
+
+    /// The rate κ̇ = s Ω of a curvature; adds `factor` times its gradient ½κΩ ∇κ + s ∇Ω by positions, ∇κ by velocities.
+    fn add_curvature_rate(&self, k: usize, factor: f64, g: &mut Gradient) -> f64 {
+        let (kappa, spin) = (self.bent.kappa()[k], self.bent.spin(k));
+        let s = bend::curvature_per_turning(kappa);
+        self.point.scatter(k, factor * 0.5 * kappa * spin, &mut g.q);
+        self.point.scatter_spin(k, factor * s, &mut g.q);
+        self.point.scatter(k, factor, &mut g.v);
+        s * spin
+    }
+
+    /// Adds `factor` times the gradient of the part of m_k that resists the rate r = s Ω − κ̄′.
     fn add_resisting(&self, k: usize, factor: f64, g: &mut Gradient) {
         let Some(KelvinVoigt { damping, rates }) = self.bent.dynamics.damped() else { return };
-        let (rod, kappa) = (&self.bent.dynamics.model.rod, self.bent.kappa()[k]);
-        let (s, size) = (bend::curvature_per_turning(kappa), factor * damping.moment(rod, k, 1.0));
-        let spin = self.bent.spin(k);
-        self.point.scatter(k, size * 0.5 * kappa * spin, &mut g.q);
-        self.point.scatter_spin(k, size * s, &mut g.q);
-        self.point.scatter(k, size, &mut g.v);
+        self.add_curvature_rate(k, factor * damping.moment(&self.bent.dynamics.model.rod, k, 1.0), g);
         g.stiffness[k] += factor * damping.bending[k] * rates.joints[k];
         g.natural_rate[k] -= factor * self.bent.resisted_natural_rate(k);
     }
@@ -753,11 +774,13 @@ impl Quantity {
             Self::Bending => {
                 let mut energy = 0.0;
                 for k in rod.joints() {
-                    let [moment, deviation] = at.moment(k);
+                    let [strained, by_moment] = at.strained(k);
+                    let moment = rod.joint[k] * strained;
                     at.point.scatter(k, factor * moment, &mut g.q);
-                    g.stiffness[k] += 0.5 * factor * deviation * deviation;
+                    g.stiffness[k] += factor * strained * (0.5 * strained - by_moment);
                     g.natural[k] -= factor * moment;
-                    energy += 0.5 * moment * deviation;
+                    g.active[k] += factor * strained;
+                    energy += 0.5 * moment * strained;
                 }
                 energy
             }
@@ -772,6 +795,16 @@ impl Quantity {
             }
             Self::ActuationPower => {
                 let mut power = 0.0;
+                if let Some(active) = &dynamics.active {
+                    // A natural curvature beside them has no rate here, see `Controls`.
+                    for k in rod.joints() {
+                        let moment = active.moment[k];
+                        let rate = at.add_curvature_rate(k, factor * moment, g);
+                        g.active[k] += factor * rate;
+                        power += moment * rate;
+                    }
+                    return power;
+                }
                 for k in rod.joints() {
                     let (moment, rate) = (at.bent.driven_moment(k), dynamics.natural_rate[k]);
                     at.add_driven(k, -factor * rate, g);
@@ -838,9 +871,12 @@ impl Quantity {
             }
             Self::JointStrain(k) => {
                 let per = rod.sections.at(rod.xi(k)).outer / (rod.joint_part(k) * rod.spacing);
+                let ([strained, by_moment], stiffness) = (at.strained(k), rod.joint[k]);
                 at.point.scatter(k, factor * per, &mut g.q);
                 g.natural[k] -= factor * per;
-                at.moment(k)[1] * per
+                g.active[k] += factor * per / stiffness;
+                g.stiffness[k] -= factor * per * by_moment / stiffness;
+                strained * per
             }
             Self::RodMomentum(i) => {
                 let mut momentum = 0.0;
@@ -916,6 +952,11 @@ impl Work {
                     at.add_driven(k, -0.5 * factor * span.natural[k], g);
                     g.natural_step[k] -= 0.5 * factor * moment;
                     work -= 0.5 * moment * span.natural[k];
+                    // The mean of the active moments at both ends, along the change of the curvature between them.
+                    let (half, kappa) = (if end { 0.5 } else { -0.5 }, at.bent.kappa()[k]);
+                    at.point.scatter(k, half * factor * span.active[k], &mut g.q);
+                    g.active_ends[k] += half * factor * kappa;
+                    work += half * kappa * span.active[k];
                 }
                 work
             }

@@ -8,7 +8,7 @@ use crate::actuation::Wave;
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::fluid::Key;
 use crate::fluid::medium::by_key;
-use crate::model::{Dynamics, Model};
+use crate::model::{ActiveMoments, Dynamics, Model};
 use crate::rod::Rod;
 
 /// A parameter of a simulation. Joints are named by their nodes.
@@ -22,7 +22,7 @@ pub enum Parameter {
     WaveAmplitude(usize),
     /// A phase (rad) subtracted inside the actuation's sine at the joint at node k alone.
     WavePhase(usize),
-    /// Amplitude κ_amp of the actuation.
+    /// Amplitude of the actuation: κ_amp, or that of its moment, N m.
     Amplitude,
     /// Frequency of the actuation, Hz.
     Frequency,
@@ -34,13 +34,15 @@ pub enum Parameter {
     OfScene(usize),
 }
 
-/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ), with its first two derivatives by phase.
+/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) or M_amp r g(ψ), with its first two derivatives by phase.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ActuationShape {
     wave: Option<Wave>,
     /// g, g' and g'', one entry per node.
     g: [Vec<f64>; 3],
     time: f64,
+    /// Of active moments B_k, with κ̄_k = M_k/B_k and its rate; else empty.
+    active: Vec<(f64, [f64; 2])>,
 }
 
 impl ActuationShape {
@@ -59,6 +61,18 @@ impl ActuationShape {
             actuation.add_derivatives(sizes, wave.phase, g);
             dynamics.model.rod.at_joints(g);
         }
+        self.active.clear();
+        if let Some(ActiveMoments { moment, rate }) = &dynamics.active {
+            let rod = &dynamics.model.rod;
+            let per = |k: usize| 1.0 / rod.joint[k];
+            self.active.extend((0..rod.nodes).map(|k| match rod.joints().contains(&k) {
+                true => (rod.joint[k], [moment[k] * per(k), rate[k] * per(k)]),
+                false => (0.0, [0.0; 2]),
+            }));
+            for g in &mut self.g {
+                rod.joints().for_each(|k| g[k] *= per(k) / rod.joint_part(k));
+            }
+        }
         (self.wave, self.time) = (Some(wave), t);
     }
 
@@ -70,7 +84,8 @@ impl ActuationShape {
 }
 
 /// The derivatives of the equations by a parameter at a time: at each of `joints`, that of B_k is `stiffness`, that of κ̄_k is
-/// own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g'').
+/// own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g''); where active moments bend it, both are less by `stiffness`/B_k
+/// times what they give.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ParameterEffect {
     pub(super) joints: Range<usize>,
@@ -89,18 +104,31 @@ impl ParameterEffect {
     /// dκ̄_k.
     #[inline]
     pub(super) fn natural(&self, shape: &ActuationShape, k: usize) -> f64 {
-        self.own + shape.sum(&self.natural, k)
+        self.own + shape.sum(&self.natural, k) - self.softening(shape, k, 0)
     }
 
     /// d(dκ̄_k/dt), 1/s.
     #[inline]
     pub(super) fn rate(&self, shape: &ActuationShape, k: usize) -> f64 {
-        shape.sum(&self.rate, k)
+        shape.sum(&self.rate, k) - self.softening(shape, k, 1)
     }
 
-    /// True if natural curvature depends on it.
-    pub(super) fn bends(&self) -> bool {
-        self.own != 0.0 || self.natural != [0.0; 2] || self.rate != [0.0; 3]
+    /// What a stiffer joint is bent less by its active moment, or the rate of that (`order` 1).
+    #[inline]
+    fn softening(&self, shape: &ActuationShape, k: usize, order: usize) -> f64 {
+        shape.active.get(k).filter(|_| self.stiffness != 0.0).map_or(0.0, |(own, bent)| bent[order] * self.stiffness / own)
+    }
+
+    /// dM_k, N m.
+    #[inline]
+    fn active(&self, shape: &ActuationShape, k: usize) -> f64 {
+        shape.active.get(k).map_or(0.0, |(stiffness, _)| stiffness * shape.sum(&self.natural, k))
+    }
+
+    /// True if κ̄ depends on it.
+    pub(super) fn bends(&self, shape: &ActuationShape) -> bool {
+        let softens = self.stiffness != 0.0 && !shape.active.is_empty();
+        softens || self.own != 0.0 || self.natural != [0.0; 2] || self.rate != [0.0; 3]
     }
 }
 
@@ -108,7 +136,7 @@ impl Parameter {
     /// The parameter with an analytic derivative for the number `key` of a scene, if any.
     pub fn of_key(key: &str, model: &Model) -> Option<Self> {
         match key {
-            "actuation.kappa_amp" => model.actuation.as_ref().map(|_| Self::Amplitude),
+            "actuation.kappa_amp" | "actuation.moment_amp_n_m" => model.actuation.as_ref().map(|_| Self::Amplitude),
             "actuation.frequency_hz" => model.actuation.as_ref().map(|_| Self::Frequency),
             _ => {
                 let keys = model.forces.iter().flat_map(|force| force.parameters().iter().copied());
@@ -218,11 +246,19 @@ pub(super) fn direct(
     for k in effect.joints.clone() {
         sum += gradient.stiffness[k] * effect.stiffness
             + gradient.natural[k] * effect.natural(shape, k)
-            + gradient.natural_rate[k] * effect.rate(shape, k);
+            + gradient.natural_rate[k] * effect.rate(shape, k)
+            + gradient.active[k] * effect.active(shape, k);
         if let Some(([from, to], parameter, at)) = step.filter(|_| effect.stiffness == 0.0) {
             let rod = &at.bent.dynamics.model.rod;
-            let change = parameter.effect(rod, to).natural(to, k) - parameter.effect(rod, from).natural(from, k);
-            sum += gradient.natural_step[k] * change;
+            let [from, to] = [from, to].map(|shape| (parameter.effect(rod, shape), shape));
+            if shape.active.is_empty() {
+                let natural = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.natural(shape, k);
+                sum += gradient.natural_step[k] * (natural(&to) - natural(&from));
+            } else {
+                // The natural curvature is a host's, which no parameter moves within a step.
+                let active = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.active(shape, k);
+                sum += gradient.active_ends[k] * (active(&from) + active(&to));
+            }
         }
     }
     sum

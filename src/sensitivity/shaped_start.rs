@@ -20,7 +20,7 @@ fn turned(x: Vector2<f64>) -> Vector2<f64> {
 pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &ActuationShape) -> [Vec<f64>; 2] {
     let rod = &dynamics.model.rod;
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
-    if dynamics.model.start == Start::Shaped && effect.bends() {
+    if dynamics.model.start == Start::Shaped && effect.bends(shape) {
         let mut followed = dynamics.free_of_moment([&dynamics.natural, &dynamics.natural_rate].map(Vec::clone));
         followed[0].iter_mut().zip(dynamics.model.bent.iter().flatten()).for_each(|(shape, bent)| *shape += bent);
         let mut change = [vec![0.0; rod.nodes], vec![0.0; rod.nodes]];

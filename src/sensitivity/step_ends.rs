@@ -13,6 +13,7 @@ pub(super) struct StepEnds {
     /// Shapes of the actuation at the previous, the current and the next time.
     pub(super) shapes: [ActuationShape; 3],
     natural: [Vec<f64>; 3],
+    active: [Vec<f64>; 3],
     force: [Vec<f64>; 3],
     /// The step that ends at this time, and the one that begins there.
     pub(super) intervals: [StepInterval; 2],
@@ -24,9 +25,11 @@ impl StepEnds {
         Self {
             shapes: std::array::from_fn(|_| ActuationShape::new(nodes)),
             natural: std::array::from_fn(|_| vec![0.0; nodes]),
+            active: std::array::from_fn(|_| vec![0.0; nodes]),
             force: std::array::from_fn(|_| vec![0.0; 2 * nodes]),
             intervals: std::array::from_fn(|_| StepInterval {
                 natural: vec![0.0; nodes],
+                active: vec![0.0; nodes],
                 force: vec![0.0; 2 * nodes],
                 ..StepInterval::default()
             }),
@@ -43,6 +46,11 @@ impl StepEnds {
             dynamics.move_to(t, &mut self.scratch);
             self.shapes[i].take(dynamics, t);
             self.natural[i].copy_from_slice(&dynamics.natural);
+            if let Some(active) = &dynamics.active {
+                self.active[i].copy_from_slice(&active.moment);
+                let rod = &dynamics.model.rod;
+                rod.joints().for_each(|k| self.natural[i][k] -= active.moment[k] / rod.joint[k]);
+            }
             if let Some(force) = &dynamics.inputs.force {
                 self.force[i].copy_from_slice(force);
             }
@@ -52,6 +60,9 @@ impl StepEnds {
             span.h = if i == 0 { problem.length(n) } else { problem.length(n + 1) };
             for (k, change) in span.natural.iter_mut().enumerate() {
                 *change = self.natural[i + 1][k] - self.natural[i][k];
+            }
+            for (k, sum) in span.active.iter_mut().enumerate() {
+                *sum = self.active[i + 1][k] + self.active[i][k];
             }
             for (k, change) in span.force.iter_mut().enumerate() {
                 *change = self.force[i + 1][k] - self.force[i][k];

@@ -124,6 +124,10 @@ pub enum FeedthroughCondition {
     OfShape,
     /// Any other model, where moments follow from the curvature.
     OfElasticity,
+    /// Such a model where the actuation gives natural curvatures, not active moments.
+    OfNaturalCurvature,
+    /// The rate of the wave counts: any model but such a one with active moments.
+    OfWaveRate,
     /// Such a model of a rod whose material resists the rate of its elastic curvature alone: moments follow the rate of the natural one.
     OfElasticDamping,
 }
@@ -143,6 +147,8 @@ impl FeedthroughCondition {
             }
             Self::OfShape => shape,
             Self::OfElasticity => !shape,
+            Self::OfNaturalCurvature => !shape && !dynamics.model.active_moments,
+            Self::OfWaveRate => shape || !dynamics.model.active_moments,
             Self::OfElasticDamping => {
                 let damping = &dynamics.model.rod.damping;
                 !shape && damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Elastic)
@@ -226,31 +232,48 @@ const FLUID: [DirectFeedthrough; 16] = [
     always("beyond_4_viscosity_pa_s", FeedthroughEntries::All),
     always("beyond_4_density_kg_m3", FeedthroughEntries::All),
 ];
-const WAVE: [DirectFeedthrough; 2] =
-    [elastic("actuation_amplitude", FeedthroughEntries::All), elastic("actuation_phase_rad", FeedthroughEntries::All)];
-const NATURAL: &[DirectFeedthrough] = &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::All)];
+const WAVE: [DirectFeedthrough; 3] = [
+    elastic("actuation_amplitude", FeedthroughEntries::All),
+    elastic("actuation_moment_n_m", FeedthroughEntries::All),
+    elastic("actuation_phase_rad", FeedthroughEntries::All),
+];
+const NATURAL: &[DirectFeedthrough] = &[
+    WAVE[0],
+    DirectFeedthrough { condition: FeedthroughCondition::OfNaturalCurvature, ..WAVE[2] },
+    elastic("natural_curvature_1_m", FeedthroughEntries::All),
+];
 const FORCES: &[DirectFeedthrough] =
     &[always("force_x_n", FeedthroughEntries::All), always("force_y_n", FeedthroughEntries::All)];
 /// The feedthrough of quantities that follow from balance in the shape model.
 const BALANCE: [DirectFeedthrough; 18] = of_shape(&join::<18>(&FLUID, FORCES));
-const NATURAL_RATE: [DirectFeedthrough; 22] = join(
+const NATURAL_RATE: [DirectFeedthrough; 24] = join(
     &BALANCE,
     &[
         always("actuation_amplitude", FeedthroughEntries::All),
+        WAVE[1],
+        elastic("active_moment_n_m", FeedthroughEntries::All),
         always("actuation_phase_rad", FeedthroughEntries::All),
-        always("actuation_frequency_hz", FeedthroughEntries::All),
+        DirectFeedthrough { condition: FeedthroughCondition::OfWaveRate, ..DRIVE_FREQUENCY },
         NATURAL[2],
     ],
 );
 const DRIVE_FREQUENCY: DirectFeedthrough = elastically_damped("actuation_frequency_hz");
 const MATERIAL_POWER: [DirectFeedthrough; 3] =
     [elastically_damped("actuation_amplitude"), elastically_damped("actuation_phase_rad"), DRIVE_FREQUENCY];
-const OWN_NATURAL: [DirectFeedthrough; 22] =
-    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::Own), DRIVE_FREQUENCY]);
-const HEAD_NATURAL: [DirectFeedthrough; 22] = join(
-    &BALANCE,
-    &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::First(1)), DRIVE_FREQUENCY],
-);
+/// What the moments of these entries of joints are fed by.
+const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 24] {
+    let own = [
+        elastic("natural_curvature_1_m", entries),
+        elastic("active_moment_n_m", entries),
+        WAVE[0],
+        WAVE[1],
+        WAVE[2],
+        DRIVE_FREQUENCY,
+    ];
+    join(&BALANCE, &own)
+}
+const OWN_NATURAL: [DirectFeedthrough; 24] = of_joints(FeedthroughEntries::Own);
+const HEAD_NATURAL: [DirectFeedthrough; 24] = of_joints(FeedthroughEntries::First(1));
 const LOADS: [DirectFeedthrough; 11] = join(
     &[
         with_buoyancy("density_kg_m3"),
@@ -265,24 +288,29 @@ const LOADS: [DirectFeedthrough; 11] = join(
     ],
     FORCES,
 );
-const HEAD: [DirectFeedthrough; 20] = join(
+const HEAD: [DirectFeedthrough; 22] = join(
     &FLUID,
     &[
-        in_positions("actuation_amplitude", FeedthroughEntries::All),
-        in_positions("actuation_phase_rad", FeedthroughEntries::All),
         in_positions("natural_curvature_1_m", FeedthroughEntries::First(2)),
+        in_positions("active_moment_n_m", FeedthroughEntries::First(2)),
+        in_positions("actuation_amplitude", FeedthroughEntries::All),
+        in_positions("actuation_moment_n_m", FeedthroughEntries::All),
+        in_positions("actuation_phase_rad", FeedthroughEntries::All),
         DRIVE_FREQUENCY,
     ],
 );
-const HEAD_X: [DirectFeedthrough; 22] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
-const HEAD_Y: [DirectFeedthrough; 22] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
-const HEAD_POWER: [DirectFeedthrough; 25] = join(
+const HEAD_X: [DirectFeedthrough; 24] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
+const HEAD_Y: [DirectFeedthrough; 24] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
+const HEAD_POWER: [DirectFeedthrough; 28] = join(
     &FLUID,
     &[
         WAVE[0],
         WAVE[1],
-        HEAD_NATURAL[20],
-        HEAD[18],
+        WAVE[2],
+        HEAD_NATURAL[18],
+        HEAD_NATURAL[19],
+        HEAD[16],
+        HEAD[17],
         always("force_x_n", FeedthroughEntries::First(1)),
         always("force_y_n", FeedthroughEntries::First(1)),
         BALANCE[16],
@@ -590,6 +618,11 @@ struct Requirement {
 }
 
 const ACTUATION: Requirement = Requirement { met: has_actuation, what: "an [actuation]" };
+const CURVATURES: Requirement =
+    Requirement { met: has_natural_curvature, what: "an [actuation] with kappa_amp or slope" };
+const MOMENTS: Requirement = Requirement { met: has_moments, what: "an [actuation] with moment_amp_n_m" };
+const WHOLE_RATE: Requirement =
+    Requirement { met: resists_no_elastic_rate, what: r#"a rod without damping_of = "elastic""# };
 const BODY: Requirement = Requirement { met: has_body, what: "a [head_body]" };
 const DENSE_FLUID: Requirement = Requirement {
     met: has_dense_fluid,
@@ -615,6 +648,18 @@ const INTERFACE_4: Requirement = Requirement { met: has_interface::<4>, what: "f
 
 fn has_actuation(model: &Model) -> bool {
     model.actuation.is_some()
+}
+
+fn has_natural_curvature(model: &Model) -> bool {
+    has_actuation(model) && !model.active_moments
+}
+
+fn has_moments(model: &Model) -> bool {
+    model.active_moments
+}
+
+fn resists_no_elastic_rate(model: &Model) -> bool {
+    model.rod.damping.as_ref().is_none_or(|damping| damping.rate != DampedRate::Elastic)
 }
 
 fn has_fluid(model: &Model) -> bool {
@@ -749,10 +794,11 @@ fn set_force(dynamics: &mut Dynamics, i: usize, first: usize, values: &[f64]) {
     }
 }
 
-fn set_natural_curvature(dynamics: &mut Dynamics, first: usize, values: &[f64]) {
+/// Sets an array `of` the inputs at the joints from the `first` of them on.
+fn set_joints(dynamics: &mut Dynamics, of: fn(&mut Inputs) -> &mut Option<Vec<f64>>, first: usize, values: &[f64]) {
     let (joints, nodes) = (dynamics.model.rod.joints(), dynamics.model.rod.nodes);
-    let natural = dynamics.inputs.natural.get_or_insert_with(|| vec![0.0; nodes]);
-    natural[joints.start + first..][..values.len()].copy_from_slice(values);
+    let own = of(&mut dynamics.inputs).get_or_insert_with(|| vec![0.0; nodes]);
+    own[joints.start + first..][..values.len()].copy_from_slice(values);
 }
 
 /// The differential of the mean efficiency of the last whole cycles, by the drag of the straight rod in the current fluid.
@@ -806,7 +852,7 @@ pub static VARIABLES: &[Variable] = &[
     output("bending_energy_j", "J", "bending energy", |v, _| v.metrics.now.energy.bending).fed(NATURAL).recorded(),
     output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.metrics.now.energy.kinetic).recorded(),
     output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.metrics.now.energy.fluid).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
+    output("actuation_power_w", "W", "power put in by the moving natural curvature and by active moments", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
     output("material_power_w", "W", "power taken by the damped material", |v, _| v.metrics.now.power.material).when(DAMPED).fed(&MATERIAL_POWER).recorded().elastic(),
     output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.metrics.now.power.viscous).fed(&FLUID).recorded(),
     output("wake_power_w", "W", "power taken by the wake", |v, _| v.metrics.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
@@ -863,7 +909,7 @@ pub static VARIABLES: &[Variable] = &[
     output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID),
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.metrics.net_displacement()),
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral),
-    output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
+    output("actuation_work_j", "J", "work put in by the moving natural curvature and by active moments since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
     output("material_work_j", "J", "work taken by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded(),
     output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
     output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
@@ -910,10 +956,12 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::COST_OF_TRANSPORT, |v, _| v.average(&cycle::COST_OF_TRANSPORT)).when(FREE),
     average(&cycle::EFFICIENCY, |v, _| v.average(&cycle::EFFICIENCY)).when(FREE).fed(&FLUID).changing(efficiency_change),
 
-    input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length; of a sine-wave a factor of its curvature", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(ACTUATION),
+    input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length; of a sine-wave a factor of its curvature", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(CURVATURES),
+    input("actuation_moment_n_m", "N m", "amplitude of the actuation's active moment", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(MOMENTS),
     input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(ACTUATION).at_least_zero(),
     input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(ACTUATION),
-    input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, beside the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), set_natural_curvature),
+    input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, beside the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), |d, first, x| set_joints(d, |inputs| &mut inputs.natural, first, x)),
+    input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, that bends them against their stiffness, beside the actuation's; the shape model takes the curvature that it would bend them to", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
     input_array("force_x_n", "N", "the host's forces on the nodes, x", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k), |d, first, x| set_force(d, 0, first, x)),
     input_array("force_y_n", "N", "the host's forces on the nodes, y", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k + 1), |d, first, x| set_force(d, 1, first, x)),
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(FLUID_THERE).at_least_zero(),

@@ -78,6 +78,11 @@ pub const SILICONE: &str =
     "rod={ outer_radius_m = 0.012, inner_radius_m = 0.0, youngs_modulus_pa = 5e6, density_kg_m3 = 1150.0 }";
 /// Glycerol.
 pub const GLYCEROL: &str = "medium={ viscosity_pa_s = 0.8, density_kg_m3 = 1260.0 }";
+/// [`SOFT`] with active moments in place of its natural curvature, which would bend it half as far.
+pub fn soft_moments() -> String {
+    SOFT.replace("kappa_amp = 4.0", "moment_amp_n_m = 6.0")
+}
+
 /// A smooth start from rest.
 pub const RAMP: &str = "start={ kind = \"ramp\", ramp_s = 0.1 }";
 

@@ -72,7 +72,10 @@ fn random(seed: u64) -> Document {
     let mut set = |text: String| document.set(&text).unwrap();
     let log = |dice: &mut Chance, low: f64, high: f64| dice.0.between(f64::ln(low), f64::ln(high)).exp();
     set(format!("rod.nodes={}", dice.one(&[5, 7, 9])));
-    set(format!("rod.youngs_modulus_pa={:e}", log(&mut dice, 1e5, 1e7)));
+    let modulus = log(&mut dice, 1e5, 1e7);
+    set(format!("rod.youngs_modulus_pa={modulus:e}"));
+    // Without a draw of chance.
+    let moments = seed % 3 == 1;
     set(format!("rod.density_kg_m3={}", dice.along(0.25, 900.0, 1300.0)));
     set(format!("rod.outer_radius_m={}", dice.along(0.3, 0.004, 0.01)));
     if dice.of(0.3) {
@@ -99,13 +102,16 @@ fn random(seed: u64) -> Document {
         let mut keys = format!("kind=\"{kind}\",frequency_hz={frequency:e}");
         if kind == "sine-wave" {
             keys += ",slope=0.3";
+        } else if moments {
+            // That which gives a round rod of 7 mm this curvature.
+            keys += &format!(",moment_amp_n_m={:e}", dice.0.between(2.0, 6.0) * modulus * 1.89e-9);
         } else {
             keys += &format!(",kappa_amp={:e}", dice.0.between(2.0, 6.0));
         }
         if kind != "standing-wave" {
             keys += ",wavelength_m=0.31";
         }
-        if kind != "sine-wave" && dice.of(0.3) {
+        if kind != "sine-wave" && dice.of(0.3) && !moments {
             keys += ",kappa_reference_length_m=1.3";
         }
         if dice.of(0.6) {
@@ -270,7 +276,7 @@ fn random(seed: u64) -> Document {
             }
             time => set(format!("rod.damping_time_s={time}")),
         }
-        if dice.of(0.4) {
+        if dice.of(0.4) && !moments {
             set("rod.damping_of=elastic".into());
         }
     }

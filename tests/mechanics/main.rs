@@ -19,6 +19,7 @@ mod invariance;
 mod jacobian;
 mod linear;
 mod modes;
+mod moments;
 mod momentum;
 mod newton;
 mod order;

@@ -13,7 +13,7 @@ use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::system::Form;
 use caudal::variable::{Causality, VARIABLES};
-use common::{Dice, SOFT, STUDY, stepper_of};
+use common::{Dice, SOFT, STUDY, soft_moments, stepper_of};
 
 /// One scene of each kind: which parts are present decides which variables there are.
 fn kinds() -> Vec<(&'static str, Stepper)> {
@@ -30,6 +30,7 @@ fn kinds() -> Vec<(&'static str, Stepper)> {
         ("ramp", stepper_of(SOFT, &["start.kind=ramp", "start.ramp_s=0.1"])),
         ("clamped", stepper_of(SOFT, &["head.kind=clamped", loads[0], loads[1]])),
         ("driven", stepper_of(SOFT, &[head[0], head[1], head[2], "solver.integrator=newmark"])),
+        ("moments", stepper_of(&soft_moments(), &["head.kind=clamped", "rod.damping_time_s=0.01"])),
     ]
 }
 
@@ -52,6 +53,8 @@ fn play(stepper: &mut Stepper, dice: &mut Dice) {
     for variable in stepper.variables().to_vec() {
         let size = match variable.name {
             "actuation_amplitude" => 3.0,
+            "actuation_moment_n_m" => 10.0,
+            "active_moment_n_m" => 0.5,
             "actuation_frequency_hz" => 2.0,
             "actuation_phase_rad" => 0.5,
             "natural_curvature_1_m" => 0.5,
@@ -71,7 +74,7 @@ fn play(stepper: &mut Stepper, dice: &mut Dice) {
             continue;
         }
         let low =
-            if variable.name.starts_with("act") || variable.name.starts_with("visc") { 0.5 * size } else { -size };
+            if variable.name.starts_with("actuation") || variable.name.starts_with("visc") { 0.5 * size } else { -size };
         let values = dice.many(variable.len(stepper.model()), low, size);
         stepper.set(variable.name, &values).unwrap();
     }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
 use caudal::variable::{VARIABLES, View};
-use common::{SOFT, scene_of};
+use common::{SOFT, scene_of, soft_moments};
 
 /// Readings by name, entry by entry, of every step.
 type Motion = Vec<BTreeMap<&'static str, Vec<f64>>>;
@@ -31,6 +31,7 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         ("headed", soft(&[body, gravity])),
         ("clamped", soft(&["head={ kind = \"clamped\" }", stream, gravity])),
         ("driven in water", wet(&[driven, stream, gravity, "medium.viscosity_pa_s=0.01", "reactive.shedding=0.7"])),
+        ("moments", scene_of(&soft_moments(), &[&fine[..], &[stream, gravity, driven]].concat())),
         (
             "dipping",
             scene_of(

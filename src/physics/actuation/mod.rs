@@ -1,4 +1,7 @@
-//! Actuation: natural curvature prescribed along the rod, one kind per file.
+//! Actuation: a wave of natural curvature or of active moment prescribed along the rod, one kind per file.
+//!
+//! A kind gives a number to each joint. Where the scene has `kappa_amp` it is the dimensionless natural curvature κ̄_k; where it has
+//! `moment_amp_n_m` it is the active moment M_k in N m, which bends the joint against its stiffness: m_k = B_k κ_k − M_k.
 
 pub mod sine_wave;
 pub mod standing_wave;
@@ -15,7 +18,7 @@ pub struct ActuationKind {
     pub name: &'static str,
     /// The keys of `[actuation]` that it takes beside those of every kind.
     pub keys: &'static [&'static str],
-    /// Those of them that it cannot do without.
+    /// Those of them that it cannot do without; `moment_amp_n_m` stands for `kappa_amp`.
     pub needs: &'static [&'static str],
     /// The actuation.
     pub build: fn(&ActuationInputs<'_>) -> Box<dyn Actuation>,
@@ -52,7 +55,8 @@ pub struct ActuationInputs<'a> {
     pub spacing: f64,
     /// [e₀, e₁] of the amplitude e₀ + e₁ξ along the rod.
     pub envelope: [f64; 2],
-    /// ℓ_ref, m; an amplitude is a turning per ℓ_ref, so 1 m makes it a curvature in 1/m.
+    /// ℓ_ref, m; an amplitude is a turning per ℓ_ref, so 1 m makes it a curvature in 1/m. Of moments it is the spacing: an amplitude is
+    /// what a joint gets.
     pub reference_length: f64,
     /// `wavelength_m`.
     pub wavelength: f64,
@@ -74,10 +78,10 @@ impl ActuationInputs<'_> {
     }
 }
 
-/// Where a drive is in its cycle: natural curvature is `gain`·`amplitude` times a function of `phase` alone.
+/// Where a drive is in its cycle: what a joint is given is `gain`·`amplitude` times a function of `phase` alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wave {
-    /// Amplitude κ_amp, in the kind's own unit.
+    /// Amplitude, in the kind's own unit.
     pub amplitude: f64,
     /// Start gain r(t), 0 … 1.
     pub gain: f64,
@@ -101,9 +105,9 @@ pub(crate) fn fastest(harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> f6
 
 /// A kind of actuation.
 pub trait Actuation: std::fmt::Debug + Send + Sync {
-    /// Adds the dimensionless natural curvature κ̄_k to `natural` and dκ̄_k/dt (1/s) to `rate`, one entry per node; a
-    /// whole joint's worth at every node, the caller halves where a joint is half.
-    fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]);
+    /// Adds what each joint is given, the dimensionless natural curvature κ̄_k or the active moment M_k (N m), to `given` and its rate
+    /// (per s) to `rate`, one entry per node; a whole joint's worth at every node, the caller halves a curvature where a joint is half.
+    fn add(&self, wave: Wave, given: &mut [f64], rate: &mut [f64]);
 
     /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry per node.
     fn add_derivatives(&self, sizes: [f64; 3], phase: f64, out: &mut [f64]);

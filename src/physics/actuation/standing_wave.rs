@@ -6,7 +6,7 @@ use super::{ActuationInputs, ActuationKind, TravellingWave};
 /// This kind.
 pub static KIND: ActuationKind = ActuationKind {
     name: "standing-wave",
-    keys: &["kappa_amp", "kappa_reference_length_m", "harmonics"],
+    keys: &["kappa_amp", "moment_amp_n_m", "kappa_reference_length_m", "harmonics"],
     needs: &["kappa_amp"],
     // A wave that is infinitely long.
     build: |inputs| Box::new(TravellingWave::new(&ActuationInputs { wavelength: f64::INFINITY, ..*inputs })),

@@ -1,5 +1,5 @@
 //! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k, ψ_k = 2πft − φ₀ − 2πs_k/λ, with h₁ = 1 and the further
-//! harmonics h₂, h₃, … of `harmonics`.
+//! harmonics h₂, h₃, … of `harmonics`. With `moment_amp_n_m` M_k(t) = r M_amp (e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use super::{Actuation, ActuationInputs, ActuationKind, Wave, fastest};
 /// This kind.
 pub static KIND: ActuationKind = ActuationKind {
     name: "travelling-wave",
-    keys: &["kappa_amp", "kappa_reference_length_m", "wavelength_m", "harmonics"],
+    keys: &["kappa_amp", "moment_amp_n_m", "kappa_reference_length_m", "wavelength_m", "harmonics"],
     needs: &["kappa_amp", "wavelength_m"],
     build: |inputs| Box::new(TravellingWave::new(inputs)),
 };
@@ -61,15 +61,15 @@ impl TravellingWave {
 }
 
 impl Actuation for TravellingWave {
-    fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]) {
+    fn add(&self, wave: Wave, given: &mut [f64], rate: &mut [f64]) {
         let size = wave.amplitude * wave.gain;
         let growing = wave.amplitude * wave.gain_rate;
         for Harmonic { order, table, .. } in &self.harmonics {
             let (sin, cos) = (order * wave.phase).sin_cos();
             let turning = order * size * wave.phase_rate;
-            for ((natural, rate), [c, s]) in natural.iter_mut().zip(&mut *rate).zip(table) {
+            for ((given, rate), [c, s]) in given.iter_mut().zip(&mut *rate).zip(table) {
                 let value = c * sin - s * cos;
-                *natural += size * value;
+                *given += size * value;
                 *rate += turning * (c * cos + s * sin) + growing * value;
             }
         }

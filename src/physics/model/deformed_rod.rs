@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::Dynamics;
 use crate::fluid::Kinematics;
 use crate::rod::bend::Joint;
-use crate::rod::damping::KelvinVoigt;
+use crate::rod::damping::{EdgeRate, KelvinVoigt};
 use crate::rod::{DampedRate, Edge, elastic, node};
 use crate::system::State;
 
@@ -58,9 +58,23 @@ impl<'a> DeformedRod<'a> {
         self.dynamics.damped().and_then(of).map_or(0.0, |time| self.dynamics.model.rod.joint[k] * time)
     }
 
-    /// The rate Ω (rad/s) of the turning at the joint of node `k` of a damped rod; zero for an elastic one.
+    /// The rate Ω (rad/s) of the turning at the joint of node `k`.
     pub fn spin(&self, k: usize) -> f64 {
-        self.dynamics.damped().map_or(0.0, |damped| damped.rates.turning(k))
+        let wall = self.dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
+        self.edge_rate(k).spin - if k == 0 { wall } else { self.edge_rate(k - 1).spin }
+    }
+
+    /// How edge `e` stretches and turns.
+    pub fn edge_rate(&self, e: usize) -> EdgeRate {
+        match &self.dynamics.rates {
+            Some(rates) => rates.edges[e],
+            None => EdgeRate::new(&self.edges()[e], node(&self.state.v, e + 1) - node(&self.state.v, e)),
+        }
+    }
+
+    /// The active moment M_k (N m) of the joint at node `k`, and its rate, N m/s.
+    pub fn active_moment(&self, k: usize) -> [f64; 2] {
+        self.dynamics.active.as_ref().map_or([0.0; 2], |active| [active.moment[k], active.rate[k]])
     }
 
     /// The part (N m) of the moment conjugate to the curvature of joint `k` that resists its rate.
@@ -69,10 +83,10 @@ impl<'a> DeformedRod<'a> {
         self.dynamics.damped().map_or(0.0, |damped| damped.moment_of_rate(rod, k))
     }
 
-    /// The part (N m) of that moment that the moving natural curvature works against.
+    /// The part (N m) of the moment that the moving natural curvature works against; the active moment is none of it.
     pub fn driven_moment(&self, k: usize) -> f64 {
         let Dynamics { model, natural, .. } = self.dynamics;
-        let elastic = model.rod.joint[k] * (self.kappa()[k] - natural[k]);
+        let elastic = model.rod.joint[k] * (self.kappa()[k] - natural[k]) + self.active_moment(k)[0];
         if self.resisted_natural_rate(k) == 0.0 { elastic } else { elastic + self.damping_moment(k) }
     }
 

@@ -78,12 +78,12 @@ impl InputExtrapolation {
         terms.zip(std::iter::once(1.0).chain(factors(tau))).map(|(term, factor)| term * factor).sum()
     }
 
-    /// Adds `factor` times the second derivative of the host's natural curvature at time `t` (s) to `out`.
-    pub fn add_natural_acceleration(&self, t: f64, factor: f64, out: &mut [f64]) {
+    /// Adds `factor` times the second derivative of an array `of` the inputs at time `t` (s) to `out`.
+    pub fn add_second(&self, t: f64, of: fn(&Inputs) -> Option<&[f64]>, factor: f64, out: &mut [f64]) {
         let factors = std::iter::once(1.0).chain(factors(t - self.since));
         for (part, own) in self.jet[2..].iter().zip(factors) {
             let own = own * factor;
-            out.iter_mut().zip(part.natural.iter().flatten()).for_each(|(out, natural)| *out += own * natural);
+            out.iter_mut().zip(of(part).into_iter().flatten()).for_each(|(out, given)| *out += own * given);
         }
     }
 
@@ -223,7 +223,8 @@ impl Inputs {
         (self.fluid, self.flow_taken) = (Fluid::NONE, false);
         self.layers = self.layers.as_ref().map(Layers::none);
         self.head = None;
-        [&mut self.natural, &mut self.force].into_iter().flatten().for_each(|values| values.fill(0.0));
+        let arrays = [&mut self.natural, &mut self.moment, &mut self.force];
+        arrays.into_iter().flatten().for_each(|values| values.fill(0.0));
     }
 
     /// Copies all but phase and head from `other`, without allocating where there is room.
@@ -233,6 +234,7 @@ impl Inputs {
         self.fluid = other.fluid;
         self.layers = other.layers;
         self.natural.clone_from(&other.natural);
+        self.moment.clone_from(&other.moment);
         self.force.clone_from(&other.force);
     }
 
@@ -245,7 +247,12 @@ impl Inputs {
         if let (Some(to), Some(from)) = (&mut self.layers, &other.layers) {
             to.add(from, factor);
         }
-        for (to, from) in [(&mut self.natural, &other.natural), (&mut self.force, &other.force)] {
+        let arrays = [
+            (&mut self.natural, &other.natural),
+            (&mut self.moment, &other.moment),
+            (&mut self.force, &other.force),
+        ];
+        for (to, from) in arrays {
             let Some(from) = from else { continue };
             let to = to.get_or_insert_with(|| vec![0.0; from.len()]);
             to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);

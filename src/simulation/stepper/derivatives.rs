@@ -15,7 +15,7 @@ use crate::fluid::medium::{Property, by_key};
 use crate::fluid::{Fluid, Layers, PowerKind};
 use crate::linear::Direction;
 use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
-use crate::model::{DeformedRod, Dynamics, Inputs, Mechanics};
+use crate::model::{ActiveMoments, DeformedRod, Dynamics, Inputs, Mechanics};
 use crate::newton::Work;
 use crate::rod::damping::KelvinVoigt;
 use crate::rod::{DampedRate, bend, node};
@@ -38,6 +38,8 @@ pub(super) struct StateTangent {
     metrics: RunMetrics,
     natural: Vec<f64>,
     natural_rate: Vec<f64>,
+    /// Of the active moments in them.
+    active: ActiveMoments,
     force: Vec<f64>,
     fluid: Fluid,
     layers: Option<Layers>,
@@ -67,6 +69,7 @@ impl StateTangent {
             },
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
+            active: ActiveMoments::zeros(nodes),
             force: zeros(),
             fluid: Fluid::NONE,
             layers: None,
@@ -85,6 +88,7 @@ impl StateTangent {
         }
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
+        self.active.clear();
         (self.fluid, self.layers, self.angle) = (Fluid::NONE, None, [0.0; 2]);
         self.inputs.clear();
     }
@@ -93,7 +97,8 @@ impl StateTangent {
     fn follow_inputs(&mut self, bent: &DeformedRod<'_>) {
         let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
-        dynamics.natural_change(&self.inputs, state.t, &mut self.natural, &mut self.natural_rate);
+        let natural = [&mut self.natural, &mut self.natural_rate].map(Vec::as_mut_slice);
+        dynamics.natural_change(&self.inputs, state.t, natural, &mut self.active);
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
@@ -101,12 +106,14 @@ impl StateTangent {
         if dynamics.mechanics == Mechanics::Shape {
             // The shape follows with the next step.
             self.natural.fill(0.0);
+            self.active.clear();
             self.metrics.totals.work = Power::default();
             return;
         }
-        // The work of a change of κ̄ at once.
-        let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]);
-        let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
+        // The work of a change of the natural curvature at once; one of active moments does none.
+        let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]) + bent.active_moment(k)[0];
+        let change = |k: usize| self.natural[k] - self.active.moment[k] / rod.joint[k];
+        let actuation = -rod.joints().map(|k| moment(k) * change(k)).sum::<f64>();
         self.metrics.totals.work = Power { actuation, ..Power::default() };
     }
 
@@ -115,8 +122,8 @@ impl StateTangent {
         let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
-        let Self { state: d, metrics, natural, natural_rate, force, fluid, layers, opposing, applied, angle, .. } =
-            self;
+        let Self { state: d, metrics, natural, natural_rate, active, force, fluid, layers, .. } = self;
+        let (opposing, applied, angle) = (&mut self.opposing, &mut self.applied, &self.angle);
         // Of a rod that takes its natural curvature the moments follow from balance, further down.
         let shape = dynamics.mechanics == Mechanics::Shape;
         for (applied, force) in applied.iter_mut().zip(&*force) {
@@ -136,18 +143,19 @@ impl StateTangent {
             let vector = node(&d.q, e + 1) - node(&d.q, e);
             [edges[e].t.dot(&vector), edges[e].n().dot(&vector) * edges[e].per_length]
         };
-        // The changes of the rates of a damped rod: of an edge's length and angular velocity, and of the turning at its first node.
+        // The changes of the rates of strain: of an edge's length and angular velocity, and of the turning at its first node.
         let [angle, angular_velocity] = *angle;
         let rate_change = |e: usize| {
-            let Some(KelvinVoigt { rates, .. }) = dynamics.damped() else { return [0.0; 2] };
+            let rate = bent.edge_rate(e);
             let ends = |values: &[f64]| node(values, e + 1) - node(values, e);
             let changes = [(Direction::POSITIONS, ends(&d.q)), (Direction::VELOCITIES, ends(&d.v))];
             changes.iter().fold([0.0; 2], |[longer, spin], (direction, change)| {
-                let (rate, edge) = (&rates.edges[e], &edges[e]);
+                let edge = &edges[e];
                 let stretching = rate.stretching_slope(edge, *direction).dot(change);
                 [longer + stretching, spin + rate.spin_slope(edge, *direction).dot(change)]
             })
         };
+        let activated = dynamics.active.is_some() || self.inputs.moment.is_some();
         let drives_all = dynamics.damped().is_none_or(|damped| damped.damping.rate == DampedRate::Elastic);
         let spinning = |e: usize| rate_change(e)[1] - if e == 0 { angular_velocity } else { rate_change(e - 1)[1] };
         // The change of the moment that resists the rate of a joint whose curvature changes by so much.
@@ -178,10 +186,24 @@ impl StateTangent {
                 }
                 let moment = rod.joint[e] * (kappa[e] - dynamics.natural[e]);
                 let elastic = rod.joint[e] * (now.kappa[e] - natural[e]);
-                energy.bending += moment * (now.kappa[e] - natural[e]);
                 now.moment[e] = elastic + resisting;
                 let driven = if drives_all { now.moment[e] } else { elastic };
-                power.actuation -= driven * dynamics.natural_rate[e] + bent.driven_moment(e) * natural_rate[e];
+                if !activated {
+                    energy.bending += moment * (now.kappa[e] - natural[e]);
+                    power.actuation -= driven * dynamics.natural_rate[e] + bent.driven_moment(e) * natural_rate[e];
+                    before = turned;
+                    continue;
+                }
+                // The elastic moment m + M, and the natural curvature without M/B.
+                let [own, own_rate] = bent.active_moment(e);
+                let without = |bent: f64, moment: f64| bent - moment / rod.joint[e];
+                let change = elastic + active.moment[e];
+                energy.bending += (moment + own) * (change / rod.joint[e]);
+                power.actuation -= change * without(dynamics.natural_rate[e], own_rate)
+                    + (moment + own) * without(natural_rate[e], active.rate[e]);
+                let s = bend::curvature_per_turning(kappa[e]);
+                let quicker = 0.5 * kappa[e] * bent.spin(e) * now.kappa[e] + s * spinning(e);
+                power.actuation += active.moment[e] * s * bent.spin(e) + own * quicker;
             }
             before = turned;
         }
@@ -400,6 +422,9 @@ impl Stepper {
         self.dynamics.move_to(t, &mut self.now.state);
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
+        if let (Some(active), Some(rate)) = (&self.dynamics.active, self.dynamics.moment_acceleration(t)) {
+            tangent.active = ActiveMoments { moment: active.rate.clone(), rate };
+        }
         if let (Some(later), Some(sooner), Some([.., angle])) = (later, sooner, self.dynamics.held) {
             let shape = moving && self.dynamics.mechanics == Mechanics::Shape;
             for i in 0..if shape { 0 } else { 2 } {

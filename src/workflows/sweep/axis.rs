@@ -234,7 +234,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
 }
 
 /// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
-const RESULT_COLUMNS: [&str; 87] = [
+const RESULT_COLUMNS: [&str; 90] = [
     "case",
     "scene_hash",
     "caudal_version",
