@@ -361,7 +361,9 @@ impl Assessment {
             Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
         };
         let resists = rod.damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Whole);
-        let followed = if resists && scene.actuation.is_some() {
+        let followed = if stepper.model().active_moments {
+            ": far below 1 the rod bends as far as the moments bend it at rest"
+        } else if resists && scene.actuation.is_some() {
             ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
         } else if scene.actuation.is_none() {
             ": far below 1 the rod follows its head without bending"
@@ -835,14 +837,15 @@ fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
 
 /// Half the tip's range of motion (m) in the shape that the actuation prescribes.
 fn prescribed_tip(model: &Model) -> Option<f64> {
-    let (actuation, drive) = model.actuation.as_ref()?;
-    if drive.frequency == 0.0 {
-        return Some(0.0);
-    }
     let head = model.head.as_ref().map(|motion| pose(motion, 0.0));
-    let shapes = regime::shapes(&model.rod, &**actuation, *drive, head.as_ref());
-    let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();
-    Some(regime::half_width(&tips))
+    model.with_curvature_wave(|actuation, drive| {
+        if drive.frequency == 0.0 {
+            return 0.0;
+        }
+        let shapes = regime::shapes(&model.rod, actuation, drive, head.as_ref());
+        let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();
+        regime::half_width(&tips)
+    })
 }
 
 /// Drag across the rod per length and speed in that fluid, N s/m²; for a nonlocal law that of the default law.
@@ -860,10 +863,10 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
 /// The fully developed natural curvature at a phase of the scene's drive.
 fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
     let mut natural_curvature = vec![0.0; model.rod.nodes];
-    if let Some((actuation, drive)) = &model.actuation {
+    model.with_curvature_wave(|actuation, drive| {
         let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
         actuation.add(wave, &mut natural_curvature, &mut vec![0.0; model.rod.nodes]);
-    }
+    });
     natural_curvature
 }
 

@@ -57,16 +57,16 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// That of an actuation of `rod` with its drive, of the motion of its head and of a flow that changes in time.
+    /// That of an actuation of `rod` by natural curvature with its drive, of the motion of its head and of a flow that changes in time.
     pub fn of(
         rod: &Rod,
-        actuation: Option<&(Box<dyn Actuation>, Drive)>,
+        actuation: Option<(&dyn Actuation, Drive)>,
         head: Option<&HeadMotion>,
         flow: Option<&[Signal; 2]>,
     ) -> Self {
         let mut spectrum = Self::default();
         if let Some((actuation, drive)) = actuation {
-            spectrum.add_actuation(rod, &**actuation, *drive);
+            spectrum.add_actuation(rod, actuation, drive);
         }
         // A head that turns moves the rod by its distance from there, L/√3 in the mean square.
         let arms = [1.0, 1.0, rod.length / 3f64.sqrt()];
@@ -81,7 +81,11 @@ impl Spectrum {
 
     /// That of a model.
     pub fn of_model(model: &Model) -> Self {
-        Self::of(&model.rod, model.actuation.as_ref(), model.head.as_ref(), model.flow.as_ref())
+        let Model { rod, head, flow, .. } = model;
+        let driven = model.with_curvature_wave(|actuation, drive| {
+            Self::of(rod, Some((actuation, drive)), head.as_ref(), flow.as_ref())
+        });
+        driven.unwrap_or_else(|| Self::of(rod, None, head.as_ref(), flow.as_ref()))
     }
 
     /// The frequencies, each with its speed.

@@ -98,11 +98,27 @@ pub struct Model {
     pub bent: Option<Vec<f64>>,
 }
 
+/// The wave of natural curvatures that the moments of `actuation` bend an unloaded `rod` to.
+pub(crate) fn bending(actuation: &dyn Actuation, rod: &Rod) -> Box<dyn Actuation> {
+    // Whole joints' worth: half of it is taken where a joint is half.
+    let flexible = |k: usize| if rod.joints().contains(&k) { 1.0 / (rod.joint[k] * rod.joint_part(k)) } else { 0.0 };
+    actuation.profiled(&(0..rod.nodes).map(flexible).collect::<Vec<_>>(), &vec![0.0; rod.nodes])
+}
+
 impl Model {
     /// Names all that it says, every number to the bit, with `solved`, how it is solved. Forces and actuations of your own are in it as
     /// their `Debug` says them.
     pub fn fingerprint(&self, solved: &impl std::fmt::Debug) -> u128 {
         XxHash3_128::oneshot(format!("{} {solved:?} {self:?}", env!("CARGO_PKG_VERSION")).as_bytes())
+    }
+
+    /// Shows `look` the actuation as one of natural curvatures, with its drive: of moments those that they bend the unloaded rod to.
+    pub(crate) fn with_curvature_wave<R>(&self, look: impl FnOnce(&dyn Actuation, Drive) -> R) -> Option<R> {
+        let (actuation, drive) = self.actuation.as_ref()?;
+        if self.active_moments {
+            return Some(look(&*bending(&**actuation, &self.rod), *drive));
+        }
+        Some(look(&**actuation, *drive))
     }
 
     /// Half of what the speed (m/s) of its head varies by in the scene's own motion.

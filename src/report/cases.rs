@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
-pub const QUANTITIES: [SummaryQuantity; 26] = [
+pub const QUANTITIES: [SummaryQuantity; 27] = [
     SummaryQuantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
     SummaryQuantity::new("mean_thrust_n", "mean thrust", "N", true),
@@ -31,6 +31,7 @@ pub const QUANTITIES: [SummaryQuantity; 26] = [
     SummaryQuantity::new("cycle_tip_excursion_m", "excursion of the tip over whole cycles", "m", true),
     SummaryQuantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
     SummaryQuantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
+    SummaryQuantity::new("cycle_head_power_w", "power of the head over whole cycles", "W", true),
     SummaryQuantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
     SummaryQuantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
     SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
@@ -266,12 +267,17 @@ impl Cases {
         let (mut figures, mut names) = (Vec::new(), FileNames::default());
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
+        // What is the same in all cases has no figure.
+        let varies = |column: &[f64]| {
+            let mut values = column.iter().filter(|x| x.is_finite());
+            values.next().is_some_and(|first| values.any(|x| x != first))
+        };
         let shown: Vec<usize> =
             (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
         let parts = self.parts();
         let of = |label: &str| if label.is_empty() { String::new() } else { format!(", {label}") };
         if let [across, up] = shown[..] {
-            for (quantity, column) in drawn().filter(|(_, column)| known(column)) {
+            for (quantity, column) in drawn().filter(|(_, column)| varies(column)) {
                 for (label, cases) in &parts {
                     let Some(map) = self.heat_map([across, up], quantity, column, label, cases) else { continue };
                     let [x, y] = [across, up].map(|axis| &self.axes[axis].name);
@@ -280,9 +286,15 @@ impl Cases {
                 }
             }
         }
-        // The displacement, or where heads are held the thrust.
-        if let Some((quantity, column)) = drawn().find(|(_, column)| known(column)) {
-            let stem = if quantity.of_free_heads { "displacement" } else { "thrust" };
+        // The displacement and the speed, or where heads are held the thrust.
+        let main = drawn().find(|(_, column)| known(column));
+        let speed = drawn().find(|(quantity, column)| quantity.key == "cycle_forward_speed_m_s" && known(column));
+        for (quantity, column) in main.into_iter().chain(speed) {
+            let stem = match quantity.key {
+                "net_displacement_m" => "displacement",
+                "cycle_forward_speed_m_s" => "speed",
+                _ => "thrust",
+            };
             for (label, cases) in &parts {
                 for axis in &shown {
                     let chart = self.against(*axis, quantity, column, label, cases);
@@ -298,6 +310,8 @@ impl Cases {
                     figures.push(Figure::new(file, caption, chart.svg()));
                 }
             }
+        }
+        if let Some((quantity, column)) = main {
             if let Some(chart) = self.compared(quantity, column) {
                 let caption = format!("The {} of each case with every level of the split side by side.", quantity.name);
                 figures.push(Figure::new(names.file(&["compared"]), caption, chart.svg()));
@@ -313,7 +327,7 @@ impl Cases {
                 figures.push(Figure::new(names.file(&["paths", label]), caption, chart.svg()));
             }
         }
-        for (quantity, column) in drawn().filter(|(_, column)| known(column)) {
+        for (quantity, column) in drawn().filter(|(_, column)| varies(column)) {
             let caption = format!("The mean {} at each level of an axis, over all other axes.", quantity.name);
             let effects = self.effects(&shown, quantity, column, &parts);
             figures.push(Figure::new(names.file(&["effects", quantity.key]), caption, effects.svg()));

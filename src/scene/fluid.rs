@@ -21,6 +21,7 @@ use crate::fluid::validity::{FlowConditions, TransverseMotion};
 use crate::fluid::warnings;
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
+use crate::model::bending;
 use crate::reduced::fluid_estimates::{ShortRun, ShortRunResult, nodes, simulate};
 use crate::reduced::{FluidChoice, FluidEstimates, MotionAndPower};
 use crate::regime::Regime;
@@ -518,7 +519,10 @@ impl Scene {
         let rod = self.rod_on(nodes(waves) as usize);
         let head = self.head_motion().ok().flatten();
         let flow = self.fluid().ok().and_then(|(_, flow)| flow);
-        Spectrum::of(&rod, self.drive(&rod).as_ref(), head.as_ref(), flow.as_ref())
+        let moments = self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
+        let wave = self.drive(&rod).map(|(wave, drive)| (if moments { bending(&*wave, &rod) } else { wave }, drive));
+        let wave = wave.as_ref().map(|(wave, drive)| (&**wave, *drive));
+        Spectrum::of(&rod, wave, head.as_ref(), flow.as_ref())
     }
 
     /// The fluid, and its flow if it is unsteady; [`Fluid::NONE`] without a medium.

@@ -202,12 +202,16 @@ pub(super) fn series(
     let held = dynamics.model.head.is_some();
     let spacing = dynamics.model.rod.spacing;
     let mut state = State::zeros(2 * nodes);
-    let naturals: Vec<Vec<f64>> = markers
+    // Natural curvatures, and active moments, of which each is zero where the other drives the rod.
+    let given: Vec<[Vec<f64>; 2]> = markers
         .times
         .iter()
         .map(|t| {
             dynamics.move_to(*t, &mut state);
-            dynamics.natural.clone()
+            match &dynamics.active {
+                None => [dynamics.natural.clone(), vec![0.0; nodes]],
+                Some(active) => [vec![0.0; nodes], active.moment.clone()],
+            }
         })
         .collect();
     let mut all: Vec<JointSeries> = joints
@@ -244,8 +248,8 @@ pub(super) fn series(
         for (i, k) in joints.clone().enumerate() {
             let kappa = bent.kappa()[k];
             let first = sample.index - motion.half;
-            let natural: f64 =
-                sample.weights.iter().zip(&naturals[first..]).map(|(w, natural)| w[0] * natural[k]).sum();
+            let [natural, active] = [0, 1]
+                .map(|i| sample.weights.iter().zip(&given[first..]).map(|(w, given)| w[0] * given[i][k]).sum::<f64>());
             let s = bend::curvature_per_turning(kappa);
             let scale = s / (dynamics.model.rod.joint_part(k) * spacing);
             let series = &mut all[i];
@@ -297,7 +301,8 @@ pub(super) fn series(
             }
             let entry = |i: usize| (i, [0, 1, 2].map(|order| by_moment[order][i]));
             let by_m: Moves = (0..2 * nodes).map(entry).filter(|(_, by)| *by != [0.0; 3]).collect();
-            series.moment.push(moment);
+            // EI c is what is passed on, and what the active moment is.
+            series.moment.push(moment + active * s);
             series.by[0].push(by_c);
             series.by[1].push(by_m);
         }

@@ -611,7 +611,8 @@ impl DesignTable {
             [("design.actuation_gain", self.actuation_gain), ("design.window_s", self.window_s.is_some())]
         {
             if given {
-                let instead = "\"actuation.kappa_amp\" in variables for the strength of the actuation";
+                let instead =
+                    "\"actuation.kappa_amp\" (or \"actuation.moment_amp_n_m\") in variables for the strength of the actuation";
                 return Err((
                     key,
                     format!("found with numbers of the scene, which are found by simulation; allowed: {instead}"),
@@ -636,6 +637,10 @@ impl DesignTable {
                 "design.variables",
                 format!("this goal finds stiffness alone; others are allowed: {allowed}"),
             ));
+        }
+        if self.actuation_gain && scene.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some()) {
+            let problem = "found where moments drive the rod; allowed: \"actuation.moment_amp_n_m\" in variables, found by simulation";
+            return Err(("design.actuation_gain", problem.to_string()));
         }
         if (amplitude || phase) && scene.actuation.is_none() {
             return Err(("design.variables", "amplitude and phase need a table [actuation]".to_string()));

@@ -68,7 +68,7 @@ impl Vary {
     fn label(self) -> &'static str {
         match self {
             Self::Modulus => "Young's modulus (Pa)",
-            Self::Amplitude => "amplitude kappa_amp",
+            Self::Amplitude => "amplitude of the actuation",
             Self::Nodes => "number of nodes",
             Self::Spin => "spin at the start (rad/s)",
             Self::Damping => "damping time of the material (s)",
