@@ -1005,11 +1005,14 @@ impl std::fmt::Display for CycleAverages {
                 ("thrust", &THRUST),
                 ("moment", &HEAD_MOMENT),
                 ("power of the head", &HEAD_POWER),
+                ("power of the actuation", &ACTUATION_POWER),
                 ("efficiency (thrust times speed against the stream over the power)", &EFFICIENCY),
             ]
         };
         for (name, measure) in shown {
-            if let Some(mean) = self.mean(measure) {
+            // A drive that is not there, or does not move, gives nothing.
+            let idle = ["power of the head", "power of the actuation"].contains(name);
+            if let Some(mean) = self.mean(measure).filter(|mean| !idle || *mean != 0.0) {
                 let unit = if measure.unit == "1" { String::new() } else { format!(" {}", measure.unit) };
                 part(f, format!("{name} {}{unit}", short(mean)))?;
             }

@@ -334,7 +334,8 @@ impl Measurements {
 
     /// Copies `other`, without allocating if capacities suffice.
     pub(crate) fn copy_from(&mut self, other: &Self) {
-        let Self { mut kappa, mut moment, mut elastic, mut active, mut natural, mut tangent, .. } = std::mem::take(self);
+        let Self { mut kappa, mut moment, mut elastic, mut active, mut natural, mut tangent, .. } =
+            std::mem::take(self);
         kappa.clone_from(&other.kappa);
         moment.clone_from(&other.moment);
         elastic.clone_from(&other.elastic);

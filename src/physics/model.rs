@@ -193,7 +193,10 @@ impl Inputs {
     pub fn act_as(&self, other: &Self) -> bool {
         let parts =
             |inputs: &Self| (inputs.drive, inputs.phase_offset, inputs.phase_origin, inputs.fluid, inputs.layers);
-        parts(self) == parts(other) && self.natural == other.natural && self.moment == other.moment && self.force == other.force
+        parts(self) == parts(other)
+            && self.natural == other.natural
+            && self.moment == other.moment
+            && self.force == other.force
     }
 
     /// Changes the frequency (Hz) at time `t` (s), keeping the phase.
@@ -452,8 +455,11 @@ impl Dynamics {
         rate.fill(0.0);
         active.clear();
         if let Some((actuation, _)) = actuation {
-            let (natural, rate) =
-                if *active_moments { (&mut active.moment[..], &mut active.rate[..]) } else { (&mut *natural, &mut *rate) };
+            let (natural, rate) = if *active_moments {
+                (&mut active.moment[..], &mut active.rate[..])
+            } else {
+                (&mut *natural, &mut *rate)
+            };
             let wave = self.inputs.wave(start, t, self.course.as_deref());
             let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
             let [gain, gain_rate] = start.gain(t);

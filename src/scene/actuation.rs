@@ -86,8 +86,13 @@ impl ActuationTable {
             return fault(key, format!("found with kind = \"{}\"; allowed: only with {owners}", kind.name));
         }
         if self.moment_amp_n_m.is_some() {
-            if let Some(key) = ["kappa_amp", "kappa_reference_length_m"].into_iter().find(|key| self.given().any(|own| own == *key)) {
-                return fault(key, "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment".into());
+            if let Some(key) =
+                ["kappa_amp", "kappa_reference_length_m"].into_iter().find(|key| self.given().any(|own| own == *key))
+            {
+                return fault(
+                    key,
+                    "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment".into(),
+                );
             }
         }
         let stands_for = |given: &str, key: &str| given == key || (given, key) == ("moment_amp_n_m", "kappa_amp");

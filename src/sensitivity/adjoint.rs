@@ -69,6 +69,7 @@ impl Problem {
                 return Err(Error::WrongLength { name: "weights", expected, found });
             }
         }
+        trajectory.check(nodes, (0..times).map(|n| steps.time(n)))?;
         let (rules, check_interruption) = (self.rules()?, self.check_interruption());
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut equations = Equations::new(self.model())?;
@@ -207,7 +208,9 @@ impl Problem {
             by_force.iter_mut().skip(2 * nodes * n).zip(&force).for_each(|(by, force)| *by -= force);
             if n == 0 {
                 let by_natural = natural.iter_mut().zip(&bends);
-                for (total, effect) in total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends(&shape)) {
+                for (total, effect) in
+                    total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends(&shape))
+                {
                     let [mut q, mut v] = shaped_start::first_by(bent.dynamics, effect, &shape);
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);

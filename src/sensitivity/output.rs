@@ -186,6 +186,11 @@ impl Quantity {
             }
             _ => (true, String::new()),
         };
+        if matches!(self, Q::HeadForce(_) | Q::HeadMoment) && model.head.is_none() {
+            return Err(Error::Derivative {
+                problem: format!("{self:?} is not there to read; allowed: of a held head, clamped or driven"),
+            });
+        }
         let axis = match self {
             Q::Position(_, i) | Q::Velocity(_, i) | Q::CentreOfMass(i) | Q::CentreVelocity(i) | Q::HeadAxis(i) => i,
             Q::Flow(i) | Q::HeadForce(i) | Q::Resultant(_, i) | Q::RodMomentum(i) | Q::FluidMomentum(i) => i,

@@ -116,7 +116,11 @@ impl ParameterEffect {
     /// What a stiffer joint is bent less by its active moment, or the rate of that (`order` 1).
     #[inline]
     fn softening(&self, shape: &ActuationShape, k: usize, order: usize) -> f64 {
-        shape.active.get(k).filter(|_| self.stiffness != 0.0).map_or(0.0, |(own, bent)| bent[order] * self.stiffness / own)
+        shape
+            .active
+            .get(k)
+            .filter(|_| self.stiffness != 0.0)
+            .map_or(0.0, |(own, bent)| bent[order] * self.stiffness / own)
     }
 
     /// dM_k, N m.

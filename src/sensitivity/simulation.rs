@@ -11,7 +11,7 @@ use super::problem::Problem;
 use super::scene_parameter::{self, SceneParameter, SceneParameters};
 use super::trajectory::Trajectory;
 use crate::cycle::derivatives;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::scene::{Document, Scene};
 
 /// Numbers in rows: one (no dimension), a list, or a row per time.
@@ -179,8 +179,9 @@ impl DifferentiableParameters {
 
     /// The error for a derivative by an unknown `name`.
     fn refuse(&self, scene: &str, name: &str) -> Error {
-        let known = self.names().join(", ");
-        refusal(format!("a simulation of {scene:?} has no derivative by `{name}`; allowed: {known}"))
+        let names = self.names();
+        let near = did_you_mean(nearest(name, names.iter().map(AsRef::as_ref)));
+        refusal(format!("a simulation of {scene:?} has no derivative by `{name}`{near}; allowed: {}", names.join(", ")))
     }
 }
 
@@ -301,6 +302,10 @@ impl Simulation {
                 WithRespectTo::Force(_) | WithRespectTo::Position(_) | WithRespectTo::Velocity(_) => nodes,
             };
             finite(name, value)?;
+            if value.values.len() != value.shape.iter().product::<usize>() {
+                let found = format!("{} values for the shape {:?}", value.values.len(), value.shape);
+                return Err(refusal(format!("{name}: found {found}; allowed: as many as the shape has")));
+            }
             let may_be_timed = matches!(by, WithRespectTo::Natural | WithRespectTo::Force(_));
             let timed = match value.shape[..] {
                 [] if by == WithRespectTo::Phase => false,

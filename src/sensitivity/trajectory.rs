@@ -1,5 +1,6 @@
 //! A stored trajectory of a simulation, for its adjoint.
 
+use crate::error::{Error, Result};
 use crate::head::{Row, hermite};
 use crate::system::State;
 
@@ -39,6 +40,24 @@ impl Trajectory {
             values.map(move |(q, v)| Row { time: self.times[n], value: *q, rate: *v })
         };
         Some(rows(n - 1).zip(rows(n)).map(|(from, to)| hermite(&from, &to, time.min(last)).value).collect())
+    }
+
+    /// Returns an error unless it has positions of `nodes` nodes at exactly these `times` (s).
+    pub(super) fn check(&self, nodes: usize, times: impl ExactSizeIterator<Item = f64>) -> Result<()> {
+        let refuse = |problem: String| {
+            let remedy = "allowed: what simulate returned for this problem";
+            Err(Error::Derivative { problem: format!("the trajectory is of another simulation, {problem}; {remedy}") })
+        };
+        if self.times.len() != times.len() {
+            return refuse(format!("of {} times for {}", self.times.len(), times.len()));
+        }
+        if self.q.len() != 2 * nodes * self.times.len() {
+            return refuse(format!("of {} nodes for {nodes}", self.q.len() / (2 * self.times.len())));
+        }
+        match self.times.iter().zip(times).find(|(own, time)| **own != *time) {
+            Some((own, time)) => refuse(format!("with a time of {own:e} s for {time:e} s")),
+            None => Ok(()),
+        }
     }
 
     /// Adds a state.

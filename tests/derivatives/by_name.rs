@@ -43,11 +43,43 @@ fn what_a_model_does_not_have_is_refused_and_not_zero() {
     let mut still = self::problem(&["actuation.kind=travelling-wave"]);
     assert!(still.forward(&[Parameter::Phase], &tip, 1, |_| {}).is_ok());
     assert!(matches!(still.forward(&[], &tip, 0, |_| {}), Err(Error::BadValue { name: "every", .. })));
-    for quantity in
-        [Quantity::Position(9, 0), Quantity::Velocity(0, 2), Quantity::JointMoment(0), Quantity::HeadForce(2)]
-    {
+    for quantity in [
+        Quantity::Position(9, 0),
+        Quantity::Velocity(0, 2),
+        Quantity::JointMoment(0),
+        Quantity::HeadForce(0),
+        Quantity::HeadMoment,
+    ] {
         let error = still.forward(&[], &[quantity.into()], 1, |_| {}).unwrap_err();
         assert!(matches!(error, Error::Derivative { .. }), "{error}");
+    }
+}
+
+#[test]
+fn a_trajectory_of_another_simulation_is_refused() {
+    let tip = [Output::from(Quantity::Position(8, 1))];
+    let mut own = problem(&[]);
+    let weights = vec![1.0; own.simulate().unwrap().times.len()];
+    let others: [(&[&str], &str); 4] = [
+        (&["solver.duration_s=0.4"], "of 81 times for 41"),
+        (&["rod.nodes=7"], "of 7 nodes for 9"),
+        (&["solver.time_step_s=1e-2", "solver.duration_s=0.4"], "with a time of 1e-2 s for 5e-3 s"),
+        (&["solver.duration_s=0.1"], "of 21 times for 41"),
+    ];
+    for (changes, text) in others {
+        let other = problem(changes).simulate().unwrap();
+        let error = own.adjoint(&[Parameter::Amplitude], &tip, &weights, &other).unwrap_err();
+        assert!(error.to_string().contains(text) && error.is_bad_input(), "{error}");
+    }
+    assert!(own.adjoint(&[Parameter::Amplitude], &tip, &weights, &Default::default()).is_err());
+}
+
+#[test]
+fn an_array_of_another_shape_than_its_values_is_refused() {
+    for shape in [vec![], vec![7]] {
+        let given = [("actuation_phase_rad", Array { shape: shape.clone(), values: vec![] })];
+        let error = Simulation::of(&document(&[]), &["tip_y_m"], &given).unwrap_err().to_string();
+        assert!(error.contains("actuation_phase_rad: found 0 values for the shape"), "{error}");
     }
 }
 

@@ -116,7 +116,8 @@ fn table(signal: &Signal, duration: f64, rows: u32) -> Signal {
 fn spectrum_of(head: Signal, changes: &[&str]) -> Spectrum {
     let model = scene_of(TAIL, changes).model().unwrap();
     let still = || Signal::Constant(0.0);
-    Spectrum::of(&model.rod, model.actuation.as_ref(), Some(&[still(), head, still()]), None)
+    let wave = model.actuation.as_ref().map(|(wave, drive)| (&**wave, *drive));
+    Spectrum::of(&model.rod, wave, Some(&[still(), head, still()]), None)
 }
 
 #[test]

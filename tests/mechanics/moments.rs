@@ -92,7 +92,9 @@ fn moments_move_an_even_rod_as_the_natural_curvature_that_they_bend_it_to() {
             }
         }
         let [of_moments, of_curvature] = [&moments, &curvature].map(|s| s.get_scalar("bending_energy_j").unwrap());
-        println!("{changes:?}: {worst:e}; {of_moments:.3} J of bending, {of_curvature:.3} J against the natural curvature");
+        println!(
+            "{changes:?}: {worst:e}; {of_moments:.3} J of bending, {of_curvature:.3} J against the natural curvature"
+        );
         // Measured: 2e-13 in positions, and what that is in the moments of the stiff rod.
         assert!(worst < 1e-9, "{changes:?}: {worst:e}");
     }
@@ -101,7 +103,12 @@ fn moments_move_an_even_rod_as_the_natural_curvature_that_they_bend_it_to() {
 #[test]
 fn the_balance_of_energy_closes_to_the_order_of_the_method() {
     let driven = "head={ kind = \"driven\", position_m = [0.0, { amplitude = 0.05, frequency_hz = 1.5 }], angle_rad = { amplitude = 0.3, frequency_hz = 1.5 } }";
-    let heads = [&["start={kind=\"ramp\",ramp_s=0.2}"][..], &["head.kind=clamped"], &[driven], &["rod.damping_time_s=0.02", driven]];
+    let heads = [
+        &["start={kind=\"ramp\",ramp_s=0.2}"][..],
+        &["head.kind=clamped"],
+        &[driven],
+        &["rod.damping_time_s=0.02", driven],
+    ];
     for (method, order) in [("implicit-euler", 1), ("newmark", 2), ("generalized-alpha", 2), ("esdirk3", 2)] {
         for head in heads {
             let defect = |step: f64| {

@@ -73,8 +73,11 @@ fn play(stepper: &mut Stepper, dice: &mut Dice) {
         if dice.between(0.0, 1.0) < 0.3 {
             continue;
         }
-        let low =
-            if variable.name.starts_with("actuation") || variable.name.starts_with("visc") { 0.5 * size } else { -size };
+        let low = if variable.name.starts_with("actuation") || variable.name.starts_with("visc") {
+            0.5 * size
+        } else {
+            -size
+        };
         let values = dice.many(variable.len(stepper.model()), low, size);
         stepper.set(variable.name, &values).unwrap();
     }

@@ -37,6 +37,10 @@ fn as_arguments(text: &str) -> String {
         ("--force", "`force=True`"),
         ("--restart", "`restart=True`"),
         ("--jobs ", "jobs="),
+        ("--set ", ""),
+        ("`caudal sweep` runs it", "`caudal.sweep` runs it"),
+        ("`caudal run` runs it", "`caudal.run` runs it"),
+        ("Simulation::pull_back", "`Simulation.pull_back`"),
         ("`caudal variables SCENE` lists them", "`Stepper.variables` lists them"),
     ];
     options.into_iter().fold(text.to_string(), |text, (option, argument)| text.replace(option, argument))

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::error::OrRaise;
-use crate::values::{shown, to_toml};
+use crate::values::{fields, shown, to_toml};
 
 /// A scene, read and checked: everything there is to say about a run.
 ///
@@ -108,7 +108,7 @@ impl Scene {
         for parameter in self.scene.parameters() {
             dictionary.set_item(parameter.name(), parameter.value)?;
         }
-        Ok(dictionary)
+        fields(&dictionary)
     }
 
     /// What a user should know before trusting a run: where the model, the mesh or the step leave their range.

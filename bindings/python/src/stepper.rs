@@ -3,20 +3,20 @@
 use std::ffi::CString;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
 use caudal::stepper::InputChange;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::{PyRuntimeError, PyRuntimeWarning, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError, PyRuntimeWarning, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyFloat, PyTuple};
 
 use crate::attention::Attention;
 use crate::error::{OrRaise, exception};
 use crate::scene::Scene;
-use crate::values::Numbers;
-use crate::values::shown;
+use crate::values::{Numbers, fields, shown};
 
 /// What is known of a variable of a scene.
 ///
@@ -182,6 +182,8 @@ pub struct Stepper {
     scene: Py<Scene>,
     /// None once it is closed.
     stepper: Mutex<Option<Box<caudal::stepper::Stepper>>>,
+    /// Raised by another thread to end a step that is under way.
+    stopped: AtomicBool,
 }
 
 /// The stepper of a locked place.
@@ -216,7 +218,8 @@ impl Stepper {
         };
         let content = &scene.get().scene;
         let stepper = py.detach(|| caudal::stepper::Stepper::of(content)).or_raise(py)?;
-        Ok(Self { scene: scene.unbind(), stepper: Mutex::new(Some(Box::new(stepper))) })
+        let stepper = Mutex::new(Some(Box::new(stepper)));
+        Ok(Self { scene: scene.unbind(), stepper, stopped: AtomicBool::new(false) })
     }
 
     /// Its scene.
@@ -240,7 +243,7 @@ impl Stepper {
         for variable in stepper.variables() {
             dictionary.set_item(variable.name, Variable::of(py, variable, stepper.model())?)?;
         }
-        Ok(dictionary)
+        fields(&dictionary)
     }
 
     /// Move on by a time, in as many internal steps as the scene's solver wants.
@@ -265,7 +268,11 @@ impl Stepper {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let mut attention = Attention::new();
-        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.pay(|_| Ok(ControlFlow::Continue(())))));
+        let look = |_: Python<'_>| match self.stopped.load(Ordering::Relaxed) {
+            true => Err(PyKeyboardInterrupt::new_err("stopped by another thread")),
+            false => Ok(ControlFlow::Continue(())),
+        };
+        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.pay(look)));
         match (outcome, attention.failure) {
             (_, Some(failure)) => return Err(failure),
             (Err(error), None) => return Err(exception(py, &error)),
@@ -275,6 +282,11 @@ impl Stepper {
         drop(open);
         let text = CString::new(jump.to_string()).unwrap_or_default();
         PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)
+    }
+
+    /// Whether steps under way, in other threads, and further ones end soon after they begin: Python tells its main thread alone of Ctrl-C.
+    fn _stop(&self, stopped: bool) {
+        self.stopped.store(stopped, Ordering::Relaxed);
     }
 
     /// Read a variable.

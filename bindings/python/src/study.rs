@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use caudal::report::{Claim, Findings};
 use caudal::study::{DistributedStudy, Study, StudyOutcome, StudyRunner, make_runs, write_findings};
-use pyo3::exceptions::{PyRuntimeError, PyTypeError};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -17,7 +17,8 @@ use crate::values::plain;
 
 /// The study `{kind: options}`.
 fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
-    pythonize::depythonize(&plain(study)?).map_err(|error| PyTypeError::new_err(error.to_string()))
+    let wrong = |error: pythonize::PythonizeError| caudal::Error::Study { problem: error.to_string() };
+    pythonize::depythonize(&plain(study)?).map_err(wrong).or_raise(study.py())
 }
 
 /// The next runs of a study for workers; `None` if none is missing.

@@ -5,6 +5,12 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyTuple};
 
+/// The same as a `caudal.fields.Fields`, which says what is there where something else is asked for.
+pub fn fields<'py>(dictionary: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDict>> {
+    let class = dictionary.py().import("caudal.fields")?.getattr("Fields")?;
+    Ok(class.call1((dictionary,))?.cast_into()?)
+}
+
 /// Numbers that Python gives: an array in place where it is one of contiguous doubles, else converted.
 pub enum Numbers<'py> {
     /// One for all entries.

@@ -1,6 +1,9 @@
 """The environment is one of Gymnasium's, repeats itself, and can be learned."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -11,6 +14,7 @@ pytest.importorskip("gymnasium")
 
 import caudal.gymnasium
 
+ROOT = Path(__file__).parents[3]
 EXAMPLE = Path(__file__).parents[1] / "examples/learn_to_swim.py"
 
 
@@ -221,3 +225,43 @@ def test_the_example_learns_to_swim_nearer():
     policy, rewards = module.learn(generations=8)
     assert rewards[-1] > 1.5 * rewards[0] > 0, rewards
     assert module.episodes(module.make_environments(1), [policy])[0] > rewards[0], rewards
+
+
+FORKED = """
+import os, signal, sys, threading, time
+import numpy as np
+import caudal.gymnasium
+
+period = float(sys.argv[1])
+tails = caudal.gymnasium.TailVectorEnv(
+    caudal.load("models/glycerol.toml", {"solver.time_step_s": 1e-4, "solver.duration_s": 20 * period}), num_envs=4, threads=2,
+    actions={"natural_curvature_1_m": (-1.0, 1.0)}, observations=["x_com_m"], reward=lambda before, after: 0.0,
+    period_s=period, duration_s=10 * period,
+)
+tails.reset(seed=1)
+actions = np.zeros(tails.action_space.shape)
+if period < 1.0:
+    tails.step(actions)
+    child = os.fork()
+    if child == 0:
+        tails.step(actions)
+        os._exit(0)
+    sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+signal.signal(signal.SIGINT, signal.default_int_handler)
+threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+begun = time.monotonic()
+try:
+    tails.step(actions)
+except KeyboardInterrupt:
+    print(f"ended after {time.monotonic() - begun:.2f} s")
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="forks and sends SIGINT")
+def test_threads_of_many_tails_are_made_anew_in_a_fork_and_end_with_ctrl_c():
+    run = lambda period: subprocess.run([sys.executable, "-c", FORKED, period], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    forked = run("0.01")
+    assert forked.returncode == 0, forked.stderr
+    ended = run("1000.0")
+    seconds = float(ended.stdout.split()[2])
+    assert seconds < 5.0, (ended.stdout, ended.stderr)  # the whole step takes minutes; measured 0.6 s

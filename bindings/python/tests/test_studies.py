@@ -91,15 +91,20 @@ def test_an_interrupted_study_goes_on(tmp_path):
     "asked, error, text",
     [
         ({"count": 0}, caudal.errors.StudyError, "count: found 0"),
-        ({"cuont": 3}, TypeError, "cuont"),
+        ({"cuont": 3}, caudal.errors.StudyError, "cuont"),
     ],
 )
 def test_what_cannot_be_studied_is_refused(asked, error, text, tmp_path):
     with pytest.raises(error, match=text):
         caudal.study("modes", "models/baseline.toml", out=tmp_path / "out", **asked)
     assert not (tmp_path / "out").exists()
-    with pytest.raises(TypeError, match="accuracy"):
+    with pytest.raises(caudal.errors.StudyError, match="accuracy"):
         caudal.study("moods", "models/baseline.toml", out=tmp_path / "out")
+
+
+def test_a_method_that_is_not_there_cannot_be_left_out(tmp_path):
+    with pytest.raises(caudal.errors.StudyError, match=r'without: found "newmrk"; did you mean `newmark`\?'):
+        caudal.study("accuracy", "models/baseline.toml", without=["newmrk"], out=tmp_path / "out")
 
 
 def test_a_design_is_the_command_s(command, tmp_path):

@@ -70,6 +70,8 @@ pub enum DimensionlessNumber {
     Swinging,
     /// Length over the largest radius.
     Slenderness,
+    /// The same where the Reynolds number of the depth is below 1, and a law's viscous part is most of it.
+    CreepingSlenderness,
     /// Depth over length.
     Depth,
     /// Wavelength over the largest radius.
@@ -98,6 +100,7 @@ impl DimensionlessNumber {
             Self::Unsteady => "drag of a cylinder that oscillates so little over that of a steady flow",
             Self::Swinging => "ωa²/ν",
             Self::Slenderness => "length over radius",
+            Self::CreepingSlenderness => "length over radius, where the Reynolds number of the depth is below 1,",
             Self::Depth => "depth over length",
             Self::Wave => "wavelength over radius",
             Self::WaveInDepths => "wavelength over depth",
@@ -129,6 +132,7 @@ impl DimensionlessNumber {
             Self::Stokes => frequency.map(|frequency| frequency * depth().powi(2) * per_nu),
             Self::Swinging => frequency.map(|frequency| TAU * frequency * radius * radius * per_nu),
             Self::Slenderness => Some(length / radius),
+            Self::CreepingSlenderness => moving(depth()).filter(|reynolds| *reynolds < 1.0).map(|_| length / radius),
             Self::Depth => Some(depth() / length),
             Self::Wave => wavelength.map(|wave| wave / radius),
             Self::WaveInDepths => wavelength.map(|wave| wave / depth()),

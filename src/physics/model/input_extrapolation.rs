@@ -247,11 +247,8 @@ impl Inputs {
         if let (Some(to), Some(from)) = (&mut self.layers, &other.layers) {
             to.add(from, factor);
         }
-        let arrays = [
-            (&mut self.natural, &other.natural),
-            (&mut self.moment, &other.moment),
-            (&mut self.force, &other.force),
-        ];
+        let arrays =
+            [(&mut self.natural, &other.natural), (&mut self.moment, &other.moment), (&mut self.force, &other.force)];
         for (to, from) in arrays {
             let Some(from) = from else { continue };
             let to = to.get_or_insert_with(|| vec![0.0; from.len()]);

@@ -43,6 +43,13 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
         found.samples,
         2 * found.window_samples + 1,
     )];
+    let kept = count(Identifiability::Unobservable);
+    if kept > 0 {
+        lines.push(format!(
+            "the {kept} unobservable joints keep the stiffness that the scene has, in all tables and in the designed scene: these data \
+             say nothing of it"
+        ));
+    }
     if found.joints.iter().all(|joint| joint.drowns()) {
         lines.push(
             "stiffness cannot be identified from these data: what the rod bends beyond its natural curvature drowns in the \
@@ -72,15 +79,15 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     lines
 }
 
-/// How many joints do not fit, and by how much.
+/// At how many joints the moments do not balance, and by how much.
 pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     let unfit: Vec<&JointEstimate> =
         found.joints.iter().filter(|joint| joint.verdict == Identifiability::DoesNotFit).collect();
     let worst = unfit.iter().fold(0.0, |max: f64, joint| max.max(joint.residual_over_noise));
     (!unfit.is_empty()).then(|| {
         format!(
-            "{} of {} joints do not fit: what is left of their balance is up to {worst:.1} times what noise leaves, so that mass, \
-             fluid, loads, drive or mesh of the scene are not those of the data; deviations include it",
+            "the moments at {} of {} joints do not balance: what is left is up to {worst:.1} times what noise leaves, so that mass, fluid, \
+              loads, drive or mesh of the scene are not those of the data; deviations include it",
             unfit.len(),
             found.joints.len()
         )

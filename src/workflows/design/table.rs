@@ -611,8 +611,7 @@ impl DesignTable {
             [("design.actuation_gain", self.actuation_gain), ("design.window_s", self.window_s.is_some())]
         {
             if given {
-                let instead =
-                    "\"actuation.kappa_amp\" (or \"actuation.moment_amp_n_m\") in variables for the strength of the actuation";
+                let instead = "\"actuation.kappa_amp\" (or \"actuation.moment_amp_n_m\") in variables for the strength of the actuation";
                 return Err((
                     key,
                     format!("found with numbers of the scene, which are found by simulation; allowed: {instead}"),

@@ -71,7 +71,7 @@ def parameters(scene: Source) -> dict[str, Parameter]:
     (1.0, (7,))
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    return {name: Parameter(*content) for name, content in _parameters(scene).items()}
+    return Fields({name: Parameter(*content) for name, content in _parameters(scene).items()})
 
 
 class Simulation:
@@ -119,12 +119,16 @@ class Simulation:
         dict of str to float or numpy.ndarray
             The derivatives, each of the shape of what it is by.
         """
+        if not isinstance(weights, Mapping):
+            raise TypeError(f"weights: found {type(weights).__name__}; allowed: a dict of weights by output")
         rows = []
         for name, weight in weights.items():
             if name not in self.outputs:
                 raise ValueError(f"`{name}` was not read; allowed: {', '.join(self.outputs)}")
             shape = self.outputs[name].shape
             array = np.ascontiguousarray(weight, dtype=np.float64)
+            if not np.isfinite(array).all():
+                raise ValueError(f"weights of {name}: found numbers that are not finite")
             if array.shape != shape:
                 raise ValueError(f"weights of {name}: found the shape {array.shape}; allowed: {shape}")
             rows.append((name, array))

@@ -277,6 +277,7 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._threads = max(1, min(threads or cores, num_envs))
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self._process = os.getpid()
         self._ended: Any = np.zeros(num_envs, dtype=bool)
 
     def reset(
@@ -331,11 +332,21 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         """The results of `move` for every part. None of them is still running when this ends, even by an exception."""
         if self._pool is None:
             return [move(part) for part in parts]
+        if self._process != os.getpid():  # a fork has none of the threads
+            self._pool, self._process = ThreadPoolExecutor(self._threads), os.getpid()
         futures = [self._pool.submit(move, part) for part in parts]
         try:
             return [future.result() for future in futures]
+        except BaseException:
+            self._stop(True)
+            raise
         finally:
             wait(futures)
+            self._stop(False)
+
+    def _stop(self, stopped: bool) -> None:
+        for env in self.envs:
+            env.stepper._stop(stopped)
 
     def render(self) -> Optional[tuple[Any, ...]]:
         """A picture of each."""

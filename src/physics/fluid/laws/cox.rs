@@ -4,7 +4,7 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
+use super::{CREEPING, Dependence, DragLaw, LEAST_SLENDERNESS, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::rod::HalfEdge;
@@ -17,7 +17,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "creeping flow; within 10 % in speed for radius over length up to 0.01",
         bounds: &[
             Bound::at_most(DimensionlessNumber::Reynolds, CREEPING),
-            Bound::at_least(DimensionlessNumber::Slenderness, 10.0),
+            Bound::at_least(DimensionlessNumber::Slenderness, LEAST_SLENDERNESS),
             STEADY,
         ],
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 
 use wide::f64x2;
 
-use super::{Dependence, DragLaw, ForcesByCause, LawInputs, SectionInput};
+use super::{Dependence, DragLaw, ForcesByCause, LEAST_SLENDERNESS, LawInputs, SectionInput};
 use crate::fluid::force::Force;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
@@ -26,7 +26,11 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "viscous drag, a boundary layer's friction and form drag",
     validity: Validity {
         range: "no lift, vortex shedding or history",
-        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, 1e5), STEADY],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::Reynolds, 1e5),
+            Bound::at_least(DimensionlessNumber::CreepingSlenderness, LEAST_SLENDERNESS),
+            STEADY,
+        ],
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
     reynolds: 1e5,

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
+use super::{CREEPING, Dependence, DragLaw, LEAST_SLENDERNESS, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::rod::HalfEdge;
@@ -14,7 +14,11 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag of a wave of given length, twice as large across as along",
     validity: Validity {
         range: "creeping flow, waves of small amplitude; 20 to 160 % too fast for bodies of radius over length above 0.01",
-        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, CREEPING), STEADY],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::Reynolds, CREEPING),
+            Bound::at_least(DimensionlessNumber::Slenderness, LEAST_SLENDERNESS),
+            STEADY,
+        ],
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
     reynolds: CREEPING,

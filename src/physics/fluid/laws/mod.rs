@@ -43,6 +43,9 @@ pub static DEFAULT: &DragLaw = &cox::LAW;
 /// Reynolds number of the depth from which a drag linear in velocity is out of its range.
 pub const CREEPING: f64 = 1.0;
 
+/// Least length over radius that laws of slender bodies hold for.
+pub const LEAST_SLENDERNESS: f64 = 10.0;
+
 /// Least ln(ℒ/a) of a body that counts as slender.
 pub const SLENDER: f64 = 1.3;
 

@@ -1,6 +1,6 @@
 //! Nonlocal drag: regularised Stokeslets along the rod, see [`nonlocal`](crate::fluid::nonlocal).
 
-use super::{Dependence, DragLaw, LawInputs, SectionInput};
+use super::{Dependence, DragLaw, LEAST_SLENDERNESS, LawInputs, SectionInput};
 use crate::fluid::nonlocal::{Nonlocal, least_spacing};
 use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
@@ -18,6 +18,7 @@ pub static LAW: DragLaw = DragLaw {
             cylinder within 2 % for length over radius of at least 100, and within 4 % of that beside a wall",
         bounds: &[
             Bound::at_most(DimensionlessNumber::LengthReynolds, 1.0),
+            Bound::at_least(DimensionlessNumber::Slenderness, LEAST_SLENDERNESS),
             Bound::at_least(DimensionlessNumber::Height, NEAREST),
             STEADY,
         ],

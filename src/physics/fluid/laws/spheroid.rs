@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, Dependence, DragLaw, LawInputs, SectionInput};
+use super::{CREEPING, Dependence, DragLaw, LEAST_SLENDERNESS, LawInputs, SectionInput};
 use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::rod::HalfEdge;
@@ -14,7 +14,11 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory's drag of a prolate spheroid, its local part",
     validity: Validity {
         range: "creeping flow, thin spheroids",
-        bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, CREEPING), STEADY],
+        bounds: &[
+            Bound::at_most(DimensionlessNumber::Reynolds, CREEPING),
+            Bound::at_least(DimensionlessNumber::Slenderness, LEAST_SLENDERNESS),
+            STEADY,
+        ],
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
     reynolds: CREEPING,

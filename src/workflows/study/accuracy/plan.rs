@@ -1,8 +1,9 @@
 //! The runs of the study: which methods, models, steps and tolerances on which meshes.
 
-use crate::error::Result;
+use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::integrator::{METHODS, StepControl};
 use crate::modes::Modes;
+use crate::reduced::MODELS;
 use crate::scene::Scene;
 use crate::study::study_run::SimulationMethod;
 
@@ -46,6 +47,12 @@ pub fn plan(
     tolerances: &[f64],
     without: &[String],
 ) -> Result<(Vec<PlannedRun>, Vec<String>)> {
+    let cheaper = MODELS.iter().filter(|kind| kind.method.is_some()).map(|kind| kind.name);
+    let known: Vec<&str> = METHODS.iter().map(|method| method.name).chain(cheaper).collect();
+    if let Some(name) = without.iter().find(|name| !known.contains(&name.as_str())) {
+        let near = did_you_mean(nearest(name, known.iter().copied()));
+        return Err(Error::Study { problem: format!("without: found {name:?}{near}; allowed: {}", known.join(", ")) });
+    }
     let mut left_out = Vec::new();
     let asked = |simulation: &SimulationMethod| !without.iter().any(|name| simulation.is(name));
     let case = |simulation: &SimulationMethod, pace: StepControl, nodes: u64| PlannedRun {
