@@ -277,7 +277,7 @@ def test_a_notebook_runs(notebook, tmp_path):
         pytest.importorskip("jax")
     content = nbformat.read(notebook, as_version=4)
     nbformat.validate(content)
-    nbclient.NotebookClient(content, timeout=120, resources={"metadata": {"path": str(ROOT)}}).execute()
+    nbclient.NotebookClient(content, timeout=120, resources={"metadata": {"path": str(notebook.parent)}}).execute()
     (tmp_path / notebook.name).write_text(json.dumps(content))
     drawn = [output for cell in content.cells for output in cell.get("outputs", []) if "image/png" in output.get("data", {})]
     assert drawn
