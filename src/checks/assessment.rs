@@ -361,7 +361,9 @@ impl Assessment {
             Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
         };
         let resists = rod.damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Whole);
-        let followed = if stepper.model().active_moments {
+        let followed = if stepper.model().active_moments && resists {
+            ": far below 1 the rod bends as far as the moments bend it at rest, less and later by tan δ at the drive"
+        } else if stepper.model().active_moments {
             ": far below 1 the rod bends as far as the moments bend it at rest"
         } else if resists && scene.actuation.is_some() {
             ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
@@ -675,7 +677,8 @@ impl Assessment {
                 rounded_down(period / MIN_STEPS_PER_PERIOD)
             ));
         }
-        let strained = stepper.metrics().first_energy > 0.0;
+        let now = &stepper.metrics().now;
+        let strained = stepper.metrics().first_energy.max(now.imbalance(rod)) > 0.0;
         let bent = stepper.model().bent.iter().flatten().any(|kappa| *kappa != 0.0);
         let jumps = scene.start.kind == StartKind::Jump && scene.actuation.is_some();
         if strained && (jumps || bent) {
@@ -702,10 +705,16 @@ impl Assessment {
         }
         let sharpest = sharpest_turning(stepper.model());
         if sharpest > FRAC_PI_4 {
-            warnings.push(format!(
-                "the mesh is coarse for this actuation: it turns a joint by up to {:.0}°; take more nodes to stay below 45°",
-                sharpest.to_degrees()
-            ));
+            let degrees = sharpest.to_degrees();
+            warnings.push(if stepper.model().active_moments {
+                format!(
+                    "without the fluid these moments would turn a joint by up to {degrees:.0}°; where the run comes near to that, the mesh is coarse: more nodes turn each by less"
+                )
+            } else {
+                format!(
+                    "the mesh is coarse for this actuation: it turns a joint by up to {degrees:.0}°; take more nodes to stay below 45°"
+                )
+            });
         }
         let (bent, rounding) = (chain::bent_length(rod, step), chain::rounding(rod, step));
         let part = rod.spacing / bent;

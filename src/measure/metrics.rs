@@ -17,7 +17,7 @@ use crate::linear::Real;
 use crate::model::{ActiveMoments, Dynamics, Mechanics};
 use crate::rod::damping::KelvinVoigt;
 use crate::rod::energies::{MovingRod, RodSums};
-use crate::rod::{Cell, DampedRate, Edge, bend, node};
+use crate::rod::{Cell, DampedRate, Edge, Rod, bend, node};
 use crate::system::{Link, State, System};
 
 /// What a batched step measured: the sums over a rod, of one case or of all lanes.
@@ -440,11 +440,11 @@ impl Measurements {
         damping.power(rod, rates)
     }
 
-    /// Tells apart what active moments and what the natural curvature give: corrects the energy of bending and the power of the actuation in
-    /// `sums`. A shape that is `taken` has no energy: it is given whatever bends it.
+    /// Tells apart what active moments and what the natural curvature give: makes the energy of bending and the power of the actuation in
+    /// `sums` those of both. A shape that is `taken` is that of the moments where the scene has them, and of curvatures else.
     fn activate(&mut self, dynamics: &Dynamics, state: &State, taken: bool, sums: &mut RodSums) {
-        match dynamics.active.as_ref().filter(|_| !taken) {
-            Some(active) => self.activate_by(active, dynamics, state, sums),
+        match dynamics.active.as_ref().filter(|_| !taken || dynamics.model.active_moments) {
+            Some(active) => self.activate_by(active, dynamics, state, taken, sums),
             None => {
                 self.active.clear();
                 if dynamics.damped().is_none() {
@@ -455,21 +455,33 @@ impl Measurements {
     }
 
     #[inline(never)] // most rods are bent by curvature
-    fn activate_by(&mut self, active: &ActiveMoments, dynamics: &Dynamics, state: &State, sums: &mut RodSums) {
+    fn activate_by(
+        &mut self,
+        active: &ActiveMoments,
+        dynamics: &Dynamics,
+        state: &State,
+        taken: bool,
+        sums: &mut RodSums,
+    ) {
         let rod = &dynamics.model.rod;
         self.active.clone_from(&active.moment);
+        self.natural.copy_from_slice(&active.natural);
         self.elastic.resize(rod.nodes, 0.0);
-        sums.actuation = 0.0;
+        sums.bending = 0.0;
+        if !taken {
+            sums.actuation = 0.0;
+        }
         for k in rod.joints() {
-            let (moment, stiffness) = (active.moment[k], rod.joint[k]);
-            let bent = moment / stiffness;
-            let deviation = self.kappa[k] - self.natural[k];
-            // ½B(d + M/B)² for ½Bd².
-            sums.bending += moment * (deviation + 0.5 * bent);
-            self.natural[k] -= bent;
-            self.elastic[k] = stiffness * deviation + moment;
-            let natural_rate = dynamics.natural_rate[k] - active.rate[k] / stiffness;
-            sums.actuation += moment * self.curvature_rate(dynamics, state, k) - self.elastic[k] * natural_rate;
+            let strained = self.kappa[k] - active.natural[k];
+            let elastic = rod.joint[k] * strained;
+            self.elastic[k] = elastic;
+            sums.bending += 0.5 * elastic * strained;
+            sums.actuation += if taken {
+                // Beside what balance asks for, what the moments store: κ = κ̄ + M/B.
+                strained * active.rate[k]
+            } else {
+                active.moment[k] * self.curvature_rate(dynamics, state, k) - elastic * active.natural_rate[k]
+            };
         }
     }
 
@@ -577,6 +589,11 @@ impl Measurements {
         }
         (self.energy, self.power, self.resultants, self.momentum) = (energy, power, resultants, momentum);
         Ok(())
+    }
+
+    /// The energy (J) that the joints would store of the moments that they pass on, Σ ½ m²/B: what a rod that is out of balance has to give.
+    pub(crate) fn imbalance(&self, rod: &Rod) -> f64 {
+        rod.joints().map(|k| 0.5 * self.moment[k] * self.moment[k] / rod.joint[k]).sum()
     }
 
     /// Moduli of the force (N) and of the moment (N m) of the tail on a held head.

@@ -264,28 +264,37 @@ impl Swing {
     }
 }
 
-/// Active moments M_k of the joints (N m), conjugate to their curvatures, and their rates (N m/s), one entry per node.
+/// Active moments M_k of the joints (N m), conjugate to their curvatures, beside the natural curvatures that these have without them, and
+/// the rates of both (per s), one entry per node.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ActiveMoments {
     /// M_k.
     pub moment: Vec<f64>,
     /// dM_k/dt.
     pub rate: Vec<f64>,
+    /// Natural curvature.
+    pub natural: Vec<f64>,
+    /// Its rate.
+    pub natural_rate: Vec<f64>,
 }
 
 impl ActiveMoments {
     /// None, of `nodes` nodes.
     pub(crate) fn zeros(nodes: usize) -> Self {
-        Self { moment: vec![0.0; nodes], rate: vec![0.0; nodes] }
+        let zeros = || vec![0.0; nodes];
+        Self { moment: zeros(), rate: zeros(), natural: zeros(), natural_rate: zeros() }
     }
 
     pub(crate) fn clear(&mut self) {
-        self.moment.fill(0.0);
-        self.rate.fill(0.0);
+        for values in [&mut self.moment, &mut self.rate, &mut self.natural, &mut self.natural_rate] {
+            values.fill(0.0);
+        }
     }
 
-    /// Adds M_k/B_k and its rate to a natural curvature and its rate; where `rod` has no joint moments become zero.
+    /// Keeps the natural curvature and its rate, and adds M_k/B_k and its rate to them; where `rod` has no joint moments become zero.
     fn bend(&mut self, rod: &Rod, [natural, rate]: [&mut [f64]; 2]) {
+        self.natural.copy_from_slice(natural);
+        self.natural_rate.copy_from_slice(rate);
         for (moments, natural) in [(&mut self.moment, natural), (&mut self.rate, rate)] {
             let joints = rod.joints();
             moments[..joints.start].fill(0.0);
@@ -411,9 +420,6 @@ impl Dynamics {
     /// Takes over `inputs` as a whole.
     pub fn restore(&mut self, inputs: &Inputs) {
         self.inputs.clone_from(inputs);
-        self.natural.fill(0.0);
-        self.natural_rate.fill(0.0);
-        self.active.take_if(|_| !self.model.active_moments && self.inputs.moment.is_none());
     }
 
     /// Takes over what a host says of coordinate `i` (x, y, angle) of a held head at time `t` (s): its derivative of `order`
@@ -528,8 +534,9 @@ impl Dynamics {
         self.move_to(t, state);
     }
 
-    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node.
-    pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64]) {
+    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node, and d²M_k/dt² (N m/s²) of active moments to `active`, which is
+    /// empty without.
+    pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64], active: &mut Vec<f64>) {
         out.fill(0.0);
         let Model { rod, active_moments, .. } = &*self.model;
         if !active_moments {
@@ -539,21 +546,17 @@ impl Dynamics {
             course.add_second(t, |inputs| inputs.natural.as_deref(), rod.spacing, out);
         }
         rod.at_joints(out);
-        if let Some(moments) = self.moment_acceleration(t) {
-            rod.joints().for_each(|k| out[k] += moments[k] / rod.joint[k]);
+        active.clear();
+        if self.active.is_some() {
+            active.resize(rod.nodes, 0.0);
+            if *active_moments {
+                self.add_wave_acceleration(t, active);
+            }
+            if let Some(course) = &self.course {
+                course.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, active);
+            }
+            rod.joints().for_each(|k| out[k] += active[k] / rod.joint[k]);
         }
-    }
-
-    /// d²M_k/dt² of active moments (N m/s²) at time `t` (s), one entry per node, where there are any.
-    pub(crate) fn moment_acceleration(&self, t: f64) -> Option<Vec<f64>> {
-        let mut out = vec![0.0; self.active.as_ref()?.moment.len()];
-        if self.model.active_moments {
-            self.add_wave_acceleration(t, &mut out);
-        }
-        if let Some(course) = &self.course {
-            course.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, &mut out);
-        }
-        Some(out)
     }
 
     fn add_wave_acceleration(&self, t: f64, out: &mut [f64]) {
@@ -568,17 +571,18 @@ impl Dynamics {
     fn evaluate(&mut self, t: f64) {
         self.follow_course(t);
         let Model { rod, actuation, start, active_moments, .. } = &*self.model;
+        // All of it follows from inputs and time, and nothing from what was before.
         if *active_moments || self.inputs.moment.is_some() {
             self.active.get_or_insert_with(|| ActiveMoments::zeros(rod.nodes)).clear();
+        } else {
+            self.active = None;
         }
-        if actuation.is_some() || self.inputs.natural.is_some() || self.active.is_some() {
-            self.natural.fill(0.0);
-            self.natural_rate.fill(0.0);
-        }
+        self.natural.fill(0.0);
+        self.natural_rate.fill(0.0);
         if let Some((actuation, _)) = actuation {
             let wave = self.inputs.wave(start, t, self.course.as_deref());
             match &mut self.active {
-                Some(ActiveMoments { moment, rate }) if *active_moments => actuation.add(wave, moment, rate),
+                Some(ActiveMoments { moment, rate, .. }) if *active_moments => actuation.add(wave, moment, rate),
                 _ => actuation.add(wave, &mut self.natural, &mut self.natural_rate),
             }
         }

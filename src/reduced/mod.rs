@@ -102,7 +102,7 @@ impl ModelChoice {
 }
 
 /// Advances the state of a rod in time, by the equations of one kind of model.
-pub trait ModelStepper: std::fmt::Debug + Send {
+pub trait ModelStepper: std::fmt::Debug + Send + Sync {
     /// The mechanics of the rod that the model keeps.
     fn mechanics(&self) -> Mechanics;
 

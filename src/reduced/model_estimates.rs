@@ -187,6 +187,7 @@ struct Estimator {
     /// The tolerance for steps of the reduced model.
     tolerance: f64,
     acceleration: Vec<f64>,
+    active: Vec<f64>,
     moment: Vec<f64>,
     applied: Vec<f64>,
     curvature: [Vec<f64>; 3],
@@ -247,6 +248,7 @@ impl Estimator {
             added: 0.0,
             tolerance: f64::INFINITY,
             acceleration: zeros(),
+            active: Vec::new(),
             moment: zeros(),
             applied: vec![0.0; 2 * nodes],
             curvature: [zeros(), zeros(), zeros()],
@@ -568,7 +570,7 @@ impl Estimator {
     ) -> Result<SeriesPoint, NoEstimate> {
         let dynamics = &mut self.dynamics;
         dynamics.look_at(t);
-        dynamics.natural_acceleration(t, &mut self.acceleration);
+        dynamics.natural_acceleration(t, &mut self.acceleration, &mut self.active);
         let natural = match curvature {
             Some(curvature) => [&curvature[0][..], &curvature[1], &curvature[2]],
             None => [&dynamics.natural[..], &dynamics.natural_rate, &self.acceleration],
@@ -673,7 +675,7 @@ impl Estimator {
     /// Writes the natural curvatures at time `t` plus the deviations of `plain`, with their first and second rates.
     fn deviate(&mut self, plain: &SimulatedMotion, grows: &Start, t: f64) {
         self.dynamics.look_at(t);
-        self.dynamics.natural_acceleration(t, &mut self.acceleration);
+        self.dynamics.natural_acceleration(t, &mut self.acceleration, &mut self.active);
         let [gain, gain_rate] = grows.gain(t);
         let gain_acceleration = grows.gain_acceleration(t);
         for k in 0..self.acceleration.len() {

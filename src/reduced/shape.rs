@@ -66,12 +66,13 @@ fn unsuitable(model: &Arc<Model>, duration: f64) -> Option<String> {
 struct Shape {
     chain: RigidChain,
     acceleration: Vec<f64>,
+    active: Vec<f64>,
     step: DormandPrinceStep<RIGID_COORDINATES>,
 }
 
 impl Default for Shape {
     fn default() -> Self {
-        Self { chain: RigidChain::default(), acceleration: Vec::new(), step: DormandPrinceStep::none() }
+        Self { chain: RigidChain::default(), acceleration: Vec::new(), active: Vec::new(), step: DormandPrinceStep::none() }
     }
 }
 
@@ -85,7 +86,7 @@ impl Shape {
     /// Writes the state at time `t` of the rigid motion `rigid` with its `rates`.
     fn place(&mut self, dynamics: &mut Dynamics, t: f64, motion: Option<[&RigidMotion; 2]>, state: &mut State) {
         dynamics.look_at(t);
-        dynamics.natural_acceleration(t, &mut self.acceleration);
+        dynamics.natural_acceleration(t, &mut self.acceleration, &mut self.active);
         state.t = t;
         let (chain, natural) = (&mut self.chain, [&dynamics.natural[..], &dynamics.natural_rate, &self.acceleration]);
         match motion {

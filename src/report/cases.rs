@@ -15,16 +15,16 @@ use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
 pub const QUANTITIES: [SummaryQuantity; 27] = [
-    SummaryQuantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
+    SummaryQuantity::new("net_displacement_m", "net displacement in x", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
-    SummaryQuantity::new("mean_thrust_n", "mean thrust", "N", true),
+    SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true),
     SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
     SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
     SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
     SummaryQuantity::new("max_head_power_w", "largest power of the head", "W", true),
     SummaryQuantity::new("max_joint_moment_n_m", "largest moment of a joint", "N m", true),
     SummaryQuantity::new("max_actuation_power_w", "largest power of the actuation", "W", true),
-    SummaryQuantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
+    SummaryQuantity::new("max_lateral_excursion_m", "largest |y| of the centre of mass", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
     SummaryQuantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
     SummaryQuantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
@@ -37,8 +37,8 @@ pub const QUANTITIES: [SummaryQuantity; 27] = [
     SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
     SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
     SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
-    SummaryQuantity::new("cost_of_transport", "cost of transport", "1", true),
-    SummaryQuantity::new("efficiency", "efficiency", "1", true),
+    SummaryQuantity::new("cost_of_transport", "cost of transport of the whole run", "1", true),
+    SummaryQuantity::new("efficiency", "efficiency of the whole run", "1", true),
     SummaryQuantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
     SummaryQuantity::new("newton_iterations", "Newton iterations", "1", false),
     SummaryQuantity::new("step_halvings", "step halvings", "1", false),
@@ -328,7 +328,7 @@ impl Cases {
             }
         }
         for (quantity, column) in drawn().filter(|(_, column)| varies(column)) {
-            let caption = format!("The mean {} at each level of an axis, over all other axes.", quantity.name);
+            let caption = format!("The {} at each level of an axis, averaged over all other axes.", quantity.name);
             let effects = self.effects(&shown, quantity, column, &parts);
             figures.push(Figure::new(names.file(&["effects", quantity.key]), caption, effects.svg()));
         }
@@ -449,7 +449,7 @@ impl Cases {
             };
             (label.clone(), shown.iter().zip(&groups).map(of).collect())
         });
-        let unit = if relative { "over its mean".to_string() } else { format!("({})", quantity.unit) };
+        let unit = if relative { "over the mean".to_string() } else { format!("({})", quantity.unit) };
         Effects {
             title: self.titled(&format!("main effects on the {}", quantity.name), ""),
             y: format!("{} {unit}", quantity.name),

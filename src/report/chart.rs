@@ -155,7 +155,7 @@ impl Chart {
             _ => [x, y],
         };
         let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
-        svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
+        svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         legend.draw(&mut svg);
         frame.draw_y(&mut svg, &y, &self.y);
         frame.draw_x(&mut svg, &x, &self.x, matches!(self.scale, Scale::Categories(_)));
@@ -367,7 +367,7 @@ impl PlotArea {
         }
         svg.line(&[self.at(0.0, 0.0), self.at(0.0, 1.0)], Colour::SOFT, 1.0, "");
         let room = self.height + 40.0;
-        svg.upright((17.0, self.top + 0.5 * self.height), &cut(&titled(name, y), NAME, room), NAME, Colour::INK);
+        svg.upright_heading((17.0, self.top + 0.5 * self.height), &titled(name, y), NAME, room);
     }
 
     pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
@@ -389,8 +389,7 @@ impl PlotArea {
             svg.line(&[(at, bottom), (at, bottom + 4.0)], Colour::SOFT, 1.0, "");
         }
         svg.line(&[(self.left, bottom), (self.left + self.width, bottom)], Colour::SOFT, 1.0, "");
-        let name = cut(&titled(name, x), NAME, self.width);
-        svg.text((self.left + 0.5 * self.width, bottom + 39.0), &name, NAME, Anchor::Middle, Colour::INK);
+        svg.heading((self.left + 0.5 * self.width, bottom + 39.0), &titled(name, x), NAME, self.width);
     }
 }
 
@@ -432,7 +431,7 @@ impl Effects {
         let rows = self.axes.len().div_ceil(columns).max(1);
         let pitch = PLOT + 62.0;
         let mut svg = Svg::new(WIDTH, first.top + pitch * rows as f64 - 6.0, &self.title);
-        svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
+        svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         legend.draw(&mut svg);
         for (row, axes) in self.axes.chunks(columns).enumerate() {
             let frame = PlotArea { top: first.top + pitch * row as f64, ..first };
@@ -467,7 +466,7 @@ impl Effects {
         let fits = width(&axis.name, LABEL) <= frame.width - 8.0;
         let name = axis.name.split_once('.').filter(|_| !fits).map_or(axis.name.as_str(), |(_, key)| key);
         let at = (frame.at(0.5, 0.0).0, bottom + 38.0);
-        svg.text(at, &cut(name, LABEL, frame.width - 8.0), LABEL, Anchor::Middle, Colour::INK);
+        svg.heading(at, name, LABEL, frame.width - 8.0);
         for (k, (_, axes)) in self.series.iter().enumerate() {
             let means = axes.get(index).map_or(&[][..], Vec::as_slice);
             let at = |(level, mean): (usize, &f64)| Some(frame.at(place(level), y.place(*mean)?));

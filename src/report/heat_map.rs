@@ -87,7 +87,7 @@ impl HeatMap {
         let frame = PlotArea::about(&y, LINE);
         let frame = PlotArea { width: frame.width - SCALE_WIDTH, ..frame };
         let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
-        svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
+        svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         frame.draw_y(&mut svg, &y, &self.y.name);
         frame.draw_x(&mut svg, &x, &self.x.name, self.x.is_of_categories());
         let [columns, rows] = [(&x, self.x.edges()), (&y, self.y.edges())].map(|(axis, edges)| {
@@ -183,7 +183,7 @@ impl ColourScale {
         }
         let name = super::chart::titled(name, &self.axis);
         let middle = frame.top + 0.5 * frame.height;
-        svg.upright((WIDTH - 8.0, middle), &cut(&name, LABEL, frame.height + 40.0), LABEL, Colour::INK);
+        svg.upright_heading((WIDTH - 8.0, middle), &name, LABEL, frame.height + 40.0);
     }
 }
 

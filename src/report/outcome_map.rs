@@ -1,7 +1,7 @@
 //! Outcome maps: panels of coloured cells over two linear or logarithmic axes, with a common legend.
 
 use super::chart_axis::ChartAxis;
-use super::svg::{Anchor, Colour, Svg, cut, width};
+use super::svg::{Anchor, Colour, Svg, width};
 
 /// Size of a panel, and height of the legend, px.
 const PANEL: (f64, f64) = (360.0, 290.0);
@@ -54,7 +54,7 @@ impl OutcomeMap {
         let rows = self.panels.len().div_ceil(2).max(1) as f64;
         let (width_all, top) = (2.0 * PANEL.0 + 10.0, 40.0);
         let mut svg = Svg::new(width_all, top + rows * PANEL.1 + LEGEND, &self.title);
-        svg.text((width_all / 2.0, 24.0), &cut(&self.title, 17.0, width_all - 20.0), 17.0, Anchor::Middle, Colour::INK);
+        svg.heading((width_all / 2.0, 24.0), &self.title, 17.0, width_all - 20.0);
         for (i, panel) in self.panels.iter().enumerate() {
             let alone = if self.panels.len() == 1 { 0.5 } else { 0.0 };
             let at = (((i % 2) as f64 + alone) * PANEL.0, top + (i / 2) as f64 * PANEL.1);
@@ -73,7 +73,7 @@ impl OutcomeMap {
         };
         let (across, up) = (axis(&x, self.linear), axis(&y, false));
         let at = |px: f64, py: f64| Some((left + width * across.place(px)?, top + height * (1.0 - up.place(py)?)));
-        svg.text((left + width / 2.0, top - 7.0), &cut(&panel.title, 14.0, width), 14.0, Anchor::Middle, Colour::INK);
+        svg.heading((left + width / 2.0, top - 7.0), &panel.title, 14.0, width);
         for (column, x) in panel.cells.iter().zip(x.windows(2)) {
             // One field for each run of equal cells.
             let mut low = 0;
@@ -97,14 +97,8 @@ impl OutcomeMap {
         for (place, label) in up.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             svg.text((left - 6.0, top + height * (1.0 - place) + 4.0), label, 11.0, Anchor::End, Colour::SOFT);
         }
-        svg.text(
-            (left + width / 2.0, top + height + 33.0),
-            &cut(&self.x.0, 13.0, width),
-            13.0,
-            Anchor::Middle,
-            Colour::INK,
-        );
-        svg.upright((left - 48.0, top + height / 2.0), &cut(&self.y.0, 13.0, height), 13.0, Colour::INK);
+        svg.heading((left + width / 2.0, top + height + 33.0), &self.x.0, 13.0, width);
+        svg.upright_heading((left - 48.0, top + height / 2.0), &self.y.0, 13.0, height);
     }
 
     fn legend(&self, svg: &mut Svg, top: f64, right: f64) {

@@ -86,6 +86,15 @@ pub fn cut(text: &str, size: f64, room: f64) -> String {
     text.chars().take_while(fits).chain(['…']).collect()
 }
 
+/// The least part of its size that a title or a name of an axis is made smaller to, before it is cut.
+const LEAST_SIZE: f64 = 0.65;
+
+/// A text of this font size, smaller and then truncated where that does not fit a width, px; and its font size.
+fn fitted(text: &str, size: f64, room: f64) -> (String, f64) {
+    let size = size * (room / width(text, size)).clamp(LEAST_SIZE, 1.0);
+    (cut(text, size, room), size)
+}
+
 /// Writer of an SVG document.
 #[derive(Debug)]
 pub struct Svg(String);
@@ -173,6 +182,18 @@ impl Svg {
     /// A text with its baseline at a point.
     pub fn text(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor, colour: Colour) {
         self.words(&format!("x=\"{}\" y=\"{}\"", decimal(x), decimal(y)), text, size, anchor, colour);
+    }
+
+    /// A title or the name of an axis in this room (px), centred at a point.
+    pub fn heading(&mut self, at: (f64, f64), text: &str, size: f64, room: f64) {
+        let (text, size) = fitted(text, size, room);
+        self.text(at, &text, size, Anchor::Middle, Colour::INK);
+    }
+
+    /// The same from below to above.
+    pub fn upright_heading(&mut self, at: (f64, f64), text: &str, size: f64, room: f64) {
+        let (text, size) = fitted(text, size, room);
+        self.upright(at, &text, size, Colour::INK);
     }
 
     /// A vertical text, centred at a point.

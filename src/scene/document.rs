@@ -15,8 +15,10 @@ use super::key_error::KeyError;
 use super::override_layers::{apply_layer, mark_functions, merge_layer, remove_excluded_keys};
 use super::placeholders::{PLACEHOLDERS, substitute};
 use super::value::refused;
-use super::{Scene, Unchecked};
-use crate::error::{Error, Result};
+use super::{
+    ActuationTable, HeadTable, LoadsTable, MediumTable, RecordTable, RodTable, Scene, SolverTable, StartTable, Unchecked,
+};
+use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::reduced::FluidChoice;
 
 /// Size limit of a scene file.
@@ -390,7 +392,10 @@ impl Document {
             let span = e.span().filter(|span| *span != root.span());
             let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
             let found = span.as_ref().and_then(|span| self.source(span));
-            let (key, problem) = rephrase(key, e.message(), found);
+            let (key, mut problem) = rephrase(key, e.message(), found);
+            if problem.starts_with("unknown key; allowed: `name`, `rod`") {
+                problem += &did_you_mean(in_a_table(&key).as_deref());
+            }
             self.error(root, span, &KeyError { key, problem })
         })
     }
@@ -492,6 +497,31 @@ fn hash_text(text: &str, content: &mut Vec<u8>) {
     content.push(b's');
     content.extend((text.len() as u64).to_le_bytes());
     content.extend(text.as_bytes());
+}
+
+/// The key in one of a scene's tables that `key`, which is in none, may have been meant for.
+fn in_a_table(key: &str) -> Option<String> {
+    fn names<T: DeserializeOwned>(table: &str) -> Vec<String> {
+        // What serde allows in place of a key that there cannot be.
+        let message = toml::from_str::<T>("\"?\" = 0").err().map(|error| error.message().to_string());
+        let names = message.iter().flat_map(|text| text.split('`').skip(3).step_by(2));
+        names.map(|name| format!("{table}.{name}")).collect()
+    }
+    let all = [
+        names::<RodTable>("rod"),
+        names::<ActuationTable>("actuation"),
+        names::<StartTable>("start"),
+        names::<MediumTable>("medium"),
+        names::<LoadsTable>("loads"),
+        names::<HeadTable>("head"),
+        names::<SolverTable>("solver"),
+        names::<RecordTable>("record"),
+    ]
+    .concat();
+    let name = |full: &String| full.split_once('.').map_or(String::new(), |(_, name)| name.to_string());
+    let names: Vec<String> = all.iter().map(name).collect();
+    let near = nearest(key, names.iter().map(String::as_str))?;
+    all.iter().find(|full| name(full) == near).cloned()
 }
 
 /// The largest number of errors that are reported at once.

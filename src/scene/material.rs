@@ -146,7 +146,6 @@ impl Scene {
         if moves { frequencies } else { frequencies.into_iter().take(1).collect() }
     }
 
-    /// The damping of the rod's material, if it has any.
     /// What moves the natural curvature, whose rate the material may resist or not, must be there.
     pub(super) fn check_damped_rate(&self) -> std::result::Result<(), KeyError> {
         let moments = self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
@@ -161,6 +160,7 @@ impl Scene {
         Ok(())
     }
 
+    /// The damping of the rod's material, if it has any.
     pub(super) fn damping(&self) -> Option<MaterialDamping> {
         let table = &self.rod;
         let [stretching, bending] = match (&table.damping_time_s, &table.loss_factor) {

@@ -68,7 +68,7 @@ pub struct Scene {
     pub name: String,
     /// Mesh, cross-section and material of the rod.
     pub rod: RodTable,
-    /// Natural curvature that drives the rod. Without this table the rod is passive.
+    /// The wave of natural curvature, or of active moment, that drives the rod. Without this table the rod is passive.
     pub actuation: Option<ActuationTable>,
     /// Shape and motion of the rod at the start.
     #[serde(default)]
@@ -136,8 +136,11 @@ impl Scene {
         Document::read(path.as_ref())?.scene()
     }
 
-    /// Checks the keys against each other.
-    fn check(&self) -> std::result::Result<(), KeyError> {
+    /// Checks the keys against each other. Reading a scene does; whoever changes its fields in Rust calls it.
+    ///
+    /// # Errors
+    /// [`KeyError`] for the first key that does not go with the others.
+    pub fn check(&self) -> std::result::Result<(), KeyError> {
         self.check_name()?;
         self.rod.check()?;
         self.actuation.as_ref().map_or(Ok(()), ActuationTable::check)?;

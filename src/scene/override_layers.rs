@@ -10,8 +10,13 @@ use super::value::{SIGNAL_KEYS, refused};
 use crate::integrator::{METHODS, Method};
 
 /// Pairs of keys that exclude each other.
-const ALTERNATIVES: [[&str; 2]; 3] =
-    [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
+const ALTERNATIVES: [[&str; 2]; 5] = [
+    ["time_step_s", "tolerance"],
+    ["every", "interval_s"],
+    ["stiffness_gradient", "stiffness_profile"],
+    ["kappa_amp", "moment_amp_n_m"],
+    ["kappa_reference_length_m", "moment_amp_n_m"],
+];
 
 /// The dotted keys that exclude `key`.
 #[cfg(feature = "report")]

@@ -28,6 +28,22 @@ macro_rules! number {
             }
         }
 
+        impl TryFrom<f64> for $name {
+            type Error = crate::error::Error;
+
+            /// # Errors
+            /// [`Error::BadValue`](crate::error::Error::BadValue) for a number that is not one, or is not finite.
+            fn try_from(number: f64) -> Result<Self, Self::Error> {
+                let ok: fn(f64) -> bool = $ok;
+                let allowed = $allowed;
+                if number.is_finite() && ok(number) {
+                    Ok(Self(number))
+                } else {
+                    Err(Self::Error::BadValue { name: stringify!($name), value: number, allowed })
+                }
+            }
+        }
+
         impl<'de> Deserialize<'de> for $name {
             fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
                 deserializer.deserialize_any(Number { allowed: $allowed, ok: $ok }).map(Self)

@@ -520,7 +520,7 @@ impl OutputContext<'_> {
     /// The curvature beyond the natural one, and the part M_k/B_k of it that active moments give.
     fn strained(&self, k: usize) -> [f64; 2] {
         let by_moment = self.bent.active_moment(k)[0] / self.bent.dynamics.model.rod.joint[k];
-        [self.moment(k)[1] + by_moment, by_moment]
+        [self.bent.kappa()[k] - self.bent.given(k), by_moment]
     }
 
     /// The rate κ̇ = s Ω of a curvature; adds `factor` times its gradient ½κΩ ∇κ + s ∇Ω by positions, ∇κ by velocities.
@@ -800,21 +800,20 @@ impl Quantity {
             }
             Self::ActuationPower => {
                 let mut power = 0.0;
-                if let Some(active) = &dynamics.active {
-                    // A natural curvature beside them has no rate here, see `Controls`.
-                    for k in rod.joints() {
+                for k in rod.joints() {
+                    let (moment, rate) = (at.bent.driven_moment(k), at.bent.given_rate(k));
+                    at.add_driven(k, -factor * rate, g);
+                    if !dynamics.model.active_moments {
+                        // Beside a wave of moments a natural curvature has no rate here, see `Controls`.
+                        g.natural_rate[k] -= factor * moment;
+                    }
+                    power -= moment * rate;
+                    if let Some(active) = &dynamics.active {
                         let moment = active.moment[k];
                         let rate = at.add_curvature_rate(k, factor * moment, g);
                         g.active[k] += factor * rate;
                         power += moment * rate;
                     }
-                    return power;
-                }
-                for k in rod.joints() {
-                    let (moment, rate) = (at.bent.driven_moment(k), dynamics.natural_rate[k]);
-                    at.add_driven(k, -factor * rate, g);
-                    g.natural_rate[k] -= factor * moment;
-                    power -= moment * rate;
                 }
                 power
             }

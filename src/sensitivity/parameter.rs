@@ -43,6 +43,8 @@ pub(super) struct ActuationShape {
     time: f64,
     /// Of active moments B_k, with κ̄_k = M_k/B_k and its rate; else empty.
     active: Vec<(f64, [f64; 2])>,
+    /// The wave is one of these, and g is divided by B_k.
+    moments: bool,
 }
 
 impl ActuationShape {
@@ -52,6 +54,14 @@ impl ActuationShape {
 
     /// Evaluates the shape at time `t` (s).
     pub(super) fn take(&mut self, dynamics: &Dynamics, t: f64) {
+        let rod = &dynamics.model.rod;
+        let per = |k: usize| if rod.joints().contains(&k) { 1.0 / rod.joint[k] } else { 0.0 };
+        self.active.clear();
+        if let Some(ActiveMoments { moment, rate, .. }) = &dynamics.active {
+            let active = |k: usize| (rod.joint[k], [moment[k] * per(k), rate[k] * per(k)]);
+            self.active.extend((0..rod.nodes).map(active));
+        }
+        self.moments = dynamics.model.active_moments;
         let Some((actuation, _)) = &dynamics.model.actuation else { return };
         let wave = dynamics.inputs.wave(&dynamics.model.start, t, None);
         for (order, g) in self.g.iter_mut().enumerate() {
@@ -59,18 +69,9 @@ impl ActuationShape {
             sizes[order] = 1.0;
             g.fill(0.0);
             actuation.add_derivatives(sizes, wave.phase, g);
-            dynamics.model.rod.at_joints(g);
-        }
-        self.active.clear();
-        if let Some(ActiveMoments { moment, rate }) = &dynamics.active {
-            let rod = &dynamics.model.rod;
-            let per = |k: usize| 1.0 / rod.joint[k];
-            self.active.extend((0..rod.nodes).map(|k| match rod.joints().contains(&k) {
-                true => (rod.joint[k], [moment[k] * per(k), rate[k] * per(k)]),
-                false => (0.0, [0.0; 2]),
-            }));
-            for g in &mut self.g {
-                rod.joints().for_each(|k| g[k] *= per(k) / rod.joint_part(k));
+            match self.moments {
+                true => g.iter_mut().enumerate().for_each(|(k, g)| *g *= per(k)),
+                false => rod.at_joints(g),
             }
         }
         (self.wave, self.time) = (Some(wave), t);
@@ -126,7 +127,8 @@ impl ParameterEffect {
     /// dM_k, N m.
     #[inline]
     fn active(&self, shape: &ActuationShape, k: usize) -> f64 {
-        shape.active.get(k).map_or(0.0, |(stiffness, _)| stiffness * shape.sum(&self.natural, k))
+        let stiffness = shape.active.get(k).filter(|_| shape.moments).map_or(0.0, |(stiffness, _)| *stiffness);
+        stiffness * shape.sum(&self.natural, k)
     }
 
     /// True if κ̄ depends on it.
@@ -255,7 +257,7 @@ pub(super) fn direct(
         if let Some(([from, to], parameter, at)) = step.filter(|_| effect.stiffness == 0.0) {
             let rod = &at.bent.dynamics.model.rod;
             let [from, to] = [from, to].map(|shape| (parameter.effect(rod, shape), shape));
-            if shape.active.is_empty() {
+            if !shape.moments {
                 let natural = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.natural(shape, k);
                 sum += gradient.natural_step[k] * (natural(&to) - natural(&from));
             } else {

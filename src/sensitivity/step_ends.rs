@@ -45,11 +45,12 @@ impl StepEnds {
             controls.apply(dynamics, m);
             dynamics.move_to(t, &mut self.scratch);
             self.shapes[i].take(dynamics, t);
-            self.natural[i].copy_from_slice(&dynamics.natural);
-            if let Some(active) = &dynamics.active {
-                self.active[i].copy_from_slice(&active.moment);
-                let rod = &dynamics.model.rod;
-                rod.joints().for_each(|k| self.natural[i][k] -= active.moment[k] / rod.joint[k]);
+            match &dynamics.active {
+                None => self.natural[i].copy_from_slice(&dynamics.natural),
+                Some(active) => {
+                    self.natural[i].copy_from_slice(&active.natural);
+                    self.active[i].copy_from_slice(&active.moment);
+                }
             }
             if let Some(force) = &dynamics.inputs.force {
                 self.force[i].copy_from_slice(force);

@@ -126,6 +126,8 @@ pub enum FeedthroughCondition {
     OfElasticity,
     /// Such a model where the actuation gives natural curvatures, not active moments.
     OfNaturalCurvature,
+    /// Such a model, or one of any kind with active moments: it stores energy of bending.
+    OfBending,
     /// The rate of the wave counts: any model but such a one with active moments.
     OfWaveRate,
     /// Such a model of a rod whose material resists the rate of its elastic curvature alone: moments follow the rate of the natural one.
@@ -148,6 +150,7 @@ impl FeedthroughCondition {
             Self::OfShape => shape,
             Self::OfElasticity => !shape,
             Self::OfNaturalCurvature => !shape && !dynamics.model.active_moments,
+            Self::OfBending => !shape || dynamics.model.active_moments,
             Self::OfWaveRate => shape || !dynamics.model.active_moments,
             Self::OfElasticDamping => {
                 let damping = &dynamics.model.rod.damping;
@@ -240,7 +243,11 @@ const WAVE: [DirectFeedthrough; 3] = [
 const NATURAL: &[DirectFeedthrough] = &[
     WAVE[0],
     DirectFeedthrough { condition: FeedthroughCondition::OfNaturalCurvature, ..WAVE[2] },
-    elastic("natural_curvature_1_m", FeedthroughEntries::All),
+    DirectFeedthrough {
+        input: "natural_curvature_1_m",
+        entries: FeedthroughEntries::All,
+        condition: FeedthroughCondition::OfBending,
+    },
 ];
 const FORCES: &[DirectFeedthrough] =
     &[always("force_x_n", FeedthroughEntries::All), always("force_y_n", FeedthroughEntries::All)];
@@ -250,7 +257,7 @@ const NATURAL_RATE: [DirectFeedthrough; 24] = join(
     &BALANCE,
     &[
         always("actuation_amplitude", FeedthroughEntries::All),
-        WAVE[1],
+        always("actuation_moment_n_m", FeedthroughEntries::All),
         elastic("active_moment_n_m", FeedthroughEntries::All),
         always("actuation_phase_rad", FeedthroughEntries::All),
         DirectFeedthrough { condition: FeedthroughCondition::OfWaveRate, ..DRIVE_FREQUENCY },
@@ -469,7 +476,11 @@ impl Variable {
     /// [`is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable): moments on the stiffness, forces of the fluid on their coefficients.
     pub fn follows_parameter(&self, key: &str, dynamics: &Dynamics, form: Form) -> bool {
         match key {
-            _ if MATERIAL.contains(&key) => self.elastic || self.is_fed_by("natural_curvature_1_m", dynamics, form),
+            _ if MATERIAL.contains(&key) => {
+                // Active moments bend a stiffer rod less, in the shape model too.
+                let moments = dynamics.model.active_moments && self.is_fed_by("actuation_moment_n_m", dynamics, form);
+                self.elastic || moments || self.is_fed_by("natural_curvature_1_m", dynamics, form)
+            }
             _ => self.is_fed_by("viscosity_pa_s", dynamics, form),
         }
     }
@@ -839,7 +850,14 @@ pub(crate) fn unknown(name: &str, there: impl Iterator<Item = &'static str>) -> 
     }
 }
 
-/// All variables, in the order of display.
+/// All variables, in the order of display: names end in their units, which are those of the SI.
+///
+/// Places and velocities are in the frame of the scene, x to the right and y up; angles and curvatures count to the left, from +x. The tail
+/// begins at its head, node 0, and a straight one lies along +x from there, so a positive curvature bends the tip towards +y. Forces and
+/// moments named `head_…` are those of the tail on a held head, those named after a part of the fluid are on the rod. Powers and works named
+/// `actuation_…`, `load_…`, `head_…`, `flow_…` and `other_…` are put in, those named `material_…`, `viscous_…`, `wake_…` and `spray_…` are
+/// taken; in the balance of energy the first are added and the others subtracted. `cycle_…` are means over the last whole cycles.
+/// [`Variable::exists_in`] says which of them a scene has, [`Variable::is_input`] which a host sets.
 #[rustfmt::skip]
 pub static VARIABLES: &[Variable] = &[
     Variable::new(Causality::Independent, "time_s", "s", "time", |v, _| v.time).recorded(),

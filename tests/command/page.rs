@@ -175,7 +175,7 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
         };
         const shown = () => [...document.querySelectorAll("#rows tr")];
         document.body.dataset.before = shown().length;
-        document.querySelectorAll("#heads th")[headed("net displacement")].click();
+        document.querySelectorAll("#heads th")[headed("net displacement in x")].click();
         filter("fluid", "glycerol-like", "change");
         filter("kappa_amp", "1.2", "change");
         filter("Newton", "> 0", "input");
@@ -211,5 +211,5 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
     let svgs = std::fs::read_dir(folder.path()).unwrap();
     let svgs =
         svgs.filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|kind| kind == "svg")).count();
-    assert_eq!((page.matches("<figure>").count(), svgs), (svgs, 23));
+    assert_eq!((page.matches("<figure>").count(), svgs), (svgs, 25));
 }

@@ -206,6 +206,28 @@ def test_the_snippets_of_a_page_run_as_printed(page, folder, capsys):
         assert names["modulus"] == pytest.approx(0.8e6, rel=1e-2)
 
 
+def test_the_tables_of_steps_and_meshes_are_what_the_runs_give(folder):
+    """Each row of how-accurate.md is run again, to 1e-3 of what it says."""
+    (tail,) = (block for kind, block in blocks_of(DOCS / "own-tail.md") if kind == "toml" and "# silicone-tail.toml" in block)
+    (folder / "silicone-tail.toml").write_text(tail)
+
+    def found(*changes):
+        return json.loads(run("caudal run silicone-tail.toml --quiet --json --force " + " ".join(f"--set {change}" for change in changes)))
+
+    text = (DOCS / "how-accurate.md").read_text()
+    steps = re.findall(r"^\| (?:tolerance (\S+?)(?:, the default)?|`time_step_s = (\S+)`, `(\S+)`) \| (\d+) \| (\S+) mN \| (\S+) mW \|$", text, re.M)
+    meshes = re.findall(r"^\| (\d+) \| \S+ mm \| (\S+) mN \|", text, re.M)
+    assert len(steps) == 6 and len(meshes) == 5
+    for tolerance, step, method, count, thrust, power in steps:
+        changes = [f"solver.tolerance={tolerance}"] if tolerance else [f"solver.time_step_s={step}", f"solver.integrator={method}"]
+        row = found(*changes)
+        assert row["steps"] == pytest.approx(int(count), rel=1e-2), changes
+        assert 1e3 * row["cycle_thrust_n"] == pytest.approx(float(thrust), rel=1e-3), changes
+        assert 1e3 * row["cycle_head_power_w"] == pytest.approx(float(power), rel=1e-3), changes
+    for nodes, thrust in meshes:
+        assert 1e3 * found(f"rod.nodes={nodes}")["cycle_thrust_n"] == pytest.approx(float(thrust), rel=1e-3), nodes
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if "```c\n" in page.read_text()], ids=lambda page: page.stem)
 def test_the_c_programs_of_a_page_compile(page, tmp_path):
     """They are not linked here: `bindings/c/tests` builds the library and runs a host."""

@@ -80,7 +80,7 @@ impl Method {
 }
 
 /// A method with its parameters: makes one step.
-pub trait Integrator: std::fmt::Debug + Send {
+pub trait Integrator: std::fmt::Debug + Send + Sync {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 

@@ -83,10 +83,24 @@ impl<'a> DeformedRod<'a> {
         self.dynamics.damped().map_or(0.0, |damped| damped.moment_of_rate(rod, k))
     }
 
+    /// The natural curvature of the joint at node `k`, whatever active moments bend it.
+    pub fn given(&self, k: usize) -> f64 {
+        self.dynamics.active.as_ref().map_or(self.dynamics.natural[k], |active| active.natural[k])
+    }
+
+    /// Its rate, 1/s.
+    pub fn given_rate(&self, k: usize) -> f64 {
+        self.dynamics.active.as_ref().map_or(self.dynamics.natural_rate[k], |active| active.natural_rate[k])
+    }
+
+    /// The moment (N m) of the joint at node `k` beyond its natural curvature: B(κ − κ̄), with that curvature alone.
+    pub fn elastic_moment(&self, k: usize) -> f64 {
+        self.dynamics.model.rod.joint[k] * (self.kappa()[k] - self.given(k))
+    }
+
     /// The part (N m) of the moment that the moving natural curvature works against; the active moment is none of it.
     pub fn driven_moment(&self, k: usize) -> f64 {
-        let Dynamics { model, natural, .. } = self.dynamics;
-        let elastic = model.rod.joint[k] * (self.kappa()[k] - natural[k]) + self.active_moment(k)[0];
+        let elastic = self.elastic_moment(k);
         if self.resisted_natural_rate(k) == 0.0 { elastic } else { elastic + self.damping_moment(k) }
     }
 

@@ -104,16 +104,15 @@ impl StateTangent {
         }
         (self.fluid, self.layers) = (self.inputs.fluid, self.inputs.layers);
         if dynamics.mechanics == Mechanics::Shape {
-            // The shape follows with the next step.
+            // The shape follows with the next step; what it is strained by beside active moments changes at once.
             self.natural.fill(0.0);
-            self.active.clear();
-            self.metrics.totals.work = Power::default();
-            return;
+            self.active.moment.fill(0.0);
+            if !dynamics.model.active_moments {
+                self.active.clear();
+            }
         }
         // The work of a change of the natural curvature at once; one of active moments does none.
-        let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]) + bent.active_moment(k)[0];
-        let change = |k: usize| self.natural[k] - self.active.moment[k] / rod.joint[k];
-        let actuation = -rod.joints().map(|k| moment(k) * change(k)).sum::<f64>();
+        let actuation = -rod.joints().map(|k| bent.elastic_moment(k) * self.active.natural[k]).sum::<f64>();
         self.metrics.totals.work = Power { actuation, ..Power::default() };
     }
 
@@ -181,6 +180,12 @@ impl StateTangent {
                     power.material += 2.0 * resisting * rates.joints[e];
                 }
                 if shape {
+                    if dynamics.model.active_moments {
+                        let change = now.kappa[e] - active.natural[e];
+                        energy.bending += bent.elastic_moment(e) * change;
+                        let strained = bent.elastic_moment(e) / rod.joint[e];
+                        power.actuation += change * bent.active_moment(e)[1] + strained * active.rate[e];
+                    }
                     before = turned;
                     continue;
                 }
@@ -194,13 +199,11 @@ impl StateTangent {
                     before = turned;
                     continue;
                 }
-                // The elastic moment m + M, and the natural curvature without M/B.
-                let [own, own_rate] = bent.active_moment(e);
-                let without = |bent: f64, moment: f64| bent - moment / rod.joint[e];
-                let change = elastic + active.moment[e];
-                energy.bending += (moment + own) * (change / rod.joint[e]);
-                power.actuation -= change * without(dynamics.natural_rate[e], own_rate)
-                    + (moment + own) * without(natural_rate[e], active.rate[e]);
+                // The elastic moment m + M, with the natural curvature alone.
+                let ([own, _], given) = (bent.active_moment(e), bent.given_rate(e));
+                let change = now.kappa[e] - active.natural[e];
+                energy.bending += (moment + own) * change;
+                power.actuation -= rod.joint[e] * change * given + (moment + own) * active.natural_rate[e];
                 let s = bend::curvature_per_turning(kappa[e]);
                 let quicker = 0.5 * kappa[e] * bent.spin(e) * now.kappa[e] + s * spinning(e);
                 power.actuation += active.moment[e] * s * bent.spin(e) + own * quicker;
@@ -420,10 +423,20 @@ impl Stepper {
             accelerations(&self.dynamics)
         });
         self.dynamics.move_to(t, &mut self.now.state);
-        self.dynamics.natural_acceleration(t, &mut tangent.natural_rate);
+        let mut rate = Vec::new();
+        self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
-        if let (Some(active), Some(rate)) = (&self.dynamics.active, self.dynamics.moment_acceleration(t)) {
-            tangent.active = ActiveMoments { moment: active.rate.clone(), rate };
+        if let Some(active) = &self.dynamics.active {
+            let natural_rate = tangent.natural_rate.iter().zip(&rate).enumerate();
+            let joint = &self.dynamics.model.rod.joint;
+            tangent.active = ActiveMoments {
+                moment: active.rate.clone(),
+                natural: active.natural_rate.clone(),
+                natural_rate: natural_rate
+                    .map(|(k, (all, moment))| if *moment == 0.0 { *all } else { all - moment / joint[k] })
+                    .collect(),
+                rate,
+            };
         }
         if let (Some(later), Some(sooner), Some([.., angle])) = (later, sooner, self.dynamics.held) {
             let shape = moving && self.dynamics.mechanics == Mechanics::Shape;

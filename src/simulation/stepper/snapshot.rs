@@ -124,7 +124,7 @@ impl Stepper {
         let State { t: _, q, v, a, links, memory } = &now.state;
         let lengths = [q.len(), v.len(), a.len(), now.metrics.first_positions.len()];
         let inputs = |inputs: &Inputs| {
-            inputs.natural.as_ref().is_none_or(|x| x.len() == nodes)
+            [&inputs.natural, &inputs.moment].into_iter().flatten().all(|x| x.len() == nodes)
                 && inputs.force.as_ref().is_none_or(|x| x.len() == unknowns)
         };
         lengths.iter().all(|len| *len == unknowns)

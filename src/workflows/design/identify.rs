@@ -202,7 +202,7 @@ pub(super) fn series(
     let held = dynamics.model.head.is_some();
     let spacing = dynamics.model.rod.spacing;
     let mut state = State::zeros(2 * nodes);
-    // Natural curvatures, and active moments, of which each is zero where the other drives the rod.
+    // Natural curvatures, and active moments.
     let given: Vec<[Vec<f64>; 2]> = markers
         .times
         .iter()
@@ -210,7 +210,7 @@ pub(super) fn series(
             dynamics.move_to(*t, &mut state);
             match &dynamics.active {
                 None => [dynamics.natural.clone(), vec![0.0; nodes]],
-                Some(active) => [vec![0.0; nodes], active.moment.clone()],
+                Some(active) => [active.natural.clone(), active.moment.clone()],
             }
         })
         .collect();

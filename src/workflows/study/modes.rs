@@ -79,9 +79,9 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     if let Some(drive) = drive {
         let ratio = TAU * drive / first.frequency;
         let says = if ratio < 0.1 {
-            "far below it: the rod takes its natural curvature, and the fluid decides where it goes"
+            "far below it: the rod takes the curvature that the actuation asks for, and the fluid decides where it goes"
         } else if ratio < 0.7 {
-            "below it: inertia adds to the natural curvature, by about the square of the ratio"
+            "below it: inertia adds to that curvature, by about the square of the ratio"
         } else {
             "near or above it: the rod resonates, and its shape is not the one prescribed"
         };

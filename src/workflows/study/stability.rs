@@ -112,7 +112,13 @@ impl Vary {
 
     fn set(self, scene: &Scene, value: f64) -> Scene {
         match self {
-            Self::Modulus => scene.with_modulus(value / scene.rod.youngs_modulus()),
+            Self::Modulus => {
+                let factor = value / scene.rod.youngs_modulus();
+                let moments = scene.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
+                // Moments that bend the rod as far as they did.
+                let scene = scene.with_modulus(factor);
+                if moments { scene.with_amplitude(factor) } else { scene }
+            }
             Self::Amplitude => scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.amplitude())),
             Self::Nodes => scene.with_nodes(value as u64),
             Self::Spin => scene.with_spin(value),

@@ -296,6 +296,7 @@ impl StudyRun {
             stepper
                 .metrics()
                 .first_energy
+                .max(stepper.metrics().now.imbalance(&stepper.model().rod))
                 .max(ENERGY_NOISE * rounding_energy(&stepper.model().rod, &stepper.state().q)),
             0.0_f64,
         );
