@@ -101,16 +101,18 @@ fn a_step_in_water_allocates_nothing_whatever_the_law_of_drag() {
 fn a_step_allocates_nothing_whatever_the_rung_and_the_head() {
     let euler = Method::named("implicit-euler").unwrap();
     for rung in MODELS {
-        for head in ["free", "clamped", "driven"] {
+        for (head, moment) in ["free", "clamped", "driven"].into_iter().flat_map(|head| [(head, false), (head, true)]) {
             let (model, head) = (format!("solver.model={}", rung.name), format!("head.kind={head}"));
-            let changes =
-                [SILICONE, WAVE, DRAG, GLYCEROL, "loads.gravity_m_s2=[0.1, -1.0]", "rod.nodes=33", &model, &head];
+            let gravity = "loads.gravity_m_s2=[0.1, -1.0]";
+            let curvature = "kappa_amp = 0.6, kappa_reference_length_m = 0.125";
+            let wave = WAVE.replace(curvature, if moment { "moment_amp_n_m = 1e-3" } else { curvature });
+            let changes = [SILICONE, &wave, DRAG, GLYCEROL, gravity, "rod.nodes=33", &model, &head];
             let mut stepper = Stepper::of(&scene_by(euler, 1e-3, &changes)).unwrap();
             let before = CALLS.get();
             for _ in 0..20 {
                 stepper.do_step(1e-3).unwrap();
             }
-            assert_eq!(CALLS.get(), before, "{}, {head}", rung.name);
+            assert_eq!(CALLS.get(), before, "{}, {head}, moments: {moment}", rung.name);
         }
     }
 }
@@ -121,7 +123,7 @@ fn inputs_that_a_host_sets_before_every_step_allocate_nothing() {
         let changes = [SILICONE, WAVE, DRAG, GLYCEROL, "rod.nodes=33", "head.kind=driven"];
         let step = step(method);
         let mut stepper = Stepper::of(&scene_by(method, step, &changes)).unwrap();
-        let inputs = ["natural_curvature_1_m", "force_x_n", "viscosity_pa_s", "head_angle_rad"];
+        let inputs = ["natural_curvature_1_m", "active_moment_n_m", "force_x_n", "viscosity_pa_s", "head_angle_rad"];
         let inputs = inputs.map(|name| stepper.find(name).unwrap());
         let values = [0.01; 33];
         let mut drive = || {

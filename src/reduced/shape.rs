@@ -72,7 +72,12 @@ struct Shape {
 
 impl Default for Shape {
     fn default() -> Self {
-        Self { chain: RigidChain::default(), acceleration: Vec::new(), active: Vec::new(), step: DormandPrinceStep::none() }
+        Self {
+            chain: RigidChain::default(),
+            acceleration: Vec::new(),
+            active: Vec::new(),
+            step: DormandPrinceStep::none(),
+        }
     }
 }
 

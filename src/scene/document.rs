@@ -16,7 +16,8 @@ use super::override_layers::{apply_layer, mark_functions, merge_layer, remove_ex
 use super::placeholders::{PLACEHOLDERS, substitute};
 use super::value::refused;
 use super::{
-    ActuationTable, HeadTable, LoadsTable, MediumTable, RecordTable, RodTable, Scene, SolverTable, StartTable, Unchecked,
+    ActuationTable, HeadTable, LoadsTable, MediumTable, RecordTable, RodTable, Scene, SolverTable, StartTable,
+    Unchecked,
 };
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::reduced::FluidChoice;

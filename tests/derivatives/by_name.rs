@@ -4,7 +4,7 @@ use caudal::Error;
 use caudal::scene::Document;
 use caudal::sensitivity::{Array, Output, Parameter, Problem, Quantity, Simulation, value_and_grad};
 
-use crate::common::{SOFT, scene_of, stepper_of};
+use crate::common::{SOFT, scene_of, soft_moments, stepper_of};
 
 const SHORT: [&str; 4] =
     ["rod.nodes=9", "solver.integrator=newmark", "solver.time_step_s=5e-3", "solver.duration_s=0.2"];
@@ -52,6 +52,71 @@ fn what_a_model_does_not_have_is_refused_and_not_zero() {
     ] {
         let error = still.forward(&[], &[quantity.into()], 1, |_| {}).unwrap_err();
         assert!(matches!(error, Error::Derivative { .. }), "{error}");
+    }
+}
+
+/// A host's own moments may be given beside no drive, a curvature's and a moment's.
+#[test]
+fn derivatives_are_right_beside_a_host_s_own_moments() {
+    let passive = SOFT.split("[actuation]").next().unwrap().to_string() + "[solver]\nduration_s = 1.0\n";
+    let driven = [Parameter::Stiffness(3), Parameter::Amplitude, Parameter::Frequency, Parameter::Phase];
+    for (text, parameters) in [(SOFT.to_string(), &driven[..]), (soft_moments(), &driven), (passive, &driven[..1])] {
+        let outputs =
+            ["tip_y_m", "bending_energy_j", "actuation_power_w", "actuation_work_j", "numerical_dissipation_j"];
+        let scene = scene_of(&text, &SHORT);
+        let value = |change: &dyn Fn(&mut Problem)| -> Vec<f64> {
+            let mut problem = Problem::of(&scene).unwrap();
+            problem.inputs().moment =
+                Some((0..9).map(|k| if (1..8).contains(&k) { 0.3 * f64::from(k) } else { 0.0 }).collect());
+            change(&mut problem);
+            let outputs = outputs.map(|name| Output::named(name, problem.model()).unwrap());
+            let mut last = Vec::new();
+            let found = problem.forward(&[], &outputs, 1000, |_| {}).unwrap();
+            last.extend_from_slice(&found.values[found.values.len() - outputs.len()..]);
+            last
+        };
+        let mut problem = Problem::of(&scene).unwrap();
+        problem.inputs().moment =
+            Some((0..9).map(|k| if (1..8).contains(&k) { 0.3 * f64::from(k) } else { 0.0 }).collect());
+        let named = outputs.map(|name| Output::named(name, problem.model()).unwrap());
+        let found = problem.forward(parameters, &named, 1000, |_| {}).unwrap();
+        let exact = &found.derivatives[found.derivatives.len() - outputs.len() * parameters.len()..];
+        let trajectory = problem.simulate().unwrap();
+        for (o, output) in named.iter().enumerate() {
+            let mut weights = vec![0.0; trajectory.times.len()];
+            *weights.last_mut().unwrap() = 1.0;
+            let adjoint = problem.adjoint(parameters, std::slice::from_ref(output), &weights, &trajectory).unwrap();
+            for (p, parameter) in parameters.iter().enumerate() {
+                let moved = |by: f64| {
+                    value(&|problem: &mut Problem| match parameter {
+                        Parameter::Stiffness(k) => {
+                            let mut all: Vec<f64> =
+                                problem.model().rod.joints().map(|k| problem.model().rod.joint_stiffness(k)).collect();
+                            all[k - 1] *= 1.0 + by;
+                            problem.set_stiffness(&all).unwrap();
+                        }
+                        Parameter::Amplitude => problem.inputs().drive.amplitude *= 1.0 + by,
+                        Parameter::Frequency => problem.inputs().drive.frequency *= 1.0 + by,
+                        _ => problem.inputs().phase_offset += by,
+                    })[o]
+                };
+                let rod = &problem.model().rod;
+                let size = match parameter {
+                    Parameter::Stiffness(k) => rod.joint_stiffness(*k),
+                    Parameter::Amplitude => scene.model().unwrap().actuation.unwrap().1.amplitude,
+                    Parameter::Frequency => 1.5,
+                    _ => 1.0,
+                };
+                let central = |h: f64| (moved(h) - moved(-h)) / (2.0 * h * size);
+                let difference = (4.0 * central(5e-4) - central(1e-3)) / 3.0;
+                let [forward, adjoint] = [exact[o * parameters.len() + p], adjoint[p]];
+                let scale = difference.abs().max(1e-4 / size);
+                for (way, own) in [("forward", forward), ("adjoint", adjoint)] {
+                    let error = (own - difference).abs() / scale;
+                    assert!(error < 1e-5, "{}, {parameter:?}, {way}: {own:e} against {difference:e}", outputs[o]);
+                }
+            }
+        }
     }
 }
 

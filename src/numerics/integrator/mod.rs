@@ -149,7 +149,7 @@ pub struct StepError {
 }
 
 /// A method that asks for the equation of motion once, at the new time.
-pub trait OneStage: std::fmt::Debug + Send {
+pub trait OneStage: std::fmt::Debug + Send + Sync {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 
