@@ -73,7 +73,9 @@ pub fn run(
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
-    say(&largest(&summary));
+    if let Some(largest) = largest(&summary) {
+        say(&largest);
+    }
     say(&summary.cycles.to_string());
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));
@@ -124,17 +126,23 @@ pub fn run(
     })
 }
 
-/// What a joint, the actuation and a held head bore or gave at most.
-fn largest(summary: &Summary) -> String {
-    let mut parts = vec![format!("a joint {:.4e} N m", summary.max_joint_moment_n_m)];
-    if let Some(power) = summary.max_actuation_power_w {
-        parts.push(format!("the actuation {power:.4e} W"));
-    }
-    let on_head = summary.max_head_force_n.zip(summary.max_head_moment_n_m).zip(summary.max_head_power_w);
-    if let Some(((force, moment), power)) = on_head {
-        parts.push(format!("the held head {force:.4e} N, {moment:.4e} N m and {power:.4e} W"));
-    }
-    format!("at most, the start included: {}", parts.join("; "))
+/// What a joint, the actuation and a held head bore or gave at most; nothing of what they did not.
+fn largest(summary: &Summary) -> Option<String> {
+    let list = |name: &str, values: &[(Option<f64>, &str)]| {
+        let there = values.iter().filter_map(|(value, unit)| Some((value.filter(|value| *value != 0.0)?, unit)));
+        let values: Vec<String> = there.map(|(value, unit)| format!("{value:.4e} {unit}")).collect();
+        (!values.is_empty()).then(|| format!("{name} {}", values.join(", ")))
+    };
+    let parts = [
+        list("a joint", &[(Some(summary.max_joint_moment_n_m), "N m")]),
+        list("the actuation", &[(summary.max_actuation_power_w, "W")]),
+        list(
+            "the held head",
+            &[(summary.max_head_force_n, "N"), (summary.max_head_moment_n_m, "N m"), (summary.max_head_power_w, "W")],
+        ),
+    ];
+    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    (!parts.is_empty()).then(|| format!("at most, the start included: {}", parts.join("; ")))
 }
 
 /// Where `time` (s) is on the bar.

@@ -91,7 +91,7 @@ const LEAST_SIZE: f64 = 0.65;
 
 /// A text of this font size, smaller and then truncated where that does not fit a width, px; and its font size.
 fn fitted(text: &str, size: f64, room: f64) -> (String, f64) {
-    let size = size * (room / width(text, size)).clamp(LEAST_SIZE, 1.0);
+    let size = size * (0.999 * room / width(text, size)).clamp(LEAST_SIZE, 1.0); // that much for rounding
     (cut(text, size, room), size)
 }
 

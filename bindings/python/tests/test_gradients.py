@@ -382,3 +382,27 @@ def test_a_missing_package_says_what_to_install(monkeypatch):
         monkeypatch.delitem(sys.modules, f"caudal.{name}", raising=False)
         with pytest.raises(ImportError, match=rf'pip install "caudal\[{name}\]"'):
             __import__(f"caudal.{name}")
+
+
+def test_what_cannot_be_weighed_or_named_is_refused_with_a_remedy():
+    scene = caudal.load("models/glycerol.toml", {"solver.duration_s": 0.05})
+    known = caudal.parameters(scene)
+    for there, name in [(known, "rod.lenght_m"), (scene.parameters, "rod.lenght_m"), (caudal.Stepper(scene).variables, "tip_y")]:
+        with pytest.raises(caudal.errors.UnknownVariableError, match="did you mean `(rod.length_m|tip_y_m)`"):
+            there[name]
+    simulation = caudal.simulate(scene, ["tip_y_m"])
+    weights = np.ones_like(simulation.outputs["tip_y_m"])
+    with pytest.raises(caudal.errors.DerivativeError, match=r"no derivative by `rod.lenght_m`; did you mean `rod.length_m`\?"):
+        simulation.pull_back({"tip_y_m": weights}, ["rod.lenght_m"])
+    with pytest.raises(ValueError, match="not finite"):
+        simulation.pull_back({"tip_y_m": weights * np.nan}, ["rod.length_m"])
+    with pytest.raises(TypeError, match="weights: found list; allowed: a dict"):
+        simulation.pull_back([weights], ["rod.length_m"])
+
+
+def test_messages_speak_of_python_s_own_words(tmp_path):
+    with pytest.raises(caudal.errors.SceneError) as wrong:
+        caudal.load("models/glycerol.toml", {"rod.lenght_m": 0.2})
+    assert "--set" not in str(wrong.value) and "did you mean `length_m`" in str(wrong.value)
+    with pytest.raises(caudal.errors.SceneError, match="`caudal.sweep` runs it"):
+        caudal.load("models/sweep-resonance.toml")
