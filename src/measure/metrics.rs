@@ -592,7 +592,7 @@ impl Measurements {
     }
 
     /// The energy (J) that the joints would store of the moments that they pass on, Σ ½ m²/B: what a rod that is out of balance has to give.
-    pub(crate) fn imbalance(&self, rod: &Rod) -> f64 {
+    pub fn imbalance(&self, rod: &Rod) -> f64 {
         rod.joints().map(|k| 0.5 * self.moment[k] * self.moment[k] / rod.joint[k]).sum()
     }
 

@@ -311,11 +311,11 @@ impl Cases {
                 }
             }
         }
-        if let Some((quantity, column)) = main {
-            if let Some(chart) = self.compared(quantity, column) {
-                let caption = format!("The {} of each case with every level of the split side by side.", quantity.name);
-                figures.push(Figure::new(names.file(&["compared"]), caption, chart.svg()));
-            }
+        if let Some((quantity, column)) = main
+            && let Some(chart) = self.compared(quantity, column)
+        {
+            let caption = format!("The {} of each case with every level of the split side by side.", quantity.name);
+            figures.push(Figure::new(names.file(&["compared"]), caption, chart.svg()));
         }
         for (label, cases) in &parts {
             if let Some(chart) = self.paths(label, cases) {

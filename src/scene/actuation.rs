@@ -85,15 +85,12 @@ impl ActuationTable {
             let owners = owners.collect::<Vec<_>>().join(", ");
             return fault(key, format!("found with kind = \"{}\"; allowed: only with {owners}", kind.name));
         }
-        if self.moment_amp_n_m.is_some() {
-            if let Some(key) =
-                ["kappa_amp", "kappa_reference_length_m"].into_iter().find(|key| self.given().any(|own| own == *key))
-            {
-                return fault(
-                    key,
-                    "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment".into(),
-                );
-            }
+        let of_curvature = ["kappa_amp", "kappa_reference_length_m"];
+        if self.moment_amp_n_m.is_some()
+            && let Some(key) = of_curvature.into_iter().find(|key| self.given().any(|own| own == *key))
+        {
+            let problem = "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment";
+            return fault(key, problem.into());
         }
         let stands_for = |given: &str, key: &str| given == key || (given, key) == ("moment_amp_n_m", "kappa_amp");
         if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| stands_for(given, key))) {

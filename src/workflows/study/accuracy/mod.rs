@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use self::divergence_of_nearby_runs::{PUSH, WINDOWS, without_reference};
 use self::explanations::AccuracyReport;
-use self::plan::{BELOW_LIMIT, PlannedRun, limit_step, plan};
+use self::plan::{BELOW_LIMIT, PlannedRun, check_without, limit_step, plan};
 use self::reference::{RUN_OPTIONS, Reference};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::study_run::{RunOptions, SimulationMethod, StudyRun};
@@ -64,6 +64,7 @@ fn alpha() -> Option<SimulationMethod> {
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
 pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
+    check_without(&asked.without)?;
     let own = scene.rod.nodes.get() as u64;
     let meshes =
         if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };

@@ -38,6 +38,17 @@ fn relative_cost(steps: &[f64], limit: f64) -> f64 {
     explicit / EXPLICIT_STEPS_PER_IMPLICIT / implicit
 }
 
+/// Refuses names of methods and models to leave out that there are not.
+pub fn check_without(without: &[String]) -> Result<()> {
+    let cheaper = MODELS.iter().filter(|kind| kind.method.is_some()).map(|kind| kind.name);
+    let known: Vec<&str> = METHODS.iter().map(|method| method.name).chain(cheaper).collect();
+    if let Some(name) = without.iter().find(|name| !known.contains(&name.as_str())) {
+        let near = did_you_mean(nearest(name, known.iter().copied()));
+        return Err(Error::Study { problem: format!("without: found {name:?}{near}; allowed: {}", known.join(", ")) });
+    }
+    Ok(())
+}
+
 /// All runs of the study: every model and method on every mesh with every step or tolerance, and the scene as it is. Also which methods
 /// are left out, and why.
 pub fn plan(
@@ -47,12 +58,6 @@ pub fn plan(
     tolerances: &[f64],
     without: &[String],
 ) -> Result<(Vec<PlannedRun>, Vec<String>)> {
-    let cheaper = MODELS.iter().filter(|kind| kind.method.is_some()).map(|kind| kind.name);
-    let known: Vec<&str> = METHODS.iter().map(|method| method.name).chain(cheaper).collect();
-    if let Some(name) = without.iter().find(|name| !known.contains(&name.as_str())) {
-        let near = did_you_mean(nearest(name, known.iter().copied()));
-        return Err(Error::Study { problem: format!("without: found {name:?}{near}; allowed: {}", known.join(", ")) });
-    }
     let mut left_out = Vec::new();
     let asked = |simulation: &SimulationMethod| !without.iter().any(|name| simulation.is(name));
     let case = |simulation: &SimulationMethod, pace: StepControl, nodes: u64| PlannedRun {
