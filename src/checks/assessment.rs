@@ -34,6 +34,8 @@ const MIN_STOKES_NUMBER: f64 = 100.0;
 const SURFACE_TENSION: f64 = 0.072;
 /// Relative difference of mass and displaced mass up to which a swimmer is neutrally buoyant.
 const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
+/// The frequency over the first natural one up to which a rod begins well in the shape that moments bend it to without load.
+const MOST_SHAPED: f64 = 1.5;
 /// Fewest steps per period of the drive.
 const MIN_STEPS_PER_PERIOD: f64 = 20.0;
 /// Largest kΔL of waves along a passive tail.
@@ -689,7 +691,8 @@ impl Assessment {
                     format!("a step of at most {longest:e} s resolves the slowest of it"),
                 ]
             } else {
-                ["the jump start".to_string(), "start.kind = \"shaped\" has no ringing".to_string()]
+                let smooth = if stepper.model().active_moments { "ramp" } else { "shaped" };
+                ["the jump start".to_string(), format!("start.kind = \"{smooth}\" has no ringing")]
             };
             let rings = format!("{start} rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
@@ -703,12 +706,18 @@ impl Assessment {
                 )),
             }
         }
+        let ratio = self.frequency_ratio.filter(|ratio| *ratio > MOST_SHAPED);
+        if let Some(ratio) = ratio.filter(|_| scene.start.kind == StartKind::Shaped && stepper.model().active_moments) {
+            warnings.push(format!(
+                "the shaped start has the shape and the speed that the moments would bend the rod to without load, which it never has at {ratio:.1} times its first frequency: it carries that energy for long; start.kind = \"ramp\" does not"
+            ));
+        }
         let sharpest = sharpest_turning(stepper.model());
         if sharpest > FRAC_PI_4 {
             let degrees = sharpest.to_degrees();
             warnings.push(if stepper.model().active_moments {
                 format!(
-                    "without the fluid these moments would turn a joint by up to {degrees:.0}°; where the run comes near to that, the mesh is coarse: more nodes turn each by less"
+                    "without the fluid these moments would turn a joint by up to {degrees:.0}°: where the run comes near to that, as in resonance, take more nodes, or less moment where the body is thin (actuation.amplitude_profile)"
                 )
             } else {
                 format!(

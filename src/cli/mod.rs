@@ -36,7 +36,7 @@ mod exit {
     pub const INTERRUPTED: u8 = 130;
 }
 
-/// Simulates bio-inspired tails and swimmers: a slender rod driven by a travelling natural curvature in a fluid.
+/// Simulates bio-inspired tails and swimmers: a slender rod driven by a wave of natural curvature or of moments in a fluid.
 #[derive(Debug, Parser)]
 #[command(
     version,

@@ -108,7 +108,7 @@ pub fn convert(
 ) -> Result<WrittenFiles> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
     let files: Vec<PathBuf> = match names {
-        Some(names) => names.iter().map(|name| folder.join(Path::new(name).with_extension("svg"))).collect(),
+        Some(names) => names.iter().map(|name| folder.join(format!("{}.svg", name.trim_end_matches(".svg")))).collect(),
         None => {
             let entries = std::fs::read_dir(folder).map_err(|error| read(folder, error.to_string()))?;
             let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));

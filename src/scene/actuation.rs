@@ -85,11 +85,13 @@ impl ActuationTable {
             let owners = owners.collect::<Vec<_>>().join(", ");
             return fault(key, format!("found with kind = \"{}\"; allowed: only with {owners}", kind.name));
         }
-        let of_curvature = ["kappa_amp", "kappa_reference_length_m"];
+        let of_curvature = [
+            ("kappa_amp", "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
+            ("kappa_reference_length_m", "found with moment_amp_n_m; allowed: with kappa_amp, a curvature"),
+        ];
         if self.moment_amp_n_m.is_some()
-            && let Some(key) = of_curvature.into_iter().find(|key| self.given().any(|own| own == *key))
+            && let Some((key, problem)) = of_curvature.into_iter().find(|(key, _)| self.given().any(|own| own == *key))
         {
-            let problem = "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment";
             return fault(key, problem.into());
         }
         let stands_for = |given: &str, key: &str| given == key || (given, key) == ("moment_amp_n_m", "kappa_amp");

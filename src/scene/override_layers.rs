@@ -10,13 +10,15 @@ use super::value::{SIGNAL_KEYS, refused};
 use crate::integrator::{METHODS, Method};
 
 /// Pairs of keys that exclude each other.
-const ALTERNATIVES: [[&str; 2]; 5] = [
+const ALTERNATIVES: [[&str; 2]; 4] = [
     ["time_step_s", "tolerance"],
     ["every", "interval_s"],
     ["stiffness_gradient", "stiffness_profile"],
     ["kappa_amp", "moment_amp_n_m"],
-    ["kappa_reference_length_m", "moment_amp_n_m"],
 ];
+
+/// Keys that a key of a higher layer takes with it, and not the other way.
+const TAKEN_ALONG: [[&str; 2]; 1] = [["moment_amp_n_m", "kappa_reference_length_m"]];
 
 /// The dotted keys that exclude `key`.
 #[cfg(feature = "report")]
@@ -135,6 +137,11 @@ pub(super) fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(u
             (Some(own), Some(other)) if own > other => drop(table.remove(b)),
             (Some(own), Some(other)) if own < other => drop(table.remove(a)),
             _ => {}
+        }
+    }
+    for [own, other] in TAKEN_ALONG {
+        if layer(table, own).zip(layer(table, other)).is_some_and(|(own, other)| own > other) {
+            table.remove(other);
         }
     }
     let method = table.get("integrator").and_then(|value| Method::named(value.get_ref().as_str()?));

@@ -130,7 +130,7 @@ const MISTAKES: &[Mistake] = &[
     ("kappa_amp = 0.6", "kappa_amp = inf", 0, "actuation.kappa_amp", "found inf; allowed: a finite number"),
     ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it; moment_amp_n_m may stand in its place"),
     ("kappa_amp = 0.6", "kappa_amp = 0.6\nmoment_amp_n_m = 0.1", 0, "actuation.kappa_amp", "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
-    ("kappa_amp = 0.6", "moment_amp_n_m = 0.1", 1, "actuation.kappa_reference_length_m", "found beside moment_amp_n_m; ..."),
+    ("kappa_amp = 0.6", "moment_amp_n_m = 0.1", 1, "actuation.kappa_reference_length_m", "found with moment_amp_n_m; allowed: with kappa_amp, a curvature"),
     ("kappa_amp = 0.6", "moment_amp_n_m = \"strong\"", 0, "actuation.moment_amp_n_m", "found \"strong\"; ..."),
     ("name = \"full\"", "nodes = 9", 0, "nodes", "unknown key; ..."),
     ("frequency_hz = 2.0", "frequency_hz = -2.0", 0, "actuation.frequency_hz", "found -2; allowed: a number that is not negative"),
