@@ -1010,9 +1010,8 @@ impl std::fmt::Display for CycleAverages {
             ]
         };
         for (name, measure) in shown {
-            // A drive that is not there, or does not move, gives nothing.
-            let idle = ["power of the head", "power of the actuation"].contains(name);
-            if let Some(mean) = self.mean(measure).filter(|mean| !idle || *mean != 0.0) {
+            // A drive that is not there, or does not move, has no power.
+            if let Some(mean) = self.mean(measure).filter(|mean| measure.unit != "W" || *mean != 0.0) {
                 let unit = if measure.unit == "1" { String::new() } else { format!(" {}", measure.unit) };
                 part(f, format!("{name} {}{unit}", short(mean)))?;
             }

@@ -177,6 +177,11 @@ impl Scene {
         Some(self.actuation.as_ref()?.wavelength_m?.get())
     }
 
+    /// True where its actuation gives active moments, not natural curvatures.
+    pub(crate) fn has_active_moments(&self) -> bool {
+        self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some())
+    }
+
     /// The actuation of its `rod`, with its drive.
     pub(super) fn drive(&self, rod: &Rod) -> Option<Driven> {
         self.actuation.as_ref().map(|actuation| actuation.build(rod))

@@ -519,7 +519,7 @@ impl Scene {
         let rod = self.rod_on(nodes(waves) as usize);
         let head = self.head_motion().ok().flatten();
         let flow = self.fluid().ok().and_then(|(_, flow)| flow);
-        let moments = self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
+        let moments = self.has_active_moments();
         let wave = self.drive(&rod).map(|(wave, drive)| (if moments { bending(&*wave, &rod) } else { wave }, drive));
         let wave = wave.as_ref().map(|(wave, drive)| (&**wave, *drive));
         Spectrum::of(&rod, wave, head.as_ref(), flow.as_ref())

@@ -148,8 +148,7 @@ impl Scene {
 
     /// What moves the natural curvature, whose rate the material may resist or not, must be there.
     pub(super) fn check_damped_rate(&self) -> std::result::Result<(), KeyError> {
-        let moments = self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
-        if moments && self.rod.damping_of == Some(DampedRate::Elastic) {
+        if self.has_active_moments() && self.rod.damping_of == Some(DampedRate::Elastic) {
             return Err(KeyError {
                 key: "rod.damping_of".into(),
                 problem: "found \"elastic\" with actuation.moment_amp_n_m: moments leave the natural curvature where it is, so the \

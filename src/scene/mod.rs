@@ -193,7 +193,7 @@ impl Scene {
         let uniform = layers.is_none_or(|layers| layers.iter().len() == 0);
         Ok(Model {
             actuation: self.drive(&rod),
-            active_moments: self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some()),
+            active_moments: self.has_active_moments(),
             start: self.start.build(),
             forces: self.forces(&rod).map_err(|KeyError { key, problem }| self.error(&key, problem))?,
             fluid,

@@ -637,7 +637,7 @@ impl DesignTable {
                 format!("this goal finds stiffness alone; others are allowed: {allowed}"),
             ));
         }
-        if self.actuation_gain && scene.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some()) {
+        if self.actuation_gain && scene.has_active_moments() {
             let problem = "found where moments drive the rod; allowed: \"actuation.moment_amp_n_m\" in variables, found by simulation";
             return Err(("design.actuation_gain", problem.to_string()));
         }

@@ -83,7 +83,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         } else if ratio < 0.7 {
             "below it: inertia adds to that curvature, by about the square of the ratio"
         } else {
-            match (ratio < 1.5, scene.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some())) {
+            match (ratio < 1.5, scene.has_active_moments()) {
                 (true, _) => "near it: the rod resonates, and bends otherwise than the actuation asks for",
                 (false, false) => "above it: inertia and fluid decide, and the shape is not the one prescribed",
                 (false, true) => {

@@ -114,10 +114,9 @@ impl Vary {
         match self {
             Self::Modulus => {
                 let factor = value / scene.rod.youngs_modulus();
-                let moments = scene.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some());
                 // Moments that bend the rod as far as they did.
                 let scene = scene.with_modulus(factor);
-                if moments { scene.with_amplitude(factor) } else { scene }
+                if scene.has_active_moments() { scene.with_amplitude(factor) } else { scene }
             }
             Self::Amplitude => scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.amplitude())),
             Self::Nodes => scene.with_nodes(value as u64),
