@@ -6,6 +6,9 @@
     reason = "every test file takes what it needs; a failure ends the test"
 )]
 
+pub mod random_scene;
+pub mod recorded;
+
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

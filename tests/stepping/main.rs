@@ -8,5 +8,6 @@ mod cosimulation;
 mod cycle;
 mod dependencies;
 mod events;
+mod random_scenes;
 mod stepper;
 mod told;
