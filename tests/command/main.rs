@@ -7,6 +7,8 @@ mod skip;
 
 mod check;
 mod command;
+mod digest;
+mod figures;
 mod folders;
 mod keeping;
 mod overrides;

@@ -1,0 +1,393 @@
+//! Digests of what commands leave: the texts in their order, and of all numbers of one kind how many there are, their size, and a sum that
+//! weighs each by its place, so that a moved, exchanged or lost thing is another number. A digest is kept in `tests/recorded` and compared
+//! with a tolerance; with CAUDAL_WRITE_RECORDED=1 it is recorded anew, see `recorded.rs`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Set to record in place of comparing.
+const WRITE: &str = "CAUDAL_WRITE_RECORDED";
+
+/// Numbers differ by no more than this part of them.
+const TOLERANCE: f64 = 2e-5;
+
+/// A rod longer by this part is the same rod: what it changes is not compared.
+pub const LONGER: f64 = 1e-11;
+
+/// Numbers that are smaller are what rounding leaves of zero.
+const ROUNDING: f64 = 1e-13;
+
+/// In the place of a number, or of a line, that is not compared.
+const ANYTHING: &str = "~";
+
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A number in a text, or what is between numbers.
+#[derive(Debug, Clone, PartialEq)]
+enum Part<'a> {
+    Words(&'a str),
+    Number(f64, &'a str),
+}
+
+/// The numbers of a text and what is between them. A digit in a name is part of it.
+fn parts(text: &str) -> Vec<Part<'_>> {
+    let bytes = text.as_bytes();
+    let digits = |mut at: usize| {
+        while bytes.get(at).is_some_and(u8::is_ascii_digit) {
+            at += 1;
+        }
+        at
+    };
+    let (mut parts, mut begin, mut i) = (Vec::new(), 0, 0);
+    while i < bytes.len() {
+        let before = i.checked_sub(1).map_or(b' ', |before| bytes[before]);
+        let in_name = before.is_ascii_alphanumeric() || matches!(before, b'_' | b'#' | b'.') || before >= 0x80;
+        let first = i + usize::from(bytes[i] == b'-');
+        let mut end = digits(first);
+        if in_name || end == first {
+            i += 1;
+            continue;
+        }
+        if bytes.get(end) == Some(&b'.') && digits(end + 1) > end + 1 {
+            end = digits(end + 1);
+        }
+        let exponent = end + 1 + usize::from(matches!(bytes.get(end + 1), Some(b'-' | b'+')));
+        if bytes.get(end) == Some(&b'e') && digits(exponent) > exponent {
+            end = digits(exponent);
+        }
+        if begin < i {
+            parts.push(Part::Words(&text[begin..i]));
+        }
+        parts.push(Part::Number(text[i..end].parse().unwrap(), &text[i..end]));
+        (begin, i) = (end, end);
+    }
+    if begin < bytes.len() {
+        parts.push(Part::Words(&text[begin..]));
+    }
+    parts
+}
+
+/// The line with numbers of at most seven digits.
+pub fn rounded(line: &str) -> String {
+    let shown = |part: Part<'_>| match part {
+        Part::Words(words) => words.to_string(),
+        Part::Number(_, own) if own.len() <= 8 => own.to_string(),
+        Part::Number(value, _) => format!("{:e}", format!("{value:.6e}").parse::<f64>().unwrap()),
+    };
+    parts(line).into_iter().map(shown).collect()
+}
+
+fn are_near(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance * a.abs().max(b.abs())
+}
+
+/// What two lines have in common.
+fn common(line: &str, other: &str) -> String {
+    let (own, others) = (parts(line), parts(other));
+    let alike = |pair| matches!(pair, (Part::Number(..), Part::Number(..))) || pair.0 == pair.1;
+    if own.len() != others.len() || !own.iter().cloned().zip(others.iter().cloned()).all(alike) {
+        return ANYTHING.to_string();
+    }
+    let same = |(part, other): (&Part<'_>, &Part<'_>)| match (part, other) {
+        (Part::Number(a, own), Part::Number(b, _)) if are_near(*a, *b, 0.25 * TOLERANCE) => (*own).to_string(),
+        (Part::Words(words), _) => (*words).to_string(),
+        _ => ANYTHING.to_string(),
+    };
+    own.iter().zip(&others).map(same).collect()
+}
+
+fn are_alike(before: &str, now: &str) -> bool {
+    if before == ANYTHING {
+        return true;
+    }
+    // What may be anything is a number now, which stands alone.
+    let now_parts = parts(now);
+    let (mut rest, mut i) = (before, 0);
+    while let Some((own, after)) = rest.split_once(ANYTHING) {
+        let own = parts(own);
+        if now_parts.len() < i + own.len() + 1 || !are_equal(&own, &now_parts[i..i + own.len()]) {
+            return false;
+        }
+        i += own.len();
+        if !matches!(now_parts[i], Part::Number(..)) {
+            return false;
+        }
+        (rest, i) = (after, i + 1);
+    }
+    are_equal(&parts(rest), &now_parts[i..])
+}
+
+fn are_equal(before: &[Part<'_>], now: &[Part<'_>]) -> bool {
+    before.len() == now.len()
+        && before.iter().zip(now).all(|pair| match pair {
+            (Part::Number(a, _), Part::Number(b, _)) => are_near(*a, *b, TOLERANCE),
+            (a, b) => a == b,
+        })
+}
+
+/// Compares what is `made`, of a rod that is longer by this part of its length, with what was recorded under `name`, or records it.
+pub fn compare(name: &str, made: impl Fn(f64) -> String) {
+    let path = root().join("tests/recorded").join(format!("{name}.txt"));
+    if std::env::var_os(WRITE).is_some() {
+        let [own, other] = [0.0, LONGER].map(made);
+        assert_eq!(own.lines().count(), other.lines().count(), "{name}: another number of lines");
+        let lines = own.lines().zip(other.lines()).map(|(line, other)| common(line, other) + "\n");
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        return std::fs::write(path, lines.collect::<String>()).unwrap();
+    }
+    let before = std::fs::read_to_string(&path).unwrap_or_default();
+    let now = made(0.0);
+    let (old, new): (Vec<_>, Vec<_>) = (before.lines().collect(), now.lines().collect());
+    let differing = (0..old.len().max(new.len())).filter(|i| match (old.get(*i), new.get(*i)) {
+        (Some(old), Some(new)) => !are_alike(old, new),
+        _ => true,
+    });
+    let shown = differing.take(8).map(|i| {
+        let [old, new] = [&old, &new].map(|lines| *lines.get(i).unwrap_or(&"nothing"));
+        format!("{name}.txt:{}:\n  - {old}\n  + {new}\n", i + 1)
+    });
+    let shown: String = shown.collect();
+    assert!(shown.is_empty(), "the first differences; if they are meant, {WRITE}=1 …\n{shown}");
+}
+
+/// Many numbers in two, and many words in one.
+#[derive(Default)]
+struct Heap {
+    numbers: Vec<f64>,
+    words: String,
+}
+
+impl Heap {
+    fn take(&mut self, text: &str) {
+        for part in parts(text) {
+            match part {
+                Part::Number(value, _) => self.numbers.push(if value.abs() < ROUNDING { 0.0 } else { value }),
+                Part::Words(words) => self.words.push_str(words),
+            }
+        }
+        self.words.push('\n');
+    }
+
+    /// The sum of sizes, and the mean of what each is of it, with its sign and a weight from 1/2 to 3/2 that differs from place to place;
+    /// plus three, so that the tolerance is one of that mean.
+    fn shown(&self) -> String {
+        let Self { numbers, words } = self;
+        if numbers.len() == 1 {
+            return format!(" {}", rounded(&format!("{:e}", numbers[0])));
+        }
+        let finite = || numbers.iter().map(|x| if x.is_finite() { *x } else { 1.0 });
+        let size: f64 = finite().map(f64::abs).sum();
+        let weight = |k: usize| 0.5 + ((k + 1) as f64 * 0.618_033_988_75).fract();
+        let mean: f64 = finite().enumerate().map(|(k, x)| weight(k) * x).sum::<f64>() / size.max(f64::MIN_POSITIVE);
+        let mut shown = String::new();
+        if !numbers.is_empty() {
+            shown = format!(" {:e} {:.6}", format!("{size:.6e}").parse::<f64>().unwrap(), mean + 3.0);
+        }
+        if words.chars().any(|c| c.is_alphanumeric()) {
+            write!(shown, " {}", fingerprint(words)).unwrap();
+        }
+        shown
+    }
+}
+
+/// A word that stands for a text.
+pub fn fingerprint(text: &str) -> String {
+    let of = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+    let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325, of);
+    format!("h{:08x}", (hash >> 32) as u32 ^ hash as u32)
+}
+
+/// A tag with its attributes, and the text after it.
+struct Element<'a> {
+    name: &'a str,
+    attributes: Vec<(&'a str, &'a str)>,
+    text: &'a str,
+}
+
+/// The elements of XML without comments.
+fn elements(text: &str) -> Vec<Element<'_>> {
+    let mut elements = Vec::new();
+    for piece in text.split('<').skip(1) {
+        let Some((tag, text)) = piece.split_once('>') else { continue };
+        if tag.starts_with(['/', '?', '!']) {
+            continue;
+        }
+        let tag = tag.trim_end_matches('/');
+        let (name, mut rest) = tag.split_once(char::is_whitespace).unwrap_or((tag, ""));
+        let mut attributes = Vec::new();
+        while let Some((key, after)) = rest.split_once("=\"") {
+            let (value, after) = after.split_once('"').unwrap_or((after, ""));
+            attributes.push((key.trim(), value));
+            rest = after;
+        }
+        elements.push(Element { name, attributes, text: text.trim() });
+    }
+    elements
+}
+
+/// The digest of a figure.
+pub fn figure(svg: &str) -> String {
+    let mut texts = Vec::new();
+    let mut kinds: BTreeMap<&str, (usize, BTreeMap<&str, Heap>)> = BTreeMap::new();
+    let all = elements(svg);
+    for element in &all {
+        if !element.text.is_empty() && element.name != "style" {
+            texts.push(element.text);
+        }
+        let (count, heaps) = kinds.entry(element.name).or_default();
+        *count += 1;
+        for (key, value) in &element.attributes {
+            // The words of all attributes together: colours, kinds of lines and anchors.
+            match key {
+                &("xmlns" | "role" | "font-family") => {}
+                &("x" | "y" | "cx" | "cy" | "points" | "d" | "transform") => {
+                    heaps.entry(key).or_default().take(value);
+                }
+                _ => heaps.entry("and").or_default().take(value),
+            }
+        }
+    }
+    let mut lines = format!("{}\n", rounded(&texts.join(" | ")));
+    for (kind, (count, heaps)) in kinds {
+        let heaps: String = heaps.iter().map(|(key, heap)| format!(", {key}{}", heap.shown())).collect();
+        if kind != "style" && kind != "title" {
+            writeln!(lines, "{kind} {count}{heaps}").unwrap();
+        }
+    }
+    lines
+}
+
+/// The digest of a page.
+pub fn page(html: &str) -> String {
+    let (mut rest, mut lines, mut plain) = (html, String::new(), String::new());
+    while let Some(start) = ["<svg", "<script", "<style", "<pre", "<table id=\"numbers\""]
+        .iter()
+        .filter_map(|begin| Some((rest.find(begin)?, *begin)))
+        .min()
+    {
+        let (at, begin) = start;
+        let name = &begin[1..].split(' ').next().unwrap();
+        let end = format!("</{name}>");
+        let until = rest[at..].find(&end).map_or(rest.len(), |length| at + length + end.len());
+        let inner = &rest[at..until];
+        plain.push_str(&rest[..at]);
+        rest = &rest[until..];
+        match *name {
+            "svg" => {
+                let mut heap = Heap::default();
+                let all = elements(inner);
+                all.iter().filter(|own| own.name != "svg").for_each(|element| {
+                    element.attributes.iter().for_each(|(_, value)| heap.take(value));
+                    heap.take(if element.name == "style" { "" } else { element.text });
+                });
+                writeln!(plain, "[svg {}{}]", all.len(), heap.shown()).unwrap();
+            }
+            "script" if inner.contains("application/json") => {
+                let text = inner.split_once('>').unwrap().1.trim_end_matches("</script>");
+                let value = serde_json::from_str(text).unwrap();
+                plain.push_str(&json(&value));
+            }
+            "table" => {
+                let names: String = inner.split("<tr><td>").skip(1).filter_map(|row| row.split('<').next()).collect();
+                writeln!(plain, "[{} numbers {}]", inner.matches("<tr>").count(), fingerprint(&names)).unwrap();
+            }
+            // The scene's own text, and what is the same in every page.
+            _ => writeln!(plain, "[{name}]").unwrap(),
+        }
+    }
+    plain.push_str(rest);
+    for line in plain.lines() {
+        let line = line.replace("</td>", " | ").replace("</th>", " | ");
+        let mut shown = String::new();
+        for (i, piece) in line.split('<').enumerate() {
+            shown.push_str(if i == 0 { piece } else { piece.split_once('>').map_or("", |(_, text)| text) });
+        }
+        let shown = shown.replace(env!("CARGO_PKG_VERSION"), "VERSION").replace(root().to_str().unwrap(), ".");
+        if !shown.trim().is_empty() {
+            writeln!(lines, "{}", rounded(shown.trim())).unwrap();
+        }
+    }
+    lines
+}
+
+/// The digest of JSON: of what is at each path, lists as one.
+pub fn json(value: &serde_json::Value) -> String {
+    fn collect(value: &serde_json::Value, path: &str, heaps: &mut BTreeMap<String, Heap>) {
+        match value {
+            serde_json::Value::Object(entries) => {
+                entries.iter().for_each(|(key, value)| collect(value, &format!("{path}.{key}"), heaps));
+            }
+            serde_json::Value::Array(items) => {
+                // A scalar's position is in its weight, a list's length in the sum.
+                heaps.entry(format!("{path} lists")).or_default().numbers.push(items.len() as f64);
+                items.iter().for_each(|item| collect(item, &format!("{path}[]"), heaps));
+            }
+            serde_json::Value::Number(number) => {
+                heaps.entry(path.to_string()).or_default().numbers.push(number.as_f64().unwrap());
+            }
+            serde_json::Value::String(text) => heaps.entry(path.to_string()).or_default().take(text),
+            other => heaps.entry(path.to_string()).or_default().words += &other.to_string(),
+        }
+    }
+    let mut heaps = BTreeMap::new();
+    collect(value, "", &mut heaps);
+    heaps.iter().map(|(path, heap)| format!("{path}:{}\n", heap.shown())).collect()
+}
+
+/// The digest of a table: a line for each column.
+pub fn table(text: &str) -> String {
+    let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).flexible(true).from_reader(text.as_bytes());
+    let header = reader.headers().unwrap().clone();
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let mut lines = format!("{} rows\n", rows.len());
+    for (i, name) in header.iter().enumerate() {
+        let mut heap = Heap::default();
+        rows.iter().filter_map(|row| row.get(i)).for_each(|cell| heap.take(cell));
+        writeln!(lines, "{name}:{}", heap.shown()).unwrap();
+    }
+    lines
+}
+
+/// The digest of XML with many numbers in its texts: of each element with a name, in order.
+pub fn xml(text: &str) -> String {
+    let mut lines = String::new();
+    for element in elements(text) {
+        let attributes: String = element.attributes.iter().map(|(key, value)| format!(" {key}={value}")).collect();
+        let mut heap = Heap::default();
+        heap.take(element.text);
+        writeln!(lines, "{}{attributes}:{} {}", element.name, heap.shown(), heap.numbers.len()).unwrap();
+    }
+    lines
+}
+
+/// The digest of any other text.
+pub fn plain(text: &str) -> String {
+    let mut heap = Heap::default();
+    text.lines().for_each(|line| heap.take(line));
+    format!("{} lines:{} {}\n", text.lines().count(), heap.shown(), heap.numbers.len())
+}
+
+/// The digest of a file, by its ending.
+pub fn file(path: &Path) -> String {
+    let text = || String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned();
+    match path.extension().map(|ending| ending.to_string_lossy().into_owned()).as_deref() {
+        Some("svg") => figure(&text()),
+        Some("html") => page(&text()),
+        Some("csv") => table(&text()),
+        Some("json") => json(&serde_json::from_str(&text()).unwrap()),
+        Some("vtp" | "pvd") => xml(&text()),
+        _ => plain(&text()),
+    }
+}
+
+/// All files in a folder and those in it, sorted.
+pub fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> =
+        entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect();
+    files.sort();
+    files
+}
