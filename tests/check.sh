@@ -1,4 +1,5 @@
-# For the scripts that run checks, which source it: runs each of them, whichever fail, and keeps what failed and how long each took.
+# For the scripts that run checks, which source it: `check` runs a command, whichever failed before it, and keeps what failed and how
+# long it took; `finish` shows both and ends the script.
 failed=
 times=
 
@@ -9,4 +10,13 @@ check() {
     $*"
     times="$times
     $(($(date +%s) - begin)) s: $*"
+}
+
+finish() {
+    printf '\ntook:%s\n' "$times"
+    if [ -n "$failed" ]; then
+        printf '\nfailed:%s\n' "$failed"
+        exit 1
+    fi
+    echo "all checks passed"
 }
