@@ -180,6 +180,12 @@ recorded! {
         check tests/recorded/tail.toml --set medium.viscosity_pa_s=-1
         check tests/recorded/tail.toml --set actuation.wavelength_m=0
         check tests/recorded/tail.toml --set head.kind=loose";
+    check_models_taken: "check models/snake.toml --set solver.model=auto --set solver.accuracy=0.9
+        check models/elastic-tail-in-oil.toml --set solver.model=auto --set solver.accuracy=0.9
+        check models/elastic-tail-in-oil.toml --set solver.model=auto --set solver.accuracy=1e-6
+        check models/glycerol.toml --set solver.model=auto --set solver.accuracy=0.9
+        check models/validation/sznitman-worm.toml --set solver.model=auto --set solver.accuracy=0.5
+        run models/elastic-tail-in-oil.toml --set rod.nodes=9 --set solver.model=auto --set solver.accuracy=0.9 --set record.interval_s=13";
     check_more: r#"check models/validation/kirchhoff-spheroid.toml --set head_body.semi_axis_across_m=1.5
         check tests/recorded/tail.toml --set rod.nodes=3001 --set solver.form=positions --set start.kind=shaped --set solver.time_step_s=1e-6 --set solver.duration_s=1e-4
         check tests/recorded/tail.toml --set start.curvature_1_m=2.0 --set solver.model=auto
@@ -252,6 +258,7 @@ recorded! {
     fluid_of_others: "study fluid models/silicone-tail.toml --set rod.nodes=9 --set solver.duration_s=1.0 --set solver.time_step_s=0.01
         study fluid models/elastic-tail-in-oil.toml --set rod.nodes=9 --set solver.duration_s=14
         study fluid models/flag.toml --set rod.nodes=9 --set solver.duration_s=0.5
+        study fluid models/baseline.toml --set solver.duration_s=0.5
         study fluid models/dipping-tail.toml
         study fluid models/beck-column.toml";
     accuracy_driven_head: "study accuracy models/driven-head.toml --nodes 9 --steps 1e-2,2e-3 --tolerances 1e-3 --set solver.duration_s=1.0";
@@ -308,6 +315,11 @@ recorded! {
         design tests/recorded/tail.toml --set 'design={ goal = "cycle_thrust_n", knots = [0.5], bounds = [0.1, 0.11], mean = 0.11, starts = 1 }'
         design tests/recorded/tail.toml --set drag.law=cross-flow --set medium.viscosity_pa_s=1e-3 --set solver.duration_s=0.6 --set 'design={ goal = "cycle_thrust_n", knots = [0.5], starts = 1, iterations = 3 }'
         design models/eel.toml --set rod.nodes=9 --set solver.time_step_s=0.01 --set solver.duration_s=0.75 --set 'design={ goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp"], number_bounds = [0.9, 1.1], starts = 1, iterations = 3, least_speed_m_s = 5.0 }'"#;
+    design_impossible: r#"design tests/recorded/tail.toml --set solver.duration_s=1.0 --set 'design={ goal = "cycle_thrust_n", knots = [0.5], starts = 1, iterations = 2, least_thrust_n = 10.0 }'
+        design tests/recorded/tail.toml --set 'design={ goal = "identify", data = "tail-markers.csv", bounds = [0.9, 1.0], mean = 3.0 }'
+        design models/cantilever.toml --set rod.nodes=9 --set 'loads={ point = [{ node = 4, force_n = [0.0, -0.1] }] }' --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv" }'
+        design models/driven-head.toml --set 'design={ goal = "identify", data = "../tests/recorded/tail-markers.csv" }'
+        design models/driven-head.toml --set rod.nodes=9 --set 'design={ goal = "identify", data = "../tests/recorded/tail-markers.csv", actuation_gain = true }'"#;
     design_shape: r#"design models/cantilever.toml --set rod.nodes=9 --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv" }'
         design models/cantilever.toml --set rod.nodes=9 --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv", bounds = [1.2, 3.0], knots = [0.1, 0.9], smoothness = 1e-3 }'
         design models/cantilever.toml --set rod.nodes=9 --set 'loads.gravity_m_s2=[0.0, 0.89]' --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv" }'
@@ -508,7 +520,7 @@ fn without_races(json: &str) -> String {
 /// About [`ROWS`] of many rows, the first and the last among them.
 fn some_of<T: Clone>(rows: &[T]) -> Vec<T> {
     let every = rows.len().div_ceil(ROWS).max(1);
-    let last = rows.last().filter(|_| (rows.len() - 1) % every != 0);
+    let last = rows.last().filter(|_| !(rows.len() - 1).is_multiple_of(every));
     rows.iter().step_by(every).chain(last).cloned().collect()
 }
 
