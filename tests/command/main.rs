@@ -8,6 +8,7 @@ mod skip;
 mod check;
 mod command;
 mod digest;
+mod documents;
 mod figures;
 mod folders;
 mod keeping;
