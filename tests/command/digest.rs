@@ -74,14 +74,19 @@ fn parts(text: &str) -> Vec<Part<'_>> {
 pub fn rounded(line: &str) -> String {
     let shown = |part: Part<'_>| match part {
         Part::Words(words) => words.to_string(),
-        Part::Number(_, own) if own.len() <= 8 => own.to_string(),
+        Part::Number(_, own) if own.len() <= 8 || is_whole(own) => own.to_string(),
         Part::Number(value, _) => format!("{:e}", format!("{value:.6e}").parse::<f64>().unwrap()),
     };
     parts(line).into_iter().map(shown).collect()
 }
 
-fn are_near(a: f64, b: f64, tolerance: f64) -> bool {
-    (a - b).abs() <= tolerance * a.abs().max(b.abs())
+/// Whole numbers, such as references and counts, are near if they are the same.
+fn are_near([(a, own), (b, other)]: [(f64, &str); 2], tolerance: f64) -> bool {
+    own == other || !(is_whole(own) && is_whole(other)) && (a - b).abs() <= tolerance * a.abs().max(b.abs())
+}
+
+fn is_whole(text: &str) -> bool {
+    text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
 /// What two lines have in common.
@@ -92,7 +97,9 @@ fn common(line: &str, other: &str) -> String {
         return ANYTHING.to_string();
     }
     let same = |(part, other): (&Part<'_>, &Part<'_>)| match (part, other) {
-        (Part::Number(a, own), Part::Number(b, _)) if are_near(*a, *b, 0.25 * TOLERANCE) => (*own).to_string(),
+        (Part::Number(a, own), Part::Number(b, other)) if are_near([(*a, *own), (*b, *other)], 0.25 * TOLERANCE) => {
+            (*own).to_string()
+        }
         (Part::Words(words), _) => (*words).to_string(),
         _ => ANYTHING.to_string(),
     };
@@ -123,7 +130,7 @@ fn are_alike(before: &str, now: &str) -> bool {
 fn are_equal(before: &[Part<'_>], now: &[Part<'_>]) -> bool {
     before.len() == now.len()
         && before.iter().zip(now).all(|pair| match pair {
-            (Part::Number(a, _), Part::Number(b, _)) => are_near(*a, *b, TOLERANCE),
+            (Part::Number(a, own), Part::Number(b, other)) => are_near([(*a, *own), (*b, *other)], TOLERANCE),
             (a, b) => a == b,
         })
 }
@@ -241,9 +248,9 @@ pub fn figure(svg: &str) -> String {
         *count += 1;
         for (key, value) in &element.attributes {
             // The words of all attributes together: colours, kinds of lines and anchors.
-            match key {
-                &("xmlns" | "role" | "font-family") => {}
-                &("x" | "y" | "cx" | "cy" | "points" | "d" | "transform") => {
+            match *key {
+                "xmlns" | "role" | "font-family" => {}
+                "x" | "y" | "cx" | "cy" | "points" | "d" | "transform" => {
                     heaps.entry(key).or_default().take(value);
                 }
                 _ => heaps.entry("and").or_default().take(value),
