@@ -317,27 +317,27 @@ fn files_that_cannot_be_read_are_refused_with_their_path_and_the_reason() {
 #[test]
 fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
     for (set, message) in [
-        ("rod.nodes=2", "--set rod.nodes=2: rod.nodes: found 2; allowed: a whole number from 3 to 10000000"),
+        ("rod.nodes=2", "override rod.nodes=2: rod.nodes: found 2; allowed: a whole number from 3 to 10000000"),
         (
             "rod.nodes=nine",
-            "--set rod.nodes=\"nine\": rod.nodes: found \"nine\"; allowed: a whole number from 3 to 10000000",
+            "override rod.nodes=\"nine\": rod.nodes: found \"nine\"; allowed: a whole number from 3 to 10000000",
         ),
-        ("rod.nodes=", "--set rod.nodes=\"\": rod.nodes: found \"\"; allowed: a whole number from 3 to 10000000"),
+        ("rod.nodes=", "override rod.nodes=\"\": rod.nodes: found \"\"; allowed: a whole number from 3 to 10000000"),
         (
             "rod.nodes=3, x=4",
-            "--set rod.nodes=\"3, x=4\": rod.nodes: found \"3, x=4\"; allowed: a whole number from 3 to 10000000",
+            "override rod.nodes=\"3, x=4\": rod.nodes: found \"3, x=4\"; allowed: a whole number from 3 to 10000000",
         ),
-        ("rod.nodes", "--set rod.nodes: allowed: table.key=value"),
-        ("", "--set : allowed: table.key=value"),
-        ("=3", "--set =3: allowed: table.key=value on one line"),
-        ("a=1\nb=2", "--set a=1\nb=2: allowed: table.key=value on one line"),
-        ("rod=3", "--set rod=3: rod: found 3; allowed: a table"),
-        ("rod.nodes.x=3", "--set rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
-        ("loads.point.9.node=3", "--set loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
-        ("name=a/b", "--set name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
+        ("rod.nodes", "override rod.nodes: allowed: table.key=value"),
+        ("", "override : allowed: table.key=value"),
+        ("=3", "override =3: allowed: table.key=value on one line"),
+        ("a=1\nb=2", "override a=1\nb=2: allowed: table.key=value on one line"),
+        ("rod=3", "override rod=3: rod: found 3; allowed: a table"),
+        ("rod.nodes.x=3", "override rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
+        ("loads.point.9.node=3", "override loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
+        ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
         (
             "drag.head_weight=-1",
-            "--set drag.head_weight=-1: drag.head_weight: found -1; allowed: a number that is not negative",
+            "override drag.head_weight=-1: drag.head_weight: found -1; allowed: a number that is not negative",
         ),
         ("solver.beta=7", "--set solver.beta=7: solver.beta: found 7; allowed: a number from 1e-6 to 1"),
         (
