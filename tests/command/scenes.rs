@@ -339,10 +339,10 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
             "drag.head_weight=-1",
             "override drag.head_weight=-1: drag.head_weight: found -1; allowed: a number that is not negative",
         ),
-        ("solver.beta=7", "--set solver.beta=7: solver.beta: found 7; allowed: a number from 1e-6 to 1"),
+        ("solver.beta=7", "override solver.beta=7: solver.beta: found 7; allowed: a number from 1e-6 to 1"),
         (
             "loads.point=[{node=1,force_n=[0,1]},{node=77,force_n=[0,1]}]",
-            "--set loads.point=[{node=1,force_n=[0,1]},{node=77,force_n=[0,1]}]: loads.point.1.node: found 77; allowed: a node from 0 to 8, or from -1 (the tip) to -9",
+            "override loads.point=[{node=1,force_n=[0,1]},{node=77,force_n=[0,1]}]: loads.point.1.node: found 77; allowed: a node from 0 to 8, or from -1 (the tip) to -9",
         ),
         // The override is sound, what it meets in the file is not.
         (
@@ -357,9 +357,9 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         assert!(error.is_bad_input());
     }
     for (set, words) in [
-        ("rod.node=3", "--set rod.node=3: rod.node: unknown key; allowed: `nodes`, "),
-        ("rod..nodes=3", "--set rod..nodes=3: "),
-        ("[rod]=3", "--set [rod]=3: "),
+        ("rod.node=3", "override rod.node=3: rod.node: unknown key; allowed: `nodes`, "),
+        ("rod..nodes=3", "override rod..nodes=3: "),
+        ("[rod]=3", "override [rod]=3: "),
         ("a b=3", "--set a b=3: "),
     ] {
         let mut document = Document::new("folder/scene.toml", FULL);
