@@ -360,7 +360,7 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         ("rod.node=3", "override rod.node=3: rod.node: unknown key; allowed: `nodes`, "),
         ("rod..nodes=3", "override rod..nodes=3: "),
         ("[rod]=3", "override [rod]=3: "),
-        ("a b=3", "--set a b=3: "),
+        ("a b=3", "override a b=3: "),
     ] {
         let mut document = Document::new("folder/scene.toml", FULL);
         let error = document.set(set).and_then(|()| document.scene().map(|_| ())).unwrap_err().to_string();
@@ -378,7 +378,7 @@ fn the_second_of_two_overrides_is_the_one_to_blame_and_the_one_that_holds() {
     assert_eq!((scene.rod.nodes.get(), scene.rod.length_m.get()), (33, 2.0));
     document.set("rod.nodes=1").unwrap();
     let error = document.scene().unwrap_err().to_string();
-    assert_eq!(error, "--set rod.nodes=1: rod.nodes: found 1; allowed: a whole number from 3 to 10000000");
+    assert_eq!(error, "override rod.nodes=1: rod.nodes: found 1; allowed: a whole number from 3 to 10000000");
 }
 
 #[test]
@@ -512,7 +512,7 @@ fn an_override_takes_the_place_of_what_it_excludes() {
     let error = both.scene().unwrap_err().to_string();
     assert_eq!(
         error,
-        "--set solver.tolerance=1e-3: solver.tolerance: found beside time_step_s; allowed: one of the two"
+        "override solver.tolerance=1e-3: solver.tolerance: found beside time_step_s; allowed: one of the two"
     );
     assert!(scene(&["record.interval_s=0.5"]).record.every.is_none());
     assert!(scene(&["rod.stiffness_profile=[[0.0, 1.0]]"]).rod.stiffness_gradient.is_none());
@@ -882,7 +882,7 @@ fn numbers_that_no_rod_can_have_and_starts_that_cannot_be_are_wrong_input_that_n
         let error = document.scene().and_then(|scene| Stepper::of(&scene)).unwrap_err();
         let words = error.to_string();
         assert!(error.is_bad_input() && words.contains(key), "{overrides:?}: {words}");
-        assert!(words.contains("where.toml") || words.contains("--set"), "{overrides:?}: {words}");
+        assert!(words.contains("where.toml") || words.contains("override"), "{overrides:?}: {words}");
     }
     // A rod may be pointed.
     let pointed = ["rod.outer_radius_m=[[0, 0.08], [1, 1e-200]]", "rod.stiffness_gradient=0"];
