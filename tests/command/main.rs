@@ -11,6 +11,7 @@ mod digest;
 mod figures;
 mod folders;
 mod keeping;
+mod messages;
 mod overrides;
 mod page;
 mod recorded;

@@ -57,8 +57,7 @@ recorded! {
     run_cantilever: "run models/cantilever.toml --set record.interval_s=1.0";
     run_flag: "run models/flag.toml --set rod.nodes=17 --set solver.duration_s=3.0 --set record.interval_s=0.7";
     run_baseline: "run models/baseline.toml --set solver.duration_s=1.0 --set record.interval_s=0.26";
-    run_silicone_tail_adaptive: r#"run models/silicone-tail.toml --set solver.integrator=esdirk3 --set solver.tolerance=1e-3 --set solver.time_step_s=null --set solver.duration_s=1.0 --set record.interval_s=0.21
-        run models/silicone-tail.toml --set 'solver={ integrator = "esdirk3", tolerance = 1e-3, duration_s = 1.0 }' --set record.interval_s=0.21"#;
+    run_silicone_tail_adaptive: r#"run models/silicone-tail.toml --set 'solver={ integrator = "esdirk3", tolerance = 1e-3, duration_s = 1.0 }' --set record.interval_s=0.21"#;
     run_auto: "run models/silicone-tail.toml --set drag.law=auto --set reactive=auto --set solver.model=auto --set solver.duration_s=1.0 --set record.interval_s=0.3
         run models/snake.toml --set solver.model=auto --set record.interval_s=3.0
         run models/glycerol.toml --set solver.model=auto --set solver.duration_s=2.0 --set record.interval_s=0.6";
@@ -69,6 +68,15 @@ recorded! {
     run_warned: "run tests/recorded/tail.toml --set rod.youngs_modulus_pa=1e3 --set actuation.kappa_amp=20 --set solver.time_step_s=0.02 --set record.interval_s=0.6
         run models/spinning-bar.toml --set solver.time_step_s=0.05 --set record.interval_s=0.5
         run models/eel.toml --set solver.integrator=implicit-euler --set solver.time_step_s=0.05 --set solver.duration_s=1.5 --set record.interval_s=0.5";
+    run_measures: r#"run tests/recorded/tail.toml --set medium.flow_m_s=[0.1,0.0] --set rod.damping_time_s=0.01 --set record.interval_s=0.7
+        run models/eel.toml --set rod.nodes=9 --set solver.duration_s=2 --set loads.gravity_m_s2=[0.0,-0.1] --set record.interval_s=0.7
+        run models/eel.toml --set rod.nodes=9 --set solver.duration_s=2 --set actuation.frequency_hz=0 --set record.interval_s=0.7
+        run models/driven-head.toml --set rod.nodes=9 --set solver.duration_s=3 --set head.angle_rad.frequency_hz=1.37 --set record.interval_s=0.7
+        run models/validation/oblique-fall.toml --set record.interval_s=1.3
+        run models/validation/kirchhoff-spheroid.toml --set solver.duration_s=2.0 --set record.interval_s=0.7
+        run models/validation/sznitman-worm.toml --set rod.nodes=9 --set record.interval_s=0.7
+        run models/validation/kern-koumoutsakos-eel.toml --set rod.nodes=13 --set solver.duration_s=3.0 --set record.interval_s=0.7
+        run tests/recorded/tail.toml --set drag.law=nonlocal --set record.interval_s=0.7"#;
     run_failing: "run tests/recorded/tail.toml --set loads.gravity_m_s2=[-3000.0,1.0] --set record.interval_s=0.01";
 
     // Checks.
@@ -130,7 +138,7 @@ recorded! {
     check_fluids: r#"check models/eel.toml --set drag.law=auto --set reactive=auto
         check models/fish.toml --set drag.law=auto --set reactive=auto
         check models/snake.toml --set drag.law=auto
-        check models/glycerol.toml --set 'drag={ law = "auto" }'
+        check models/glycerol.toml --set drag.law=cross-flow
         check models/worm-over-a-wall.toml --set 'drag={ law = "auto" }'
         check models/elastic-tail-in-oil.toml --set 'drag={ law = "auto" }' --set reactive=auto
         check models/flag.toml --set drag.law=auto --set reactive=auto
@@ -156,13 +164,13 @@ recorded! {
         check models/muscle-eel.toml --set actuation.moment_amp_n_m=3
         check models/baseline.toml --set start.kind=jump --set solver.time_step_s=0.01
         check models/baseline.toml --set 'solver={ integrator = "esdirk3", tolerance = 1e-3, duration_s = 1.0 }'
-        check models/dipping-tail.toml --set rod.nodes=9 --set medium.layers.thickness_m=1e-4"#;
+        check models/dipping-tail.toml --set rod.nodes=9 --set medium.beyond.thickness_m=1e-4"#;
     check_damped: "check tests/recorded/tail.toml --set rod.damping_time_s=0.01
         check tests/recorded/tail.toml --set rod.loss_factor=0.3
         check models/muscle-eel.toml --set rod.loss_factor=0.2
         check models/driven-head.toml --set rod.damping_time_s=1
         check models/fish.toml --set rod.loss_factor=0.2
-        check models/silicone-tail.toml --set rod.damping_time_s=0.01 --set rod.loss_factor=null";
+        check models/silicone-tail.toml --set rod.damping_time_s=0.01";
     check_refused: "check tests/recorded/nothing.toml
         check tests/recorded/tail.toml --set rod.nods=9
         check tests/recorded/tail.toml --set rod.nodes=2
@@ -172,6 +180,26 @@ recorded! {
         check tests/recorded/tail.toml --set medium.viscosity_pa_s=-1
         check tests/recorded/tail.toml --set actuation.wavelength_m=0
         check tests/recorded/tail.toml --set head.kind=loose";
+    check_models_taken: "check models/snake.toml --set solver.model=auto --set solver.accuracy=0.9
+        check models/elastic-tail-in-oil.toml --set solver.model=auto --set solver.accuracy=0.9
+        check models/elastic-tail-in-oil.toml --set solver.model=auto --set solver.accuracy=1e-6
+        check models/glycerol.toml --set solver.model=auto --set solver.accuracy=0.9
+        check models/validation/sznitman-worm.toml --set solver.model=auto --set solver.accuracy=0.5
+        run models/elastic-tail-in-oil.toml --set rod.nodes=9 --set solver.model=auto --set solver.accuracy=0.9 --set record.interval_s=13";
+    check_more: r#"check models/validation/kirchhoff-spheroid.toml --set head_body.semi_axis_across_m=1.5
+        check tests/recorded/tail.toml --set rod.nodes=3001 --set solver.form=positions --set start.kind=shaped --set solver.time_step_s=1e-6 --set solver.duration_s=1e-4
+        check tests/recorded/tail.toml --set start.curvature_1_m=2.0 --set solver.model=auto
+        check tests/recorded/tail.toml --set start.curvature_1_m=2.0 --set solver.model=shape
+        check models/beck-column.toml --set start.curvature_1_m=0.5 --set solver.time_step_s=0.1
+        check models/muscle-eel.toml --set start.kind=shaped --set actuation.frequency_hz=10
+        check tests/recorded/tail.toml --set 'rod.damping_time_s=[[0, 0.01], [1, 0.02]]'
+        check models/beck-column.toml --set rod.nodes=9 --set solver.integrator=symplectic-euler
+        check tests/recorded/tail.toml --set rod.section=round --set rod.depth_m=0.03
+        check tests/recorded/tail.toml --set rod.inner_radius_m=0.003 --set rod.density_kg_m3=500
+        check models/dipping-tail.toml --set medium.beyond.density_kg_m3=1.0
+        check tests/recorded/tail.toml --set head.kind=free --set rod.density_kg_m3=2000
+        check models/driven-head.toml --set solver.model=shape --set head.angle_rad=0.1
+        check models/silicone-tail.toml --set solver.integrator=esdirk3 --set solver.time_step_s=0.2"#;
     variables: "variables models/dipping-tail.toml";
     variables_of_others: "variables models/muscle-eel.toml
         variables models/driven-head.toml";
@@ -230,12 +258,16 @@ recorded! {
     fluid_of_others: "study fluid models/silicone-tail.toml --set rod.nodes=9 --set solver.duration_s=1.0 --set solver.time_step_s=0.01
         study fluid models/elastic-tail-in-oil.toml --set rod.nodes=9 --set solver.duration_s=14
         study fluid models/flag.toml --set rod.nodes=9 --set solver.duration_s=0.5
+        study fluid models/baseline.toml --set solver.duration_s=0.5
         study fluid models/dipping-tail.toml
         study fluid models/beck-column.toml";
     accuracy_driven_head: "study accuracy models/driven-head.toml --nodes 9 --steps 1e-2,2e-3 --tolerances 1e-3 --set solver.duration_s=1.0";
     accuracy_alone: "study accuracy tests/recorded/tail.toml --nodes 5,9,17 --steps 1e-2 --tolerances 1e-3 --set solver.duration_s=1.0 --set solver.integrator=generalized-alpha --without implicit-euler,newmark,esdirk3,symplectic-euler,shape,overdamped
         study accuracy models/eel.toml --nodes 5 --steps 1e-3 --tolerances 1e-2 --set solver.time_step_s=1e-3 --set solver.duration_s=0.5 --without implicit-euler,newmark,esdirk3,symplectic-euler,shape,overdamped
         study accuracy models/baseline.toml --nodes 5 --steps 1e-3 --set solver.duration_s=0.1 --without nothing";
+    accuracy_without_reference: "study accuracy tests/recorded/tail.toml --nodes 9 --steps 0.1 --set solver.time_step_s=0.1 --set solver.integrator=generalized-alpha --set solver.duration_s=1.0 --without implicit-euler,newmark,esdirk3,symplectic-euler,shape,overdamped";
+    accuracy_of_others: "study accuracy tests/recorded/tail.toml --nodes 9 --steps 0.02 --set solver.time_step_s=0.02 --set solver.integrator=generalized-alpha --set solver.duration_s=1.0 --without implicit-euler,newmark,esdirk3,symplectic-euler,shape,overdamped
+        study accuracy models/snake.toml --nodes 5 --steps 0.02 --tolerances 1e-2 --set solver.duration_s=1.0";
     scaling: "study scaling tests/recorded/tail.toml --nodes 9,17 --steps 3";
 
     // Sweeps.
@@ -266,7 +298,7 @@ recorded! {
     design_identify_drag: "design models/design-identify-drag.toml";
     design_identify_drag_badly: "design models/design-identify-drag.toml --set design.noise_m=2e-5 --set rod.density_kg_m3=4000
         design models/design-identify-drag.toml --set design.iterations=2
-        design models/design-identify-drag.toml --set rod.nodes=6 --set solver.time_step_s=1e-2";
+        design models/design-identify-drag.toml --set solver.time_step_s=1e-2 --set design.number_bounds=[0.9,1.1]";
     design_identify: r#"design tests/recorded/tail.toml --set 'design={ goal = "identify", data = "tail-markers.csv", bounds = [0.05, 20.0], actuation_gain = true }'
         design tests/recorded/tail.toml --set 'design={ goal = "identify", data = "tail-markers.csv" }'"#;
     design_identify_badly: r#"design tests/recorded/tail.toml --set medium.viscosity_pa_s=0.3 --set 'design={ goal = "identify", data = "tail-markers.csv", bounds = [0.05, 20.0] }'
@@ -277,6 +309,17 @@ recorded! {
         design tests/recorded/tail.toml --set 'design={ goal = "identify", data = "tail-few-markers.csv", variables = ["rod.youngs_modulus_pa", "stiffness"], knots = [0.5] }'"#;
     design_track: r#"design tests/recorded/tail.toml --set 'design={ goal = "track-tip", data = "tail-tip.csv", knots = [0.0, 1.0] }'
         design tests/recorded/tail.toml --set 'design={ goal = "track-tip", data = "tail-tip.csv", variables = ["actuation.kappa_amp", "amplitude", "phase"], knots = [0.5], noise_m = 1e-5 }'"#;
+    design_identify_free: "design models/design-identify.toml --set solver.time_step_s=5e-3";
+    design_aluminium: "design models/design-aluminium.toml --set solver.time_step_s=5e-3";
+    design_without_gain: r#"design tests/recorded/tail.toml --set 'design={ goal = "cycle_thrust_n", bounds = [1.0, 1.0], starts = 1 }'
+        design tests/recorded/tail.toml --set 'design={ goal = "cycle_thrust_n", knots = [0.5], bounds = [0.1, 0.11], mean = 0.11, starts = 1 }'
+        design tests/recorded/tail.toml --set drag.law=cross-flow --set medium.viscosity_pa_s=1e-3 --set solver.duration_s=0.6 --set 'design={ goal = "cycle_thrust_n", knots = [0.5], starts = 1, iterations = 3 }'
+        design models/eel.toml --set rod.nodes=9 --set solver.time_step_s=0.01 --set solver.duration_s=0.75 --set 'design={ goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp"], number_bounds = [0.9, 1.1], starts = 1, iterations = 3, least_speed_m_s = 5.0 }'"#;
+    design_impossible: r#"design tests/recorded/tail.toml --set solver.duration_s=1.0 --set 'design={ goal = "cycle_thrust_n", knots = [0.5], starts = 1, iterations = 2, least_thrust_n = 10.0 }'
+        design tests/recorded/tail.toml --set 'design={ goal = "identify", data = "tail-markers.csv", bounds = [0.9, 1.0], mean = 3.0 }'
+        design models/cantilever.toml --set rod.nodes=9 --set 'loads={ point = [{ node = 4, force_n = [0.0, -0.1] }] }' --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv" }'
+        design models/driven-head.toml --set 'design={ goal = "identify", data = "../tests/recorded/tail-markers.csv" }'
+        design models/driven-head.toml --set rod.nodes=9 --set 'design={ goal = "identify", data = "../tests/recorded/tail-markers.csv", actuation_gain = true }'"#;
     design_shape: r#"design models/cantilever.toml --set rod.nodes=9 --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv" }'
         design models/cantilever.toml --set rod.nodes=9 --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv", bounds = [1.2, 3.0], knots = [0.1, 0.9], smoothness = 1e-3 }'
         design models/cantilever.toml --set rod.nodes=9 --set 'loads.gravity_m_s2=[0.0, 0.89]' --set 'design={ goal = "static-shape", data = "../tests/recorded/hanging.csv" }'
@@ -477,7 +520,7 @@ fn without_races(json: &str) -> String {
 /// About [`ROWS`] of many rows, the first and the last among them.
 fn some_of<T: Clone>(rows: &[T]) -> Vec<T> {
     let every = rows.len().div_ceil(ROWS).max(1);
-    let last = rows.last().filter(|_| (rows.len() - 1) % every != 0);
+    let last = rows.last().filter(|_| !(rows.len() - 1).is_multiple_of(every));
     rows.iter().step_by(every).chain(last).cloned().collect()
 }
 
