@@ -9,7 +9,8 @@ an environment variable turns on, so there is one build. Each test then runs alo
 are kept. A mutant is tried by the tests that pass its switch, the short ones first, until one fails or hangs.
 
 Everything is kept in target/mutants/COMMIT-SEED-COUNT: a call for the same commit, seed and count goes on where the last one stopped.
-The table of survivors is survivors.md there. Literals in constants, patterns and macros are not changed; uses of numeric constants are.
+The table of survivors is survivors.md there. `--commit` draws from an earlier commit than the tests are of: survivors are tried again by
+tests written since, without a new build of the program. Literals in constants, patterns and macros are not changed; uses of numeric constants are.
 With `--longest SECONDS`, tests that alone take longer are left out, so that what is caught is a lower bound.
 """
 
@@ -35,6 +36,8 @@ METHODS = {
     "floor": "ceil", "ceil": "floor", "is_some": "is_none", "is_none": "is_some",
 }
 DROPPED_METHODS = {"abs", "sqrt", "rev", "recip"}
+#: What is of the last commit, whatever commit the mutants are of.
+TESTS = ["tests", "bindings/c/tests", "bindings/fmi/tests", "bindings/python/tests"]
 #: What never becomes part of an expression that runs.
 OUTSIDE = {
     "attribute_item", "inner_attribute_item", "macro_invocation", "macro_definition", "const_item", "static_item",
@@ -228,13 +231,25 @@ class Source:
         return render(0, len(self.text), 0)[0]
 
 
-def clone(folder):
-    tree = folder / "tree"
-    if not tree.exists():
-        subprocess.run(["git", "clone", "--quiet", str(ROOT), str(tree)], check=True)
-        (tree / "target").mkdir()
-        (tree / "target/hosts").symlink_to(ROOT / "target/hosts")
-    return tree
+#: The clone with the switches: one for all draws, as what is built in another folder is built anew.
+TREE = ROOT / "target/mutants/tree"
+#: Which draw its switches are of.
+DRAWN = TREE / "target/drawn.txt"
+
+
+def git(*arguments):
+    return subprocess.run(["git", "-C", str(TREE), *arguments], capture_output=True, text=True, check=True).stdout
+
+
+def clone(commit):
+    if not TREE.exists():
+        subprocess.run(["git", "clone", "--quiet", str(ROOT), str(TREE)], check=True)
+        (TREE / "target").mkdir()
+        (TREE / "target/hosts").symlink_to(ROOT / "target/hosts")
+    DRAWN.unlink(missing_ok=True)
+    git("fetch", "--quiet", "origin")
+    git("checkout", "--quiet", "--force", "--detach", commit)
+    return TREE
 
 
 def sources(tree):
@@ -243,7 +258,6 @@ def sources(tree):
 
     parser = Parser(Language(tree_sitter_rust.language()))
     paths = sorted(tree.glob("src/**/*.rs")) + sorted(tree.glob("bindings/*/src/**/*.rs"))
-    subprocess.run(["git", "-C", str(tree), "checkout", "--quiet", "src", "bindings"], check=True)
     return [Source(path, parser) for path in paths if path.name != "mutant.rs"]
 
 
@@ -253,20 +267,20 @@ def module_of(tree, path):
     return "crate" if own else "caudal"
 
 
-def instrument(folder, seed, count):
+def instrument(folder, commit, seed, count):
     """Draws mutants, leaves out those that do not compile, and writes `count` of them, with their switches, into the clone."""
     kept = folder / "mutants.json"
-    tree = clone(folder)
+    tree = clone(commit)
     files = sources(tree)
     every = [(file, site) for file in files for site in file.sites]
     print(f"{len(every)} places", flush=True)
     drawn = random.Random(seed).sample(every, int(1.6 * count))
-    alive = list(range(len(drawn)))
+    known = json.loads(kept.read_text()) if kept.exists() else None
+    alive = [mutant["id"] for mutant in known] if known else list(range(len(drawn)))
     while True:
         chosen = alive[:count]
         switches = SWITCHES.replace("COUNT", str(len(drawn)))
         (tree / "src/mutant.rs").write_text(switches)
-        library = subprocess.run(["git", "-C", str(tree), "show", "HEAD:src/lib.rs"], capture_output=True, text=True).stdout
         spans = {}
         for file in files:
             mine = [(id, drawn[id][1]) for id in chosen if drawn[id][0] is file]
@@ -279,6 +293,9 @@ def instrument(folder, seed, count):
             for number, line in enumerate(text.splitlines(), 1):
                 for id in re.findall(r"mutant::is\((\d+)\)", line):
                     spans.setdefault((str(file.path.relative_to(tree)), number), set()).add(int(id))
+        if known:
+            DRAWN.write_text(folder.name)
+            return known
         built = subprocess.run(
             ["cargo", "check", "--workspace", "--message-format=json"], cwd=tree, capture_output=True, text=True
         )
@@ -316,6 +333,7 @@ def instrument(folder, seed, count):
             "was": " ".join(file.raw(node).split())[:90], "is": " ".join(changed.split())[:90],
         })
     kept.write_text(json.dumps(mutants, indent=1))
+    DRAWN.write_text(folder.name)
     return mutants
 
 
@@ -345,7 +363,10 @@ class Test:
 
 
 def tests(folder, python_too):
-    tree = folder / "tree"
+    """All tests, those of the last commit, built with the switches."""
+    tree = TREE
+    git("checkout", "--quiet", "--force", subprocess.run(
+        ["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip(), "--", *TESTS)
     built = subprocess.run(
         ["cargo", "test", "--workspace", "--no-run", "--message-format=json"], cwd=tree, stdout=subprocess.PIPE, text=True, check=True
     )
@@ -358,7 +379,7 @@ def tests(folder, python_too):
             for name in re.findall(r"^(.*): test$", listed, re.M):
                 found.append(Test(f"{message['target']['name']}::{name}", [binary, "--exact", name], cwd))
     if python_too:
-        venv, hosts = folder / "venv", tree / "target/hosts"
+        venv, hosts = TREE.parent / "venv", tree / "target/hosts"
         python = venv / "bin/python"
         if not python.exists():
             subprocess.run([hosts / "bin/python", "-m", "venv", "--without-pip", venv], check=True)
@@ -406,19 +427,24 @@ def main():
     parser.add_argument("--without-python", action="store_true", help="leave the tests of the Python package out")
     parser.add_argument("--longest", type=float, default=900, metavar="SECONDS", help="leave tests that take longer out")
     parser.add_argument("--only", type=int, nargs="+", help="try these mutants again")
+    parser.add_argument("--survivors", action="store_true", help="try those that lived again, by tests that have changed since")
+    parser.add_argument("--commit", default="HEAD", help="draw from this commit")
     options = parser.parse_args()
     needed("tree_sitter")
     needed("tree_sitter_rust")
-    commit = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+    commit = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "--short", options.commit], capture_output=True, text=True, check=True).stdout.strip()
     folder = ROOT / f"target/mutants/{commit}-{options.seed}-{options.count}"
     folder.mkdir(parents=True, exist_ok=True)
-    kept = folder / "mutants.json"
-    mutants = json.loads(kept.read_text()) if kept.exists() else instrument(folder, options.seed, options.count)
+    if DRAWN.exists() and DRAWN.read_text() == folder.name:
+        mutants = json.loads((folder / "mutants.json").read_text())
+    else:
+        mutants = instrument(folder, commit, options.seed, options.count)
     found = tests(folder, not options.without_python)
     known = measure(folder, found, options.jobs, options.longest)
     results_file = folder / "results.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
-    for id in options.only or []:
+    lived = [int(id) for id, result in results.items() if not result["caught"]] if options.survivors else []
+    for id in (options.only or []) + lived:
         results.pop(str(id), None)
 
     def one(mutant):

@@ -158,7 +158,7 @@ impl SceneArguments {
     fn read(&self) -> Result<(Document, Scene)> {
         let mut document = Document::read(&self.scene)?;
         for assignment in &self.set {
-            document.set(assignment)?;
+            document.set_as("--set", assignment)?;
         }
         let scene = document.scene()?;
         Ok((document, scene))

@@ -36,6 +36,9 @@ impl Default for FilmSettings {
 /// Most frames of a film.
 const MAX_FRAMES: f64 = 100_000.0;
 
+/// Most frames per second of a GIF: its delays are hundredths of a second, and many viewers take a delay of one for ten.
+const MAX_GIF_RATE: u32 = 50;
+
 /// The motion of a rod: positions in rows, one per time with one entry per node.
 #[derive(Debug, Clone, Copy)]
 pub struct RodMotion<'a> {
@@ -123,6 +126,10 @@ impl FilmSettings {
             let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
             return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures")));
         }
+        if is_gif && self.per_second > MAX_GIF_RATE {
+            let found = format!("{} pictures per second", self.per_second);
+            return Err(refuse(format!("found {found}; allowed: at most {MAX_GIF_RATE} in a GIF")));
+        }
         let (painter, corners) = (SvgRenderer::new(), motion.corners([first, last]));
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
@@ -144,7 +151,9 @@ impl FilmSettings {
     fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
         let failed = |error: gif::EncodingError| Error::Write { path: path.to_path_buf(), reason: error.to_string() };
         let mut encoder = None;
-        for pixels in frames {
+        // Delays are whole hundredths of a second; each ends where it should, so that their rounding does not add up.
+        let end = |n: usize| (100.0 * n as f64 / f64::from(self.per_second)).round();
+        for (n, pixels) in frames.enumerate() {
             let pixels = pixels?;
             let (width, height) = (pixels.width() as u16, pixels.height() as u16);
             if encoder.is_none() {
@@ -154,7 +163,7 @@ impl FilmSettings {
                 encoder = Some(new);
             }
             let mut frame = Frame::from_rgba_speed(width, height, &mut pixels.take(), 20);
-            frame.delay = (100.0 / f64::from(self.per_second)).round() as u16;
+            frame.delay = (end(n + 1) - end(n)) as u16;
             encoder.iter_mut().try_for_each(|encoder| encoder.write_frame(&frame)).map_err(failed)?;
         }
         Ok(())

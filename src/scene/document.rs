@@ -213,7 +213,15 @@ impl Document {
     /// # Errors
     /// [`Error::Scene`] for any other form.
     pub fn set(&mut self, assignment: &str) -> Result<()> {
-        let place = || format!("--set {assignment}");
+        self.set_as("override", assignment)
+    }
+
+    /// The same, where errors call the override `named`, as the option of a command is.
+    ///
+    /// # Errors
+    /// Those of [`set`](Self::set).
+    pub fn set_as(&mut self, named: &str, assignment: &str) -> Result<()> {
+        let place = || format!("{named} {assignment}");
         let refuse = |problem: &str| Error::Scene { place: place(), key: String::new(), problem: problem.to_string() };
         let (key, value) = assignment.split_once('=').ok_or_else(|| refuse("allowed: table.key=value"))?;
         let (key, value) = (key.trim(), value.trim());
@@ -224,7 +232,7 @@ impl Document {
         let quoted = || format!("{key}={}", toml::Value::String(value.to_string()));
         let text = if DeTable::parse(&as_is).is_ok() { as_is } else { quoted() };
         DeTable::parse(&text).map_err(|e| refuse(e.message()))?;
-        self.add(format!("--set {text}"), text);
+        self.add(format!("{named} {text}"), text);
         Ok(())
     }
 

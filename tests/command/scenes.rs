@@ -317,32 +317,32 @@ fn files_that_cannot_be_read_are_refused_with_their_path_and_the_reason() {
 #[test]
 fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
     for (set, message) in [
-        ("rod.nodes=2", "--set rod.nodes=2: rod.nodes: found 2; allowed: a whole number from 3 to 10000000"),
+        ("rod.nodes=2", "override rod.nodes=2: rod.nodes: found 2; allowed: a whole number from 3 to 10000000"),
         (
             "rod.nodes=nine",
-            "--set rod.nodes=\"nine\": rod.nodes: found \"nine\"; allowed: a whole number from 3 to 10000000",
+            "override rod.nodes=\"nine\": rod.nodes: found \"nine\"; allowed: a whole number from 3 to 10000000",
         ),
-        ("rod.nodes=", "--set rod.nodes=\"\": rod.nodes: found \"\"; allowed: a whole number from 3 to 10000000"),
+        ("rod.nodes=", "override rod.nodes=\"\": rod.nodes: found \"\"; allowed: a whole number from 3 to 10000000"),
         (
             "rod.nodes=3, x=4",
-            "--set rod.nodes=\"3, x=4\": rod.nodes: found \"3, x=4\"; allowed: a whole number from 3 to 10000000",
+            "override rod.nodes=\"3, x=4\": rod.nodes: found \"3, x=4\"; allowed: a whole number from 3 to 10000000",
         ),
-        ("rod.nodes", "--set rod.nodes: allowed: table.key=value"),
-        ("", "--set : allowed: table.key=value"),
-        ("=3", "--set =3: allowed: table.key=value on one line"),
-        ("a=1\nb=2", "--set a=1\nb=2: allowed: table.key=value on one line"),
-        ("rod=3", "--set rod=3: rod: found 3; allowed: a table"),
-        ("rod.nodes.x=3", "--set rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
-        ("loads.point.9.node=3", "--set loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
-        ("name=a/b", "--set name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
+        ("rod.nodes", "override rod.nodes: allowed: table.key=value"),
+        ("", "override : allowed: table.key=value"),
+        ("=3", "override =3: allowed: table.key=value on one line"),
+        ("a=1\nb=2", "override a=1\nb=2: allowed: table.key=value on one line"),
+        ("rod=3", "override rod=3: rod: found 3; allowed: a table"),
+        ("rod.nodes.x=3", "override rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
+        ("loads.point.9.node=3", "override loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
+        ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
         (
             "drag.head_weight=-1",
-            "--set drag.head_weight=-1: drag.head_weight: found -1; allowed: a number that is not negative",
+            "override drag.head_weight=-1: drag.head_weight: found -1; allowed: a number that is not negative",
         ),
-        ("solver.beta=7", "--set solver.beta=7: solver.beta: found 7; allowed: a number from 1e-6 to 1"),
+        ("solver.beta=7", "override solver.beta=7: solver.beta: found 7; allowed: a number from 1e-6 to 1"),
         (
             "loads.point=[{node=1,force_n=[0,1]},{node=77,force_n=[0,1]}]",
-            "--set loads.point=[{node=1,force_n=[0,1]},{node=77,force_n=[0,1]}]: loads.point.1.node: found 77; allowed: a node from 0 to 8, or from -1 (the tip) to -9",
+            "override loads.point=[{node=1,force_n=[0,1]},{node=77,force_n=[0,1]}]: loads.point.1.node: found 77; allowed: a node from 0 to 8, or from -1 (the tip) to -9",
         ),
         // The override is sound, what it meets in the file is not.
         (
@@ -357,10 +357,10 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         assert!(error.is_bad_input());
     }
     for (set, words) in [
-        ("rod.node=3", "--set rod.node=3: rod.node: unknown key; allowed: `nodes`, "),
-        ("rod..nodes=3", "--set rod..nodes=3: "),
-        ("[rod]=3", "--set [rod]=3: "),
-        ("a b=3", "--set a b=3: "),
+        ("rod.node=3", "override rod.node=3: rod.node: unknown key; allowed: `nodes`, "),
+        ("rod..nodes=3", "override rod..nodes=3: "),
+        ("[rod]=3", "override [rod]=3: "),
+        ("a b=3", "override a b=3: "),
     ] {
         let mut document = Document::new("folder/scene.toml", FULL);
         let error = document.set(set).and_then(|()| document.scene().map(|_| ())).unwrap_err().to_string();
@@ -378,7 +378,7 @@ fn the_second_of_two_overrides_is_the_one_to_blame_and_the_one_that_holds() {
     assert_eq!((scene.rod.nodes.get(), scene.rod.length_m.get()), (33, 2.0));
     document.set("rod.nodes=1").unwrap();
     let error = document.scene().unwrap_err().to_string();
-    assert_eq!(error, "--set rod.nodes=1: rod.nodes: found 1; allowed: a whole number from 3 to 10000000");
+    assert_eq!(error, "override rod.nodes=1: rod.nodes: found 1; allowed: a whole number from 3 to 10000000");
 }
 
 #[test]
@@ -512,7 +512,7 @@ fn an_override_takes_the_place_of_what_it_excludes() {
     let error = both.scene().unwrap_err().to_string();
     assert_eq!(
         error,
-        "--set solver.tolerance=1e-3: solver.tolerance: found beside time_step_s; allowed: one of the two"
+        "override solver.tolerance=1e-3: solver.tolerance: found beside time_step_s; allowed: one of the two"
     );
     assert!(scene(&["record.interval_s=0.5"]).record.every.is_none());
     assert!(scene(&["rod.stiffness_profile=[[0.0, 1.0]]"]).rod.stiffness_gradient.is_none());
@@ -882,7 +882,7 @@ fn numbers_that_no_rod_can_have_and_starts_that_cannot_be_are_wrong_input_that_n
         let error = document.scene().and_then(|scene| Stepper::of(&scene)).unwrap_err();
         let words = error.to_string();
         assert!(error.is_bad_input() && words.contains(key), "{overrides:?}: {words}");
-        assert!(words.contains("where.toml") || words.contains("--set"), "{overrides:?}: {words}");
+        assert!(words.contains("where.toml") || words.contains("override"), "{overrides:?}: {words}");
     }
     // A rod may be pointed.
     let pointed = ["rod.outer_radius_m=[[0, 0.08], [1, 1e-200]]", "rod.stiffness_gradient=0"];

@@ -38,6 +38,7 @@ fn as_arguments(text: &str) -> String {
         ("--restart", "`restart=True`"),
         ("--jobs ", "jobs="),
         ("--set ", ""),
+        ("override ", ""),
         ("`caudal sweep` runs it", "`caudal.sweep` runs it"),
         ("`caudal run` runs it", "`caudal.run` runs it"),
         ("Simulation::pull_back", "`Simulation.pull_back`"),

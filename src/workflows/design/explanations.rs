@@ -335,7 +335,11 @@ pub(super) fn explain_joints(found: &SearchResult, table: &DesignTable, referenc
             others.push(*verdict);
         }
     }
-    let others = others.iter().map(|verdict| format!(", {} {}", count(verdict), verdict.words()));
+    let words = |verdict: &Identifiability| match (verdict, count(verdict)) {
+        (Identifiability::DoesNotFit, several) if several > 1 => "do not fit",
+        _ => verdict.words(),
+    };
+    let others = others.iter().map(|verdict| format!(", {} {}", count(verdict), words(verdict)));
     Some(format!("stiffness: {identified} of {} joints identified{}", verdicts.len(), others.collect::<String>()))
 }
 

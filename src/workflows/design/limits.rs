@@ -12,6 +12,9 @@ use crate::model::Model;
 use crate::rod::Shape;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
+/// The two sides of neutral buoyancy, which is an equality.
+pub const NEUTRAL_SIDES: [&str; 2] = ["no heavier than the fluid", "no lighter than the fluid"];
+
 /// A load is constrained at each of its peaks in time, since its maximum would have a kink when another peak becomes the largest.
 /// Per window of this many samples there is one constraint for the even and one for the odd samples, so that none has a kink when a
 /// peak moves to the next sample.
@@ -178,8 +181,9 @@ impl Limits {
         if table.neutral_buoyancy {
             // Mass over the mass of the fluid that it displaces, from both sides.
             let weight = |model: &Model| model.rod.total_mass() / (model.fluid.density * model.rod.displaced_volume());
-            body.push(("no heavier than the fluid".into(), Box::new(weight)));
-            body.push(("no lighter than the fluid".into(), Box::new(move |model| weight(model).recip())));
+            let [heavier, lighter] = NEUTRAL_SIDES.map(String::from);
+            body.push((heavier, Box::new(weight)));
+            body.push((lighter, Box::new(move |model| weight(model).recip())));
         }
         if let Some(least) = table.least_wall_m {
             let sections = &problem.model().rod.sections;

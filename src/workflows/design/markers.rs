@@ -410,11 +410,12 @@ impl Markers {
         let before = motion.samples.len();
         motion.samples.retain(|_| fits.next().unwrap_or(false));
         for (left_out, why) in [
-            (beside, "with a gap about them, or rows further apart than most"),
-            (before - motion.samples.len(), "that move too fast for the window, or stray"),
+            (beside, "beside a gap, or between rows further apart than most"),
+            (before - motion.samples.len(), "too fast for the window, or astray"),
         ] {
             if left_out > 0 {
-                motion.left_out.push(format!("{left_out} samples {why}"));
+                let samples = if left_out == 1 { "sample" } else { "samples" };
+                motion.left_out.push(format!("{left_out} {samples} {why}"));
             }
         }
         Ok(motion)

@@ -168,17 +168,49 @@ impl QuadraticProgram {
                 None => {}
             }
         }
-        let size = largest(&mut duals.iter().copied());
-        let conflict: Vec<&str> = (self.constraints.iter().zip(&duals))
-            .filter(|(_, dual)| infeasible && dual.abs() > CONFLICT_DUAL * size)
-            .map(|(constraint, _)| constraint.name.as_str())
-            .collect();
+        let conflict = if infeasible { self.conflict(duals) } else { Vec::new() };
         let reason = if conflict.is_empty() {
             format!("the programme of {n} unknowns and {} constraints ended as {:?}", order.len(), found.status)
         } else {
             format!("these demands exclude each other: {}", conflict.join("; "))
         };
         Err(Error::Design { reason })
+    }
+
+    /// The constraints that exclude each other, by the `duals` of a proof that there is no solution: Aᵀz = 0, bᵀz < 0, z ≥ 0. Of two sides
+    /// of one number only that which the proof needs is named, and of many constraints that differ in a number the first few.
+    fn conflict(&self, mut duals: Vec<f64>) -> Vec<String> {
+        let are_opposite = |a: &Constraint, b: &Constraint| {
+            a.row.len() == b.row.len() && a.row.iter().zip(&b.row).all(|((i, a), (j, b))| i == j && *a == -b)
+        };
+        for i in 0..duals.len() {
+            for j in i + 1..duals.len() {
+                let [a, b] = [&self.constraints[i], &self.constraints[j]];
+                if !a.equal && !b.equal && are_opposite(a, b) {
+                    // As much less of both sides is a proof still.
+                    let both = duals[i].min(duals[j]);
+                    duals[i] -= both;
+                    duals[j] -= both;
+                }
+            }
+        }
+        let size = largest(&mut duals.iter().copied());
+        let named = self.constraints.iter().zip(&duals).filter(|(_, dual)| dual.abs() > CONFLICT_DUAL * size);
+        let kind = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
+        let mut kinds: Vec<(String, Vec<&str>)> = Vec::new();
+        for name in named.map(|(constraint, _)| constraint.name.as_str()) {
+            match kinds.iter_mut().find(|(of, _)| *of == kind(name)) {
+                Some((_, names)) => names.push(name),
+                None => kinds.push((kind(name), vec![name])),
+            }
+        }
+        let in_words = |(_, names): (String, Vec<&str>)| match &names[..] {
+            [first, second, third, _, rest @ ..] => {
+                format!("{first}; {second}; {third} and {} more like these", rest.len() + 1)
+            }
+            few => few.join("; "),
+        };
+        kinds.into_iter().map(in_words).collect()
     }
 
     /// Refines a rough solution to rounding, for its active constraints; `None` if these change.

@@ -23,7 +23,7 @@ use serde::de::DeserializeOwned;
 use super::checkpoint::Checkpoint;
 use super::design_vector::DesignVector;
 use super::identify::{Identifiability, MAX_RELATIVE_DEVIATION};
-use super::limits::{LimitUse, LimitValue, Limits, PenaltyGroups, total_violation};
+use super::limits::{LimitUse, LimitValue, Limits, NEUTRAL_SIDES, PenaltyGroups, total_violation};
 use super::objective::{Objective, ObjectiveValue, TARGET_TOLERANCE};
 use super::qp::{Constraint, QuadraticProgram};
 use super::refit::max_misfit;
@@ -964,15 +964,23 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Sums the duals of constraints with the same name: those of one limit.
+/// Sums the duals of constraints with the same name: those of one limit. Where both sides of an equality bind, each pushes against the
+/// other by any amount, and only their difference has a meaning.
 fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
-    duals.into_iter().fold(Vec::new(), |mut all: Vec<(String, f64)>, (name, dual)| {
+    let mut all = duals.into_iter().fold(Vec::new(), |mut all: Vec<(String, f64)>, (name, dual)| {
         match all.iter_mut().find(|(other, _)| *other == name) {
             Some((_, sum)) => *sum += dual,
             None => all.push((name, dual)),
         }
         all
-    })
+    });
+    if let [Some(above), Some(below)] = NEUTRAL_SIDES.map(|side| all.iter().position(|(name, _)| name == side)) {
+        let net = all[above].1 - all[below].1;
+        let [kept, dropped] = if net < 0.0 { [below, above] } else { [above, below] };
+        all[kept].1 = net.abs();
+        all.remove(dropped);
+    }
+    all
 }
 
 /// Groups of unknowns, by `names`, that the data determine only together: those with a large component in a direction whose

@@ -270,7 +270,7 @@ impl Sweep {
         }
         base.begin_layer();
         for assignment in set {
-            base.set(assignment)?;
+            base.set_as("--set", assignment)?;
         }
         let asked = base.overrides()[base.overrides().len() - set.len()..].to_vec();
         for text in asked {

@@ -62,7 +62,7 @@ def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
     17
     >>> caudal.load(scene, set={"rod.nodes": "many"})
     Traceback (most recent call last):
-    caudal.errors.SceneError: --set rod.nodes="many": rod.nodes: found "many"; allowed: a whole number from 3 to 10000000
+    caudal.errors.SceneError: rod.nodes="many": rod.nodes: found "many"; allowed: a whole number from 3 to 10000000
     """
     return Scene(source, None if set is None else dict(set))
 
