@@ -332,8 +332,14 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         ("=3", "override =3: allowed: table.key=value on one line"),
         ("a=1\nb=2", "override a=1\nb=2: allowed: table.key=value on one line"),
         ("rod=3", "override rod=3: rod: found 3; allowed: a table"),
-        ("rod.nodes.x=3", "override rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
-        ("loads.point.9.node=3", "override loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
+        (
+            "rod.nodes.x=3",
+            "override rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000",
+        ),
+        (
+            "loads.point.9.node=3",
+            "override loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets",
+        ),
         ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
         (
             "drag.head_weight=-1",

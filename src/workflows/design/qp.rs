@@ -194,7 +194,7 @@ impl QuadraticProgram {
                 }
             }
         }
-        let size = largest(&mut duals.iter().copied());
+        let size = duals.iter().fold(0.0, |max: f64, dual| max.max(dual.abs()));
         let named = self.constraints.iter().zip(&duals).filter(|(_, dual)| dual.abs() > CONFLICT_DUAL * size);
         let kind = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
         let mut kinds: Vec<(String, Vec<&str>)> = Vec::new();
