@@ -69,8 +69,8 @@ impl Problem {
     /// The differentiable simulation of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain form, or a
-    /// reduced model.
+    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain form, a mesh
+    /// that needs it, or a reduced model.
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::of_model(scene, scene.model()?)
     }
@@ -121,6 +121,7 @@ impl Problem {
                 "derivatives need positions as unknowns; allowed: fewer nodes, or \"positions\"",
             );
         }
+        scene.check_mesh(&model.rod, Form::Positions)?;
         let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),

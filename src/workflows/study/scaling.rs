@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
 use super::runner::{StudyOutcome, StudyRunner};
-use crate::assessment::contracts;
+use crate::model::chain::contracts;
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::model::chain;

@@ -128,7 +128,7 @@ impl<'a> CaseRun<'a> {
         let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
             self.row.scene_hash = hash.to_string();
             let mut stepper = made.map_or_else(|| Stepper::of(scene), Ok)?;
-            self.warnings = Assessment::of(scene, &stepper)?.warnings;
+            self.warnings = Assessment::of_run(scene, &stepper)?.warnings;
             self.keep(&mut stepper)?;
             Ok(BatchedRun { scene, stepper })
         });
