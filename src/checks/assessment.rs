@@ -475,9 +475,9 @@ impl Assessment {
         let slender =
             |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&law_inputs) / radius).ln() >= SLENDER);
         let offered = |law: &DragLaw| law.is_offered(motion.height.is_some()) && !own.contains(&law.name);
-        let others = LAWS.iter().filter(|law| {
-            offered(law) && slender(law) && law.validity.holds(&motion) && law.reach.allows(&law_inputs)
-        });
+        let others = LAWS
+            .iter()
+            .filter(|law| offered(law) && slender(law) && law.validity.holds(&motion) && law.reach.allows(&law_inputs));
         let says = |law: &&DragLaw| {
             let [t, n] = coefficients(&Forces(vec![(law.build)(&law_inputs)]), rod)?;
             let percent = |x: f64, own: f64| signed(100.0 * (x / own - 1.0), 0);

@@ -17,8 +17,7 @@ use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
 use super::{
-    SceneArguments, exit, output_folder, print, print_error, progress_bar_with, refuse, say, say_kept,
-    set_quiet,
+    SceneArguments, exit, output_folder, print, print_error, progress_bar_with, refuse, say, say_kept, set_quiet,
 };
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.

@@ -103,7 +103,8 @@ impl Problem {
             }
             shape.take(dynamics, state.t);
             effects.clear();
-            effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape, &directions)));
+            effects
+                .extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape, &directions)));
             if n == 0 {
                 let first = |i: usize| finite_differences[i].first();
                 let parameters = (&effects[..], &force_by[..], &given);

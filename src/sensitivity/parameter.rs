@@ -247,10 +247,9 @@ impl Parameter {
             )),
             Self::Along(i) => match directions.get(i) {
                 Some(along) => along.joints.clone().try_for_each(|k| (along.parameter)(k).check(model, count, &[])),
-                None => refuse(format!(
-                    "Problem::directions has {} entries; allowed: an index into it",
-                    directions.len()
-                )),
+                None => {
+                    refuse(format!("Problem::directions has {} entries; allowed: an index into it", directions.len()))
+                }
             },
             _ => Ok(()),
         }

@@ -95,6 +95,9 @@ fn run_cases_with(
     rows.map(|row| (!dropped(&row)).then_some(row)).collect()
 }
 
+/// Relative rounding of the times at the ends of steps.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 /// The scene of a case, and its hash.
 type Hashed<'a> = (Cow<'a, Scene>, Cow<'a, str>);
 
@@ -146,12 +149,13 @@ impl<'a> CaseRun<'a> {
     /// are no more than steps, and none costs more than its points.
     fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
         let now = stepper.time();
+        let reached_time = now * (1.0 + ROUNDING);
         let Self { row, scene: Ok((scene, _)), wanted, passed, due, .. } = self else { return Ok(()) };
-        if now < *due {
+        if reached_time < *due {
             return Ok(());
         }
         let [frames, points] = wanted.map(|count| move |i: usize| even(scene.solver.duration_s.get(), count, i));
-        let reached = (passed[0]..).map_while(&frames).take_while(|time| *time <= now).count();
+        let reached = (passed[0]..).map_while(&frames).take_while(|time| *time <= reached_time).count();
         if reached > 0 {
             row.frames.push(Frame::of(&stepper.view()));
             passed[0] += reached;
