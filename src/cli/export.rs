@@ -15,7 +15,7 @@ use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
 use super::run::{progress_bar, watch_for_interrupts};
-use super::{SceneArguments, exit, output_folder, print_error, refuse, say, say_written};
+use super::{SceneArguments, exit, output_folder, print_error, print_unless_quiet, print_written, refuse};
 
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
@@ -83,7 +83,7 @@ impl ExportArguments {
         let out = self.out.as_deref().unwrap_or(folder);
         let kept = picture::convert(folder, self.figures.as_deref(), &self.formats(), out, Claim::forced(self.force))?;
         let last = kept.files.last().and_then(|path| path.file_name()).unwrap_or_default();
-        Ok(say_written(&kept, out, &last.to_string_lossy()))
+        Ok(print_written(&kept, out, &last.to_string_lossy()))
     }
 }
 
@@ -143,7 +143,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
         let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
-        whole = say_written(&kept, &out, &format!("{}.pvd", scene.name));
+        whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));
     }
     let column = |name: &str| {
         let found = trajectory.columns().iter().find(|column| column.variable.name == name);
@@ -167,14 +167,14 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         if drawn?.is_break() {
             return Ok(ExitCode::from(exit::INTERRUPTED));
         }
-        say(&format!("{} was written", path.display()));
+        print_unless_quiet(&format!("{} was written", path.display()));
     }
     Ok(match outcome.ending {
         Ending::Complete => whole,
         Ending::Interrupted => ExitCode::from(exit::INTERRUPTED),
         Ending::Failed(error) => {
             print_error(&error.to_string());
-            say("what was computed until then is there");
+            print_unless_quiet("what was computed until then is there");
             ExitCode::from(exit::FAILED)
         }
     })

@@ -76,8 +76,7 @@ fn said(document: &Document) -> String {
         Err(error) => format!("at its assessment: {error}"),
         Ok(assessment) => {
             let notes: Vec<&str> = assessment.all_warnings().map(String::as_str).collect();
-            let refused = assessment.refused(document).map_or("accepted".to_string(), |error| error.to_string());
-            format!("{refused}; {} with {}; {}", scene.integrator_name(), scene.solver.model, notes.join(" / "))
+            format!("accepted; {} with {}; {}", scene.integrator_name(), scene.solver.model, notes.join(" / "))
         }
     }
 }
