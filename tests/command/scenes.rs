@@ -332,8 +332,14 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         ("=3", "override =3: allowed: table.key=value on one line"),
         ("a=1\nb=2", "override a=1\nb=2: allowed: table.key=value on one line"),
         ("rod=3", "override rod=3: rod: found 3; allowed: a table"),
-        ("rod.nodes.x=3", "override rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000"),
-        ("loads.point.9.node=3", "override loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets"),
+        (
+            "rod.nodes.x=3",
+            "override rod.nodes.x=3: rod.nodes: found a table; allowed: a whole number from 3 to 10000000",
+        ),
+        (
+            "loads.point.9.node=3",
+            "override loads.point.9.node=3: loads.point: found a table; allowed: a list in brackets",
+        ),
         ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
         (
             "drag.head_weight=-1",
@@ -905,4 +911,33 @@ fn a_scene_that_serde_reads_is_checked_as_one_of_a_file() {
     }
     let twice = text.replace("stiffness_profile", "stiffness_gradient = 1.0\nstiffness_profile");
     assert!(toml::from_str::<Scene>(&twice).is_err());
+}
+
+#[test]
+fn a_list_of_three_is_refused_wherever_two_values_belong_together() {
+    for set in [
+        "actuation.envelope=[1, 0, 0]",
+        "actuation.phase_profile_rad=[[0, 1, 2], [1, 1, 5]]",
+        "actuation.amplitude_profile=[[0, 1, 2], [1, 1, 5]]",
+        "rod.stiffness_profile=[[0, 1, 2], [1, 1, 5]]",
+        "rod.outer_radius_m=[[0, 1e-3, 2e-3], [1, 1e-3, 2e-3]]",
+        "rod.damping_time_s=[[0, 1e-3, 2e-3], [1, 1e-3, 2e-3]]",
+        "drag.along_n_s_m2=[[0, 1, 2], [1, 1, 5]]",
+        "medium.flow_m_s=[0, 0, 0]",
+        "medium.flow_m_s={ amplitude = [1, 2, 3], frequency_hz = 1 }",
+        "medium.flow_m_s={ amplitude = [1, 2], frequency_hz = 1, phase_rad = [0, 0, 0] }",
+        "medium.shear={ rate_per_s = 1, normal = [0, 1, 0] }",
+        "medium.beyond={ normal = [0, 1, 0], offset_m = 1, thickness_m = 1, viscosity_pa_s = 1, density_kg_m3 = 1 }",
+        "medium.beyond={ flow_m_s = [0, 1, 0], offset_m = 1, thickness_m = 1, viscosity_pa_s = 1, density_kg_m3 = 1 }",
+        "loads.gravity_m_s2=[0, -9.81, 0]",
+        "loads.point=[{ node = 1, force_n = [0, 1, 0] }]",
+        "head.position_m=[0, 0, 0]",
+    ] {
+        let mut document = Document::new("full.toml", FULL);
+        document.set(set).unwrap();
+        let error = document.scene().unwrap_err().to_string();
+        let key = set.split('=').next().unwrap();
+        assert!(error.contains("found a list of 3; allowed: two values in brackets"), "{set}: {error}");
+        assert!(error.contains(&format!(": {key}")), "{set}: {error}");
+    }
 }
