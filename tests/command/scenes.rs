@@ -941,3 +941,30 @@ fn a_list_of_three_is_refused_wherever_two_values_belong_together() {
         assert!(error.contains(&format!(": {key}")), "{set}: {error}");
     }
 }
+
+#[test]
+fn keys_of_other_drag_laws_are_refused_with_all_that_have_them_and_what_to_remove() {
+    let text = FULL.replace("head_weight = 10.0\nhead_length_m = 0.0625\n", "");
+    let refusal = |changes: &[&str]| {
+        let mut document = Document::new("full.toml", text.as_str());
+        changes.iter().for_each(|change| document.set(change).unwrap());
+        document.scene().unwrap_err().to_string()
+    };
+    let other = refusal(&["drag={ law = \"auto\", form_drag = 1.0 }"]);
+    assert!(
+        other.contains("drag.ratio: found with law = \"auto\"; allowed: only with stokes-like, or with viscous = \"stokes-like\"; remove it"),
+        "{other}"
+    );
+    let several = refusal(&["drag={ law = \"cox\", thinning = 1.0 }"]);
+    assert!(several.contains("remove it and drag.thinning"), "{several}");
+    let plain = text.replace("law = \"stokes-like\"\nratio = 5.0\n", "law = \"cross-flow\"\n");
+    let cross_flow = |change: &str| {
+        let mut document = Document::new("full.toml", plain.as_str());
+        document.set(change).unwrap();
+        document.scene().unwrap_err().to_string()
+    };
+    let part = cross_flow("drag.viscous=wall");
+    assert!(part.contains("drag.height_m: missing; viscous = \"wall\" has no default for it"), "{part}");
+    let height = cross_flow("drag.height_m=0.1");
+    assert!(height.contains("allowed: only with wall, nonlocal, or with viscous = \"wall\"; remove it"), "{height}");
+}
