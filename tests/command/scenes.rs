@@ -968,3 +968,17 @@ fn keys_of_other_drag_laws_are_refused_with_all_that_have_them_and_what_to_remov
     let height = cross_flow("drag.height_m=0.1");
     assert!(height.contains("allowed: only with wall, nonlocal, or with viscous = \"wall\"; remove it"), "{height}");
 }
+
+#[test]
+fn buoyancy_needs_gravity() {
+    let buoyed = |gravity: &str| {
+        let text = FULL.replace("gravity_m_s2 = [0.0, -9.8]\n", &format!("{gravity}buoyancy = true\n"));
+        Document::new("full.toml", text).scene()
+    };
+    let error = buoyed("").unwrap_err().to_string();
+    assert!(error.contains("loads.buoyancy: found without gravity_m_s2") && error.contains("add it"), "{error}");
+    // Gravity that is zero may be changed by a host.
+    for given in ["gravity_m_s2 = [0.0, 0.0]\n", "gravity_m_s2 = [0.0, -9.8]\n"] {
+        assert!(buoyed(given).is_ok(), "{given}");
+    }
+}
