@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 use nalgebra::Vector2;
 
 use crate::actuation::Wave;
-use crate::error::{Error, Result, bytes};
+use crate::error::{Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, SLENDER};
 use crate::fluid::{Fluid, Force, Forces};
@@ -21,13 +21,16 @@ use crate::reduced::fluid_estimates::SAFETY_FACTOR;
 use crate::regime::{self, Regime};
 use crate::rod::{DampedRate, Damping, Profile, Rod, Shape, bend, node};
 use crate::scene::value::{Finite, Positive};
-use crate::scene::{Document, HeadKind, KeyError, NodesTable, Scene, StartKind};
+use crate::scene::{HeadKind, NodesTable, Scene, StartKind};
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
 
-/// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³.
+/// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³. So is what follows from
+/// the shapes that the drive prescribes, which are many whole states.
 const MAX_NODES_FOR_MODES: u64 = 201;
+/// Drag laws are compared on at most this many nodes: what a nonlocal one costs grows as N³.
+const MAX_NODES_FOR_LAWS: u64 = 33;
 /// Stokes number below which the boundary layer contributes more than a fifth of the added mass.
 const MIN_STOKES_NUMBER: f64 = 100.0;
 /// Surface tension of water against air, N/m.
@@ -46,15 +49,6 @@ const SOFT: f64 = 1e8;
 const NOTICED: f64 = 1.05;
 /// Largest ω₁Δt that resolves the ringing of an abrupt start.
 const MAX_RESOLVED_PHASE: f64 = 0.2;
-/// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
-/// meaningless below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
-const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
-
-/// True if Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
-pub fn contracts(rod: &Rod, time_step: f64) -> bool {
-    rod.spacing >= MIN_SPACING[0] * chain::bent_length(rod, time_step)
-}
-
 /// Typical length of a number with its separator in a table, bytes.
 const BYTES_PER_NUMBER: f64 = 20.0;
 
@@ -104,8 +98,17 @@ pub struct Assessment {
     pub warnings: Vec<String>,
     /// Forces that leave their range of validity in the predicted motion; a run checks its own motion.
     pub ranges: Vec<String>,
-    /// Why a run would be meaningless, if so.
-    pub refusal: Option<KeyError>,
+}
+
+/// What an assessment is made from, beside its scene and stepper.
+struct Basis {
+    /// The flow around the rod, or why it is unknown.
+    regime: std::result::Result<Regime, String>,
+    /// The modes, and whether they are of a coarser mesh.
+    modes: Modes,
+    is_coarse: bool,
+    /// The spectrum of what drives the rod.
+    spectrum: Spectrum,
 }
 
 impl Assessment {
@@ -114,30 +117,42 @@ impl Assessment {
     /// # Errors
     /// Those of [`Modes::of`].
     pub fn of(scene: &Scene, stepper: &Stepper) -> Result<Self> {
-        let model = stepper.model();
-        let nodes = model.rod.nodes as u64;
-        let coarse =
-            if nodes > MAX_NODES_FOR_MODES { Some(scene.with_nodes(MAX_NODES_FOR_MODES).model()?) } else { None };
-        let is_coarse = coarse.is_some();
-        let modes = Modes::of_model(coarse.map_or_else(|| scene.model(), Ok)?)?;
-        let first_frequency = modes.lowest();
+        let (mut assessment, basis) = Self::begin(scene, stepper)?;
+        assessment.describe(scene, stepper, &basis)?;
+        Ok(assessment)
+    }
+
+    /// The same without [`facts`](Self::facts) and [`ranges`](Self::ranges), which a run does not show.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of).
+    pub fn of_run(scene: &Scene, stepper: &Stepper) -> Result<Self> {
+        Ok(Self::begin(scene, stepper)?.0)
+    }
+
+    /// The numbers and the warnings.
+    fn begin(scene: &Scene, stepper: &Stepper) -> Result<(Self, Basis)> {
+        let is_coarse = scene.rod.nodes.get() as u64 > MAX_NODES_FOR_MODES;
+        let model = scene.with_nodes_up_to(MAX_NODES_FOR_MODES).model()?;
         let regime = scene.regime();
-        let spectrum = Spectrum::of_model(model);
+        let spectrum = Spectrum::of_model(&model);
         let omega = spectrum.strongest().map(|frequency| TAU * frequency);
         let tip_amplitude = match &regime {
             Ok(regime) => Some(regime.tip),
-            Err(_) => prescribed_tip(model),
+            Err(_) => prescribed_tip(&model),
         };
         // Where the rod is, the mean over it.
         let fluid = regime.as_ref().map_or(model.fluid, |regime| regime.across.fluid);
-        let across = resistance(scene, model, fluid);
-        let rod = &model.rod;
-        let line_density = match scene.model()? {
-            Model { rod, forces, fluid, layers, .. } if forces.are_inertial() => {
-                Matrices::of(&rod, Some((forces, fluid, layers)))?.line_density(rod.spacing)
-            }
-            _ => rod.sections.line_density(0.5),
-        };
+        let across = resistance(scene, &model, fluid);
+        let drive = DriveShape::of(&model, stepper.model().rod.spacing / model.rod.spacing);
+        let Model { mut rod, forces, fluid, layers, .. } = model;
+        rod.damping = None;
+        let is_inertial = forces.are_inertial();
+        let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?.undamped(&rod)?;
+        let line_density =
+            if is_inertial { matrices.line_density(rod.spacing) } else { rod.sections.line_density(0.5) };
+        let modes = Modes::of_matrices(&matrices)?;
+        let (rod, first_frequency) = (&stepper.model().rod, modes.lowest());
         let mut assessment = Self {
             first_frequency,
             tip_amplitude,
@@ -148,26 +163,20 @@ impl Assessment {
             facts: Vec::new(),
             warnings: Vec::new(),
             ranges: Vec::new(),
-            refusal: None,
         };
-        assessment.describe(scene, stepper, regime.as_ref(), &modes, is_coarse);
+        assessment.warn_of_media(scene, stepper.model());
         assessment.warn_of_waves(scene, rod);
         // Of a coarser mesh it is another.
         if !is_coarse {
             assessment.warn_of_limit(scene, stepper, &modes)?;
         }
-        assessment.warn(scene, stepper, spectrum.fastest().map(|frequency| TAU * frequency));
-        Ok(assessment)
+        assessment.warn(scene, stepper, &drive, spectrum.fastest().map(|frequency| TAU * frequency));
+        Ok((assessment, Basis { regime, modes, is_coarse, spectrum }))
     }
 
     /// All warnings before a run.
     pub fn all_warnings(&self) -> impl Iterator<Item = &String> {
         self.warnings.iter().chain(&self.ranges)
-    }
-
-    /// Its refusal as an error in the scene's document.
-    pub fn refused(&self, document: &Document) -> Option<Error> {
-        self.refusal.as_ref().map(|fault| document.error_at(fault))
     }
 
     /// The models that apply to the scene, cheapest first, with their estimated errors, and the one that is used.
@@ -261,14 +270,9 @@ impl Assessment {
         facts
     }
 
-    fn describe(
-        &mut self,
-        scene: &Scene,
-        stepper: &Stepper,
-        regime: std::result::Result<&Regime, &String>,
-        modes: &Modes,
-        coarse: bool,
-    ) {
+    fn describe(&mut self, scene: &Scene, stepper: &Stepper, basis: &Basis) -> Result<()> {
+        let Basis { regime, modes, is_coarse, spectrum } = basis;
+        let regime = regime.as_ref();
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
         let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
@@ -337,7 +341,7 @@ impl Assessment {
                 stretching + bending + kinetic + fluid
             ),
         );
-        let on = if coarse { format!(" (on {MAX_NODES_FOR_MODES} nodes)") } else { String::new() };
+        let on = if *is_coarse { format!(" (on {MAX_NODES_FOR_MODES} nodes)") } else { String::new() };
         let model = stepper.model();
         let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
         fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
@@ -395,15 +399,21 @@ impl Assessment {
         if let (Err(reason), true) = (regime, scene.medium.is_some()) {
             fact("flow around the rod", format!("not known: {reason}"));
         }
-        self.describe_fluid(scene, stepper.model(), regime.ok());
+        self.describe_fluid(scene, stepper.model(), regime.ok(), spectrum)
     }
 
     /// The forces of the fluid, the flow around the rod, and alternative laws.
-    fn describe_fluid(&mut self, scene: &Scene, model: &Model, regime: Option<&Regime>) {
+    fn describe_fluid(
+        &mut self,
+        scene: &Scene,
+        model: &Model,
+        regime: Option<&Regime>,
+        spectrum: &Spectrum,
+    ) -> Result<()> {
         let Model { rod, forces, .. } = model;
         let height = scene.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get);
         self.describe_body(model, regime, height);
-        let Some(regime) = regime else { return };
+        let Some(regime) = regime else { return Ok(()) };
         let motion = scene.motion(rod, regime.across);
         self.ranges = scene.range_notes(forces, rod, regime.across);
         let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
@@ -446,17 +456,18 @@ impl Assessment {
         let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
         // Along and across, at the speed of the motion.
         let speed = if regime.reynolds > 0.0 { regime.counted_speed() } else { 1e-9 * rod.length };
-        let coefficients = |forces: &Forces| forces.coefficients(rod, regime.across.fluid, speed);
-        let Some([along, across]) = coefficients(forces) else { return };
+        let coefficients = |forces: &Forces, rod: &Rod| forces.coefficients(rod, regime.across.fluid, speed);
+        let Some([along, across]) = coefficients(forces, rod) else { return Ok(()) };
         fact(
             "drag per length and speed",
             format!("{along:.4e} N s/m^2 along, {across:.4e} across, at {speed:.3e} m/s"),
         );
+        let Model { rod, forces, .. } = &scene.with_nodes_up_to(MAX_NODES_FOR_LAWS).model()?;
+        let Some([along, across]) = coefficients(forces, rod).filter(|[along, _]| *along > 0.0) else { return Ok(()) };
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
-        let wave = scene.wavelength();
         let law_inputs = LawInputs {
-            wavelength: wave,
-            frequency: Spectrum::of_model(model).strongest(),
+            wavelength: scene.wavelength(),
+            frequency: spectrum.strongest(),
             height: motion.height.unwrap_or(f64::INFINITY),
             ..LawInputs::plain(rod)
         };
@@ -464,16 +475,19 @@ impl Assessment {
         let slender =
             |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&law_inputs) / radius).ln() >= SLENDER);
         let offered = |law: &DragLaw| law.is_offered(motion.height.is_some()) && !own.contains(&law.name);
-        let others = LAWS.iter().filter(|law| offered(law) && slender(law) && law.validity.holds(&motion));
+        let others = LAWS
+            .iter()
+            .filter(|law| offered(law) && slender(law) && law.validity.holds(&motion) && law.reach.allows(&law_inputs));
         let says = |law: &&DragLaw| {
-            let [t, n] = coefficients(&Forces(vec![(law.build)(&law_inputs)]))?;
+            let [t, n] = coefficients(&Forces(vec![(law.build)(&law_inputs)]), rod)?;
             let percent = |x: f64, own: f64| signed(100.0 * (x / own - 1.0), 0);
             Some(format!("{} {} % along, {} % across", law.name, percent(t, along), percent(n, across)))
         };
         let texts: Vec<String> = others.filter_map(says).collect();
-        if !texts.is_empty() && along > 0.0 {
+        if !texts.is_empty() {
             fact("other laws that hold", texts.join("; "));
         }
+        Ok(())
     }
 
     /// The body at the head, and its drag.
@@ -544,20 +558,6 @@ impl Assessment {
                 ),
             );
             before = here;
-            let thin = 2.0 * radius.max(spacing);
-            if layer.thickness < thin {
-                let nodes = (2.0 * rod.length / layer.thickness).ceil() + 1.0;
-                // More nodes do not help where the rod itself is thicker.
-                let finer = if layer.thickness >= 2.0 * radius {
-                    format!(", or at least {nodes} nodes")
-                } else {
-                    String::new()
-                };
-                self.warnings.push(format!(
-                    "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {:.1e} m{finer}",
-                    i + 1, layer.thickness, rounded_up(thin)
-                ));
-            }
         }
         let speed = regime.counted_speed();
         if speed > 0.0 {
@@ -581,13 +581,26 @@ impl Assessment {
                 ),
             );
         }
-        let up = layers.normal.dot(
-            &scene
-                .loads
-                .as_ref()
-                .and_then(|loads| loads.gravity_m_s2)
-                .map_or(Vector2::zeros(), |gravity| gravity.map(Finite::get).into()),
-        );
+    }
+
+    /// Warns of interfaces that nodes cross in jumps, and of a medium that would not stay at rest.
+    fn warn_of_media(&mut self, scene: &Scene, model: &Model) {
+        let Some((layers, medium)) = model.layers.zip(scene.medium.as_ref()) else { return };
+        let rod = &model.rod;
+        let (radius, spacing) = (rod.sections.outer.largest(), rod.spacing);
+        let thin = 2.0 * radius.max(spacing);
+        for (i, layer) in layers.iter().enumerate().filter(|(_, layer)| layer.thickness < thin) {
+            let nodes = (2.0 * rod.length / layer.thickness).ceil() + 1.0;
+            // More nodes do not help where the rod itself is thicker.
+            let finer =
+                if layer.thickness >= 2.0 * radius { format!(", or at least {nodes} nodes") } else { String::new() };
+            self.warnings.push(format!(
+                "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {:.1e} m{finer}",
+                i + 1, layer.thickness, rounded_up(thin)
+            ));
+        }
+        let gravity = scene.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
+        let up = layers.normal.dot(&gravity.map_or(Vector2::zeros(), |gravity| gravity.map(Finite::get).into()));
         let densities: Vec<f64> =
             std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density)).collect();
         if densities.windows(2).any(|pair| (pair[1] - pair[0]) * up < 0.0) {
@@ -637,7 +650,7 @@ impl Assessment {
         Ok(())
     }
 
-    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
+    fn warn(&mut self, scene: &Scene, stepper: &Stepper, drive: &DriveShape, omega: Option<f64>) {
         let rod = &stepper.model().rod;
         let step = scene.typical_step();
         let warnings = &mut self.warnings;
@@ -664,17 +677,10 @@ impl Assessment {
                 "head.kind = \"driven\" has neither head.position_m nor head.angle_rad: the head stands still unless a host moves it".to_string(),
             );
         }
-        if let Some((_, Drive { amplitude, frequency: 0.0 })) = stepper.model().actuation
-            && amplitude != 0.0
-        {
-            let largest = |phase: f64| {
-                natural_curvature(stepper.model(), phase).iter().fold(0.0, |max: f64, kappa| max.max(kappa.abs()))
-            };
-            if largest(0.0) < 1e-6 * largest(FRAC_PI_2) {
-                warnings.push(
-                    "actuation.frequency_hz = 0 keeps this wave at its phase, where it bends nothing; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] keeps it at its crest".to_string(),
-                );
-            }
+        if drive.rests_straight {
+            warnings.push(
+                "actuation.frequency_hz = 0 keeps this wave at its phase, where it bends nothing; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] keeps it at its crest".to_string(),
+            );
         }
         // Steps that a tolerance chooses are judged by it.
         let fixed = match stepper.pace() {
@@ -722,9 +728,8 @@ impl Assessment {
                 "the shaped start has the shape and the speed that the moments would bend the rod to without load, which it never has at {ratio:.1} times its first frequency: it carries that energy for long; start.kind = \"ramp\" does not"
             ));
         }
-        let sharpest = sharpest_turning(stepper.model());
-        if sharpest > FRAC_PI_4 {
-            let degrees = sharpest.to_degrees();
+        if drive.sharpest_turning > FRAC_PI_4 {
+            let degrees = drive.sharpest_turning.to_degrees();
             warnings.push(if stepper.model().active_moments {
                 format!(
                     "without the fluid these moments would turn a joint by up to {degrees:.0}°: where the run comes near to that, as in resonance, take more nodes, or less moment where the body is thin (actuation.amplitude_profile)"
@@ -735,23 +740,14 @@ impl Assessment {
                 )
             });
         }
-        let (bent, rounding) = (chain::bent_length(rod, step), chain::rounding(rod, step));
-        let part = rod.spacing / bent;
-        if stepper.form() == Form::Chain {
-            // Its rounding error does not grow with the mesh.
-        } else if part < MIN_SPACING[0] {
-            let problem = format!(
-                "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {step:.1e} s, or solver.form = \"auto\"",
-                rod.nodes,
-                MIN_SPACING[0],
-                (rod.length / (MIN_SPACING[0] * bent)).floor()
-            );
-            if part < MIN_SPACING[1] {
-                self.refusal = Some(KeyError { key: "rod.nodes".to_string(), problem: problem.clone() });
+        // The chain form's rounding error does not grow with the mesh, and the model of shapes solves for none.
+        if stepper.form() == Form::Positions && stepper.view().dynamics.mechanics != Mechanics::Shape {
+            let rounding = chain::rounding(rod, step);
+            if let Some(problem) = chain::too_fine(rod, step) {
+                warnings.push(format!("rod.nodes: {problem}"));
+            } else if rounding > chain::ACCURACY {
+                warnings.push(format!("the mesh is so fine that one solve in positions may be off by {rounding:.1e} relative: Newton's method takes more iterations, and moments lose digits"));
             }
-            warnings.push(format!("rod.nodes: {problem}"));
-        } else if rounding > chain::ACCURACY {
-            warnings.push(format!("the mesh is so fine that one solve in positions may be off by {rounding:.1e} relative: Newton's method takes more iterations, and moments lose digits"));
         }
         if rod.spacing < rod.sections.outer.largest() {
             warnings.push(format!(
@@ -898,10 +894,27 @@ fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
     natural_curvature
 }
 
-/// Largest rotation (rad) of a joint that the actuation prescribes.
-fn sharpest_turning(model: &Model) -> f64 {
-    let at = |phase: f64| {
-        natural_curvature(model, phase)[model.rod.joints()].iter().fold(0.0, |max: f64, k| max.max(k.abs()))
-    };
-    (0..16).map(|i| bend::turning(at(TAU * f64::from(i) / 16.0))).fold(0.0, f64::max)
+/// What the actuation prescribes.
+struct DriveShape {
+    /// Largest rotation of a joint, rad.
+    sharpest_turning: f64,
+    /// True if its frequency is zero, and it bends nothing at the phase where that keeps it.
+    rests_straight: bool,
+}
+
+impl DriveShape {
+    /// That of `model`, of a rod whose spacing is `finer` times that of the model's.
+    fn of(model: &Model, finer: f64) -> Self {
+        let largest = |values: &[f64]| values.iter().fold(0.0, |max: f64, k| max.max(k.abs()));
+        let sharpest = |phase: f64| largest(&natural_curvature(model, phase)[model.rod.joints()]);
+        let rests = |drive: Drive| drive.frequency == 0.0 && drive.amplitude != 0.0;
+        let straight = |phase: f64| largest(&natural_curvature(model, phase));
+        Self {
+            sharpest_turning: (0..16)
+                .map(|i| bend::turning(finer * sharpest(TAU * f64::from(i) / 16.0)))
+                .fold(0.0, f64::max),
+            rests_straight: model.actuation.as_ref().is_some_and(|(_, drive)| rests(*drive))
+                && straight(0.0) < 1e-6 * straight(FRAC_PI_2),
+        }
+    }
 }

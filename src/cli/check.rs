@@ -7,15 +7,15 @@ use caudal::error::Result;
 use caudal::report::RunOutput;
 use serde_json::json;
 
-use super::{Prepared, SceneArguments, output_folder, print, refuse, say};
+use super::{SceneArguments, output_folder, print, refuse, say};
 
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
-    let Prepared { document, scene, stepper, assessment } = arguments.prepare()?;
+    let (_, scene, stepper) = arguments.prepare()?;
+    let assessment = Assessment::of(&scene, &stepper)?;
     let facts =
         [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
             .concat();
-    let refused =
-        assessment.refused(&document).or_else(|| RunOutput::fits(&output_folder(&scene), &scene, &stepper).err());
+    let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err();
     if json {
         let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();
         let content = json!({

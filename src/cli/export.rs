@@ -15,7 +15,7 @@ use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
 use super::run::{progress_bar, watch_for_interrupts};
-use super::{Prepared, SceneArguments, exit, output_folder, print_error, refuse, say, say_written};
+use super::{SceneArguments, exit, output_folder, print_error, refuse, say, say_written};
 
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
@@ -116,11 +116,16 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             Err(error) => return Ok(refuse(&error)),
         },
     };
+<<<<<<< HEAD
     let prepared = SceneArguments { scene: file.clone(), set: arguments.set.clone() }.prepare()?;
     let Prepared { document, scene, mut stepper, assessment } = prepared;
     if let Some(error) = assessment.refused(&document) {
         return Ok(refuse(&error));
     }
+=======
+    let scene = SceneArguments { scene: file, set: arguments.set.clone() };
+    let (_, scene, mut stepper) = scene.prepare()?;
+>>>>>>> main
     if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != scene.fingerprint_text()) {
         print_error(&format!(
             "{}: the run is of another scene than {} is now ({fingerprint}); --set gives the overrides that it was made with",

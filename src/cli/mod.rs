@@ -17,7 +17,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
 use caudal::files::WrittenFiles;
 use caudal::fmu::FmuOptions;
@@ -164,21 +163,12 @@ impl SceneArguments {
         Ok((document, scene))
     }
 
-    /// The scene at its start, and what there is to say of it.
-    fn prepare(&self) -> Result<Prepared> {
+    /// The scene, and the stepper at its start.
+    fn prepare(&self) -> Result<(Document, Scene, Stepper)> {
         let (document, scene) = self.read()?;
-        let stepper = Stepper::of(&scene)?;
-        let assessment = Assessment::of(&scene, &stepper)?;
-        Ok(Prepared { document, scene, stepper, assessment })
+        let stepper = Stepper::of(&scene).map_err(|error| document.located(error))?;
+        Ok((document, scene, stepper))
     }
-}
-
-/// A scene before its first step.
-struct Prepared {
-    document: Document,
-    scene: Scene,
-    stepper: Stepper,
-    assessment: Assessment,
 }
 
 /// The folder of a run's results unless another one is asked for.

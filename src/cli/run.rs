@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
 use caudal::reduced::{ErrorMeasure, ModelKind};
 use caudal::report::Summary;
@@ -16,8 +17,7 @@ use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
 use super::{
-    Prepared, SceneArguments, exit, output_folder, print, print_error, progress_bar_with, refuse, say, say_kept,
-    set_quiet,
+    SceneArguments, exit, output_folder, print, print_error, progress_bar_with, refuse, say, say_kept, set_quiet,
 };
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
@@ -31,16 +31,14 @@ pub fn run(
     json: bool,
 ) -> Result<ExitCode> {
     set_quiet(json);
-    let Prepared { document, scene, mut stepper, assessment } = arguments.prepare()?;
-    if let Some(error) = assessment.refused(&document) {
-        return Ok(refuse(&error));
-    }
+    let (document, scene, mut stepper) = arguments.prepare()?;
+    let warnings = Assessment::of_run(&scene, &stepper)?.warnings;
     let folder = out.unwrap_or_else(|| output_folder(&scene));
     let mut output = match RunOutput::create(&folder, &scene, &stepper, Claim::forced(force)) {
         Ok(output) => output,
         Err(error) => return Ok(refuse(&error)),
     };
-    for warning in &assessment.warnings {
+    for warning in &warnings {
         say(&format!("note: {warning}"));
     }
     let interrupted = watch_for_interrupts();
@@ -55,7 +53,7 @@ pub fn run(
         }
     });
     bar.finish_and_clear();
-    let mut summary = Summary::of(&scene, &stepper, &outcome, &assessment.warnings);
+    let mut summary = Summary::of(&scene, &stepper, &outcome, &warnings);
     if verify && outcome.ending == Ending::Complete {
         // A comparison that fails, or is interrupted, takes nothing from the run.
         match Verification::of(&scene, &stepper, |_| raised()) {
@@ -101,7 +99,7 @@ pub fn run(
             });
         }
     }
-    for note in summary.notes.iter().skip(assessment.warnings.len()) {
+    for note in summary.notes.iter().skip(warnings.len()) {
         say(&format!("note: {note}"));
     }
     if summary.step_halvings > 0 {

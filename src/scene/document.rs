@@ -291,6 +291,14 @@ impl Document {
         self.with_root(at).unwrap_or_else(|error| error)
     }
 
+    /// An `error` of its scene, with the place of the key if it names one.
+    pub fn located(&self, error: Error) -> Error {
+        match error {
+            Error::Scene { key, problem, .. } if !key.is_empty() => self.error_at(&KeyError { key, problem }),
+            other => other,
+        }
+    }
+
     /// The location of a key as errors show it: file and line, or the override.
     pub fn place_of(&self, key: &str) -> String {
         match self.error_at(&KeyError { key: key.to_string(), problem: String::new() }) {

@@ -741,7 +741,7 @@ impl Scene {
             return None;
         }
         let (_, reactive) = self.fluid_model(&self.rod_on(NODES[0] as usize));
-        let coarse = self.with_nodes(MAX_NONLOCAL_NODES.min(self.rod.nodes.get() as u64));
+        let coarse = self.with_nodes_up_to(MAX_NONLOCAL_NODES);
         let (own, regime) = coarse.short_run().ok()?;
         let rod = coarse.rod_on(coarse.rod.nodes.get());
         let motion = coarse.motion(&rod, regime.across);

@@ -265,7 +265,6 @@ impl Scene {
         if self.requires_full_model().is_some() {
             return Ok(Estimates::none("it cannot hold a medium that changes with the place"));
         }
-        let nodes = (self.rod.nodes.get() as u64).min(MAX_ESTIMATE_NODES);
         let step = self.typical_step();
         let (method, _) = self.method().map_err(|KeyError { key, problem }| self.error(&key, problem))?;
         let iterations = match (method.implicit, self.integrator()?.rule(step)) {
@@ -282,7 +281,7 @@ impl Scene {
             measures: ErrorMeasure::ALL
                 .map(|measure| Some(measure).filter(|measure| self.measures().contains(measure))),
         };
-        Ok(Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), run))
+        Ok(Estimates::of(&Arc::new(self.with_nodes_up_to(MAX_ESTIMATE_NODES).model()?), run))
     }
 
     /// The model that it names, or the cheapest one that is accurate enough.
@@ -418,6 +417,16 @@ impl Scene {
             (FormKey::Chain, _) => Form::Chain,
             (FormKey::Auto, _) if self.has_nonlocal_drag() => Form::Positions,
             (FormKey::Auto, _) => chain::form(rod, self.typical_step()),
+        }
+    }
+
+    /// Returns an error for a mesh of `rod` so fine that steps solved in `form` are rounding.
+    pub(crate) fn check_mesh(&self, rod: &Rod, form: Form) -> Result<()> {
+        let step = self.typical_step();
+        let meaningless = form == Form::Positions && chain::is_meaningless(rod, step);
+        match chain::too_fine(rod, step).filter(|_| meaningless) {
+            Some(problem) => Err(self.error("rod.nodes", problem)),
+            None => Ok(()),
         }
     }
 

@@ -29,6 +29,11 @@ impl Scene {
         scene
     }
 
+    /// The scene on its own mesh, or on one of that number of nodes if its own is finer.
+    pub fn with_nodes_up_to(&self, most: u64) -> Self {
+        self.with_nodes(most.min(self.rod.nodes.get() as u64))
+    }
+
     /// The scene with the full model and accurate adaptive steps, as a reference for reduced models.
     pub fn reference(&self) -> Self {
         let mut scene = self.with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE);

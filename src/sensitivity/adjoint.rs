@@ -3,7 +3,7 @@
 use super::controls::{Controls, Cotangents, Weights};
 use super::equations::Equations;
 use super::output::{Gradient, LocalDerivatives, Output, OutputContext};
-use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
+use super::parameter::{ActuationShape, JointDirection, Parameter, ParameterEffect, direct, keys};
 use super::problem::Problem;
 use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
@@ -85,7 +85,7 @@ impl Problem {
         let mut force = zeros();
         let mut total = vec![0.0; parameters.len()];
         let mut state = State::zeros(2 * nodes);
-        let Self { dynamics, finite_differences, controls, start: given, .. } = self;
+        let Self { dynamics, finite_differences, directions, controls, start: given, .. } = self;
         let mut scratch = Gradient::new(nodes, &[]);
         let held = dynamics.model.head.is_some();
         let joints = dynamics.model.rod.joints();
@@ -113,7 +113,8 @@ impl Problem {
             let bent = dynamics.shape(&state)?;
             point.look(&bent);
             effects.clear();
-            effects.extend(parameters.iter().map(|parameter| parameter.effect(&bent.dynamics.model.rod, &shape)));
+            let rod = &bent.dynamics.model.rod;
+            effects.extend(parameters.iter().map(|parameter| parameter.effect(rod, &shape, directions)));
             let at = OutputContext { bent, point: &point };
             for (difference, force) in finite_differences.iter_mut().zip(&mut force_by) {
                 difference.move_to(&bent, (controls, steps, n), summing, force)?;
@@ -149,7 +150,7 @@ impl Problem {
                     for (c, work) in &output.work {
                         work.add(&at, span, i == 0, c * factor, &mut gradient);
                     }
-                    let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at));
+                    let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at, &**directions));
                     accumulate(&gradient, &effects, &shape, step, &mut bar, &mut total);
                     for (j, total) in finite_differenced(&effects, &mut total) {
                         *total +=
@@ -251,7 +252,7 @@ fn parameter_force_along(
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
     for k in effect.joints.clone() {
         let deviation = kappa[k] - dynamics.natural[k] + at.bent.resisted_curvature(k);
-        let size = effect.stiffness * deviation
+        let size = effect.stiffness(k) * deviation
             - rod.joint[k] * effect.natural(shape, k)
             - at.bent.resisted_natural_rate(k) * effect.rate(shape, k);
         sum += size * at.point.gather(k, force);
@@ -264,7 +265,7 @@ fn accumulate(
     gradient: &Gradient,
     effects: &[ParameterEffect],
     shape: &ActuationShape,
-    step: Option<([&ActuationShape; 2], &[Parameter], &OutputContext<'_>)>,
+    step: Option<([&ActuationShape; 2], &[Parameter], &OutputContext<'_>, &[JointDirection])>,
     bar: &mut TangentState,
     total: &mut [f64],
 ) {
@@ -272,7 +273,8 @@ fn accumulate(
     bar.v.iter_mut().zip(&gradient.v).for_each(|(bar, g)| *bar += g);
     bar.a.iter_mut().zip(&gradient.a).for_each(|(bar, g)| *bar += g);
     for (j, (total, effect)) in total.iter_mut().zip(effects).enumerate() {
-        *total += direct(gradient, effect, shape, step.map(|(ends, parameters, at)| (ends, parameters[j], at)));
+        let step = step.map(|(ends, parameters, at, directions)| (ends, parameters[j], at, directions));
+        *total += direct(gradient, effect, shape, step);
     }
 }
 

@@ -31,7 +31,7 @@ impl Controls {
 
     /// The effect of the natural curvature of each joint on the equations.
     pub(super) fn effects(rod: &Rod, shape: &ActuationShape) -> Vec<ParameterEffect> {
-        rod.joints().map(|k| Parameter::NaturalCurvature(k).effect(rod, shape)).collect()
+        rod.joints().map(|k| Parameter::NaturalCurvature(k).effect(rod, shape, &[])).collect()
     }
 }
 

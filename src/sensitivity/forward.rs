@@ -93,6 +93,7 @@ impl Problem {
         let mut scratch = Gradient::new(nodes, &[]);
         let controls = Arc::clone(&self.controls);
         let given = self.start.clone();
+        let directions = Arc::clone(&self.directions);
 
         let done = self.advance(|dynamics, n, state, h| {
             look(state);
@@ -102,7 +103,8 @@ impl Problem {
             }
             shape.take(dynamics, state.t);
             effects.clear();
-            effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
+            effects
+                .extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape, &directions)));
             if n == 0 {
                 let first = |i: usize| finite_differences[i].first();
                 let parameters = (&effects[..], &force_by[..], &given);
@@ -147,7 +149,7 @@ impl Problem {
                     row.iter_mut().zip(&columns).zip(effects.iter().zip(parameters))
                 {
                     *entry = dot(&gradient.q, &column.q) + dot(&gradient.v, &column.v) + dot(&gradient.a, &column.a);
-                    *entry += direct(gradient, effect, &shape, step.map(|ends| (ends, *parameter, &at)));
+                    *entry += direct(gradient, effect, &shape, step.map(|ends| (ends, *parameter, &at, &*directions)));
                 }
             };
             now.fill(0.0);
@@ -255,7 +257,7 @@ fn add_parameter_force(
     }
     for k in effect.joints.clone() {
         let deviation = kappa[k] - dynamics.natural[k] + at.bent.resisted_curvature(k);
-        let size = effect.stiffness * deviation
+        let size = effect.stiffness(k) * deviation
             - rod.joint[k] * effect.natural(shape, k)
             - at.bent.resisted_natural_rate(k) * effect.rate(shape, k);
         at.point.scatter(k, factor * size, force);

@@ -38,7 +38,7 @@ pub use controls::{Controls, Cotangents, Weights};
 pub use finite_difference::FiniteDifference;
 pub use forward::Sensitivities;
 pub use output::{Output, Quantity, Work};
-pub use parameter::Parameter;
+pub use parameter::{JointDirection, Parameter};
 pub use problem::Problem;
 pub use simulation::{Array, Simulation, value_and_grad};
 pub use trajectory::Trajectory;

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::output::{Gradient, OutputContext};
 use crate::actuation::Wave;
@@ -32,6 +33,53 @@ pub enum Parameter {
     OfForces(Key),
     /// A number of the scene, by its index in [`Problem::finite_differences`](super::Problem::finite_differences).
     OfScene(usize),
+    /// A direction in the parameters of joints, by its index in [`Problem::directions`](super::Problem::directions).
+    Along(usize),
+}
+
+/// A direction in the parameters of joints, such as those that move with one knot: the derivative along it is the sum of `weights` times
+/// those by the parameters of the joints, at the cost of one.
+#[derive(Debug, Clone)]
+pub struct JointDirection {
+    parameter: fn(usize) -> Parameter,
+    joints: Range<usize>,
+    /// A joint whose effect is that of all of them but for their weights.
+    whole: usize,
+    weights: Arc<[f64]>,
+}
+
+impl JointDirection {
+    /// The direction in the parameters that `parameter` gives for nodes, with the `weights` of the joints of `rod` from node `first` on.
+    pub fn of(rod: &Rod, parameter: fn(usize) -> Parameter, first: usize, weights: &[f64]) -> Self {
+        let joints = first..first + weights.len();
+        let whole = joints.clone().find(|k| rod.joint_part(*k) == 1.0).unwrap_or(first);
+        let weight = |(k, weight): (usize, &f64)| {
+            let part = rod.joint_part(k) / rod.joint_part(whole);
+            match parameter(k) {
+                Parameter::Stiffness(_) => weight / part,
+                Parameter::NaturalCurvature(_) => weight * part,
+                _ => *weight,
+            }
+        };
+        let weights = joints.clone().zip(weights).map(weight).collect();
+        Self { parameter, joints, whole, weights }
+    }
+
+    /// The same with each weight multiplied by that `factor` of its node.
+    pub fn scaled(&self, factor: impl Fn(usize) -> f64) -> Self {
+        let weights = self.joints.clone().zip(&*self.weights).map(|(k, weight)| weight * factor(k)).collect();
+        Self { weights, ..self.clone() }
+    }
+
+    /// True if it is one of stiffness.
+    pub fn is_of_stiffness(&self) -> bool {
+        matches!((self.parameter)(self.whole), Parameter::Stiffness(_))
+    }
+
+    fn effect(&self, rod: &Rod, shape: &ActuationShape) -> ParameterEffect {
+        let of_joint = (self.parameter)(self.whole).effect(rod, shape, &[]);
+        ParameterEffect { joints: self.joints.clone(), weights: Some(Arc::clone(&self.weights)), ..of_joint }
+    }
 }
 
 /// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) or M_amp r g(ψ), with its first two derivatives by phase.
@@ -85,12 +133,14 @@ impl ActuationShape {
 }
 
 /// The derivatives of the equations by a parameter at a time: at each of `joints`, that of B_k is `stiffness`, that of κ̄_k is
-/// own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g''); where active moments bend it, both are less by `stiffness`/B_k
-/// times what they give.
+/// own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g''), all of them times its weight; where active moments bend it, both
+/// are less by `stiffness`/B_k times what they give.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ParameterEffect {
     pub(super) joints: Range<usize>,
-    pub(super) stiffness: f64,
+    /// The weight of each of them; 1 where there are none.
+    weights: Option<Arc<[f64]>>,
+    stiffness: f64,
     own: f64,
     natural: [f64; 2],
     rate: [f64; 3],
@@ -102,16 +152,27 @@ pub(super) struct ParameterEffect {
 }
 
 impl ParameterEffect {
+    #[inline]
+    fn weight(&self, k: usize) -> f64 {
+        self.weights.as_ref().map_or(1.0, |weights| weights[k - self.joints.start])
+    }
+
+    /// dB_k.
+    #[inline]
+    pub(super) fn stiffness(&self, k: usize) -> f64 {
+        self.weight(k) * self.stiffness
+    }
+
     /// dκ̄_k.
     #[inline]
     pub(super) fn natural(&self, shape: &ActuationShape, k: usize) -> f64 {
-        self.own + shape.sum(&self.natural, k) - self.softening(shape, k, 0)
+        self.weight(k) * (self.own + shape.sum(&self.natural, k)) - self.softening(shape, k, 0)
     }
 
     /// d(dκ̄_k/dt), 1/s.
     #[inline]
     pub(super) fn rate(&self, shape: &ActuationShape, k: usize) -> f64 {
-        shape.sum(&self.rate, k) - self.softening(shape, k, 1)
+        self.weight(k) * shape.sum(&self.rate, k) - self.softening(shape, k, 1)
     }
 
     /// What a stiffer joint is bent less by its active moment, or the rate of that (`order` 1).
@@ -121,14 +182,14 @@ impl ParameterEffect {
             .active
             .get(k)
             .filter(|_| self.stiffness != 0.0)
-            .map_or(0.0, |(own, bent)| bent[order] * self.stiffness / own)
+            .map_or(0.0, |(own, bent)| bent[order] * self.stiffness(k) / own)
     }
 
     /// dM_k, N m.
     #[inline]
     fn active(&self, shape: &ActuationShape, k: usize) -> f64 {
         let stiffness = shape.active.get(k).filter(|_| shape.moments).map_or(0.0, |(stiffness, _)| *stiffness);
-        stiffness * shape.sum(&self.natural, k)
+        stiffness * self.weight(k) * shape.sum(&self.natural, k)
     }
 
     /// True if κ̄ depends on it.
@@ -153,7 +214,7 @@ impl Parameter {
 
     /// Returns an error for a parameter that `model` does not have, for which derivatives would be zero; `count` is the number of finite
     /// differences.
-    pub(super) fn check(self, model: &Model, count: usize) -> Result<()> {
+    pub(super) fn check(self, model: &Model, count: usize, directions: &[JointDirection]) -> Result<()> {
         let refuse =
             |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self:?}: {problem}") });
         let joints = model.rod.joints();
@@ -184,14 +245,21 @@ impl Parameter {
             Self::OfScene(i) if i >= count => refuse(format!(
                 "Problem::finite_differences has {count} entries; allowed: an index into it (see sensitivity::scene_parameter)"
             )),
+            Self::Along(i) => match directions.get(i) {
+                Some(along) => along.joints.clone().try_for_each(|k| (along.parameter)(k).check(model, count, &[])),
+                None => {
+                    refuse(format!("Problem::directions has {} entries; allowed: an index into it", directions.len()))
+                }
+            },
             _ => Ok(()),
         }
     }
 
     /// Its effect on the equations at the time of `shape`.
-    pub(super) fn effect(self, rod: &Rod, shape: &ActuationShape) -> ParameterEffect {
+    pub(super) fn effect(self, rod: &Rod, shape: &ActuationShape, directions: &[JointDirection]) -> ParameterEffect {
         let none = ParameterEffect {
             joints: 0..0,
+            weights: None,
             stiffness: 0.0,
             own: 0.0,
             natural: [0.0; 2],
@@ -231,6 +299,7 @@ impl Parameter {
             Self::Phase => driven(rod.joints(), 0.0, -1.0, 0.0),
             Self::OfForces(key) => ParameterEffect { key: Some(key), ..none },
             Self::OfScene(i) => ParameterEffect { scene_parameter: Some(i), ..none },
+            Self::Along(i) => directions.get(i).map_or(none, |along| along.effect(rod, shape)),
         }
     }
 }
@@ -246,24 +315,26 @@ pub(super) fn direct(
     gradient: &Gradient,
     effect: &ParameterEffect,
     shape: &ActuationShape,
-    step: Option<([&ActuationShape; 2], Parameter, &OutputContext<'_>)>,
+    step: Option<([&ActuationShape; 2], Parameter, &OutputContext<'_>, &[JointDirection])>,
 ) -> f64 {
     let mut sum = effect.key.map_or(0.0, |key| gradient.by_key(key));
+    let ends = step.filter(|_| effect.stiffness == 0.0 && !effect.joints.is_empty());
+    let ends = ends.map(|(ends, parameter, at, directions)| {
+        ends.map(|shape| (parameter.effect(&at.bent.dynamics.model.rod, shape, directions), shape))
+    });
     for k in effect.joints.clone() {
-        sum += gradient.stiffness[k] * effect.stiffness
+        sum += gradient.stiffness[k] * effect.stiffness(k)
             + gradient.natural[k] * effect.natural(shape, k)
             + gradient.natural_rate[k] * effect.rate(shape, k)
             + gradient.active[k] * effect.active(shape, k);
-        if let Some(([from, to], parameter, at)) = step.filter(|_| effect.stiffness == 0.0) {
-            let rod = &at.bent.dynamics.model.rod;
-            let [from, to] = [from, to].map(|shape| (parameter.effect(rod, shape), shape));
+        if let Some([from, to]) = &ends {
             if !shape.moments {
                 let natural = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.natural(shape, k);
-                sum += gradient.natural_step[k] * (natural(&to) - natural(&from));
+                sum += gradient.natural_step[k] * (natural(to) - natural(from));
             } else {
                 // The natural curvature is a host's, which no parameter moves within a step.
                 let active = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.active(shape, k);
-                sum += gradient.active_ends[k] * (active(&from) + active(&to));
+                sum += gradient.active_ends[k] * (active(from) + active(to));
             }
         }
     }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::controls::Controls;
 use super::finite_difference::FiniteDifference;
 use super::output::Output;
-use super::parameter::Parameter;
+use super::parameter::{JointDirection, Parameter};
 use super::time_grid::TimeGrid;
 use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
@@ -26,6 +26,8 @@ pub struct Problem {
     actuation: Option<Box<dyn Actuation>>,
     /// The finite differences for each [`Parameter::OfScene`].
     pub finite_differences: Vec<FiniteDifference>,
+    /// The directions for each [`Parameter::Along`].
+    pub directions: Arc<[JointDirection]>,
     pub(super) integrator: Box<dyn Integrator>,
     tolerance: f64,
     linear: SolverChoice,
@@ -69,8 +71,8 @@ impl Problem {
     /// The differentiable simulation of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain form, or a
-    /// reduced model.
+    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain form, a mesh
+    /// that needs it, or a reduced model.
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::of_model(scene, scene.model()?)
     }
@@ -121,11 +123,13 @@ impl Problem {
                 "derivatives need positions as unknowns; allowed: fewer nodes, or \"positions\"",
             );
         }
+        scene.check_mesh(&model.rod, Form::Positions)?;
         let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),
             actuation: scene.model()?.actuation.map(|(actuation, _)| actuation),
             finite_differences: Vec::new(),
+            directions: Arc::default(),
             integrator,
             tolerance: scene.newton_tolerance(),
             linear: scene.solver.linear,
@@ -195,7 +199,7 @@ impl Problem {
     /// Returns an error for parameters and outputs that the model does not have, for which derivatives would be zero.
     pub(super) fn check(&self, parameters: &[Parameter], outputs: &[Output]) -> Result<()> {
         let (model, finite_differences) = (self.model(), self.finite_differences.len());
-        parameters.iter().try_for_each(|parameter| parameter.check(model, finite_differences))?;
+        parameters.iter().try_for_each(|parameter| parameter.check(model, finite_differences, &self.directions))?;
         outputs.iter().try_for_each(|output| output.check(model))
     }
 

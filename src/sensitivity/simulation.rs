@@ -413,7 +413,7 @@ impl Simulation {
     #[cfg(feature = "faer")]
     pub fn notes(&mut self) -> Result<Vec<String>> {
         let warnings =
-            crate::assessment::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
+            crate::assessment::Assessment::of_run(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
         let (metrics, end) = self.problem.simulate_metrics()?;
         Ok(crate::diagnostics::notes(&self.scene, self.problem.model(), &metrics, &end, self.scene.pace(), &warnings))
     }

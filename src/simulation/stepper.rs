@@ -209,7 +209,8 @@ impl Stepper {
     /// Prepares the run of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`] and [`Newton::with`]; those of [`init`](Self::init) as [`Error::Scene`].
+    /// Those of [`Scene::model`] and [`Newton::with`]; [`Error::Scene`] for a mesh so fine that steps in positions are rounding; those of
+    /// [`init`](Self::init) as [`Error::Scene`].
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::in_form(scene, None)
     }
@@ -240,6 +241,9 @@ impl Stepper {
         let solved = model_stepper.mechanics() != Mechanics::Shape;
         let own = || if solved { taken.form(&model.rod) } else { Form::Positions };
         let form = form.unwrap_or_else(own);
+        if solved {
+            scene.check_mesh(&model.rod, form)?;
+        }
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let slenderness = model.rod.slenderness_squared();
         let newton = match taken.pace() {

@@ -1,163 +1,18 @@
 //! Digests of what commands leave: the texts in their order, and of all numbers of one kind how many there are, their size, and a sum that
 //! weighs each by its place, so that a moved, exchanged or lost thing is another number. A digest is kept in `tests/recorded` and compared
-//! with a tolerance; with CAUDAL_WRITE_RECORDED=1 it is recorded anew, see `recorded.rs`.
+//! with a tolerance, see `common/recorded.rs`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Set to record in place of comparing.
-const WRITE: &str = "CAUDAL_WRITE_RECORDED";
-
-/// Numbers differ by no more than this part of them.
-const TOLERANCE: f64 = 2e-5;
-
-/// A rod longer by this part is the same rod: what it changes is not compared.
-pub const LONGER: f64 = 1e-11;
+use crate::common::recorded::{Part, parts, rounded};
 
 /// Numbers that are smaller are what rounding leaves of zero.
 const ROUNDING: f64 = 1e-13;
 
-/// In the place of a number, or of a line, that is not compared.
-const ANYTHING: &str = "~";
-
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-/// A number in a text, or what is between numbers.
-#[derive(Debug, Clone, PartialEq)]
-enum Part<'a> {
-    Words(&'a str),
-    Number(f64, &'a str),
-}
-
-/// The numbers of a text and what is between them. A digit in a name is part of it.
-fn parts(text: &str) -> Vec<Part<'_>> {
-    let bytes = text.as_bytes();
-    let digits = |mut at: usize| {
-        while bytes.get(at).is_some_and(u8::is_ascii_digit) {
-            at += 1;
-        }
-        at
-    };
-    let (mut parts, mut begin, mut i) = (Vec::new(), 0, 0);
-    while i < bytes.len() {
-        let before = i.checked_sub(1).map_or(b' ', |before| bytes[before]);
-        let in_name = before.is_ascii_alphanumeric() || matches!(before, b'_' | b'#' | b'.') || before >= 0x80;
-        let first = i + usize::from(bytes[i] == b'-');
-        let mut end = digits(first);
-        if in_name || end == first {
-            i += 1;
-            continue;
-        }
-        if bytes.get(end) == Some(&b'.') && digits(end + 1) > end + 1 {
-            end = digits(end + 1);
-        }
-        let exponent = end + 1 + usize::from(matches!(bytes.get(end + 1), Some(b'-' | b'+')));
-        if bytes.get(end) == Some(&b'e') && digits(exponent) > exponent {
-            end = digits(exponent);
-        }
-        if begin < i {
-            parts.push(Part::Words(&text[begin..i]));
-        }
-        parts.push(Part::Number(text[i..end].parse().unwrap(), &text[i..end]));
-        (begin, i) = (end, end);
-    }
-    if begin < bytes.len() {
-        parts.push(Part::Words(&text[begin..]));
-    }
-    parts
-}
-
-/// The line with numbers of at most seven digits.
-pub fn rounded(line: &str) -> String {
-    let shown = |part: Part<'_>| match part {
-        Part::Words(words) => words.to_string(),
-        Part::Number(_, own) if own.len() <= 8 || is_whole(own) => own.to_string(),
-        Part::Number(value, _) => format!("{:e}", format!("{value:.6e}").parse::<f64>().unwrap()),
-    };
-    parts(line).into_iter().map(shown).collect()
-}
-
-/// Whole numbers, such as references and counts, are near if they are the same.
-fn are_near([(a, own), (b, other)]: [(f64, &str); 2], tolerance: f64) -> bool {
-    own == other || !(is_whole(own) && is_whole(other)) && (a - b).abs() <= tolerance * a.abs().max(b.abs())
-}
-
-fn is_whole(text: &str) -> bool {
-    text.bytes().all(|byte| byte.is_ascii_digit())
-}
-
-/// What two lines have in common.
-fn common(line: &str, other: &str) -> String {
-    let (own, others) = (parts(line), parts(other));
-    let alike = |pair| matches!(pair, (Part::Number(..), Part::Number(..))) || pair.0 == pair.1;
-    if own.len() != others.len() || !own.iter().cloned().zip(others.iter().cloned()).all(alike) {
-        return ANYTHING.to_string();
-    }
-    let same = |(part, other): (&Part<'_>, &Part<'_>)| match (part, other) {
-        (Part::Number(a, own), Part::Number(b, other)) if are_near([(*a, *own), (*b, *other)], 0.25 * TOLERANCE) => {
-            (*own).to_string()
-        }
-        (Part::Words(words), _) => (*words).to_string(),
-        _ => ANYTHING.to_string(),
-    };
-    own.iter().zip(&others).map(same).collect()
-}
-
-fn are_alike(before: &str, now: &str) -> bool {
-    if before == ANYTHING {
-        return true;
-    }
-    // What may be anything is a number now, which stands alone.
-    let now_parts = parts(now);
-    let (mut rest, mut i) = (before, 0);
-    while let Some((own, after)) = rest.split_once(ANYTHING) {
-        let own = parts(own);
-        if now_parts.len() < i + own.len() + 1 || !are_equal(&own, &now_parts[i..i + own.len()]) {
-            return false;
-        }
-        i += own.len();
-        if !matches!(now_parts[i], Part::Number(..)) {
-            return false;
-        }
-        (rest, i) = (after, i + 1);
-    }
-    are_equal(&parts(rest), &now_parts[i..])
-}
-
-fn are_equal(before: &[Part<'_>], now: &[Part<'_>]) -> bool {
-    before.len() == now.len()
-        && before.iter().zip(now).all(|pair| match pair {
-            (Part::Number(a, own), Part::Number(b, other)) => are_near([(*a, *own), (*b, *other)], TOLERANCE),
-            (a, b) => a == b,
-        })
-}
-
-/// Compares what is `made`, of a rod that is longer by this part of its length, with what was recorded under `name`, or records it.
-pub fn compare(name: &str, made: impl Fn(f64) -> String) {
-    let path = root().join("tests/recorded").join(format!("{name}.txt"));
-    if std::env::var_os(WRITE).is_some() {
-        let [own, other] = [0.0, LONGER].map(made);
-        assert_eq!(own.lines().count(), other.lines().count(), "{name}: another number of lines");
-        let lines = own.lines().zip(other.lines()).map(|(line, other)| common(line, other) + "\n");
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        return std::fs::write(path, lines.collect::<String>()).unwrap();
-    }
-    let before = std::fs::read_to_string(&path).unwrap_or_default();
-    let now = made(0.0);
-    let (old, new): (Vec<_>, Vec<_>) = (before.lines().collect(), now.lines().collect());
-    let differing = (0..old.len().max(new.len())).filter(|i| match (old.get(*i), new.get(*i)) {
-        (Some(old), Some(new)) => !are_alike(old, new),
-        _ => true,
-    });
-    let shown = differing.take(8).map(|i| {
-        let [old, new] = [&old, &new].map(|lines| *lines.get(i).unwrap_or(&"nothing"));
-        format!("{name}.txt:{}:\n  - {old}\n  + {new}\n", i + 1)
-    });
-    let shown: String = shown.collect();
-    assert!(shown.is_empty(), "the first differences; if they are meant, {WRITE}=1 …\n{shown}");
 }
 
 /// Many numbers in two, and many words in one.
@@ -173,6 +28,7 @@ impl Heap {
             match part {
                 Part::Number(value, _) => self.numbers.push(if value.abs() < ROUNDING { 0.0 } else { value }),
                 Part::Words(words) => self.words.push_str(words),
+                Part::Anything => {}
             }
         }
         self.words.push('\n');

@@ -10,7 +10,8 @@ use caudal::fmu::{Fmu, FmuOptions, Standard};
 use caudal::scene::Document;
 use serde_json::Value;
 
-use crate::digest::{compare, fingerprint, plain, root, rounded};
+use crate::common::recorded::{is_as_recorded, rounded};
+use crate::digest::{fingerprint, plain, root};
 
 /// What the command prints.
 fn printed(arguments: &[&str]) -> String {
@@ -55,7 +56,7 @@ fn packed(scene: &str, sets: &[&str], standard: Standard, options: FmuOptions, l
 /// A driven head by the newer standard, whose arrays it has.
 #[test]
 fn the_fmu_of_a_driven_head_is_what_it_was() {
-    compare("documents/fmu-driven-head", |longer| {
+    is_as_recorded("documents/fmu-driven-head", |longer| {
         let sets = ["rod.nodes=5", "rod.damping_time_s=0.01", "medium.flow_m_s=[0.1,0]"];
         packed("models/driven-head.toml", &sets, Standard::Fmi3, FmuOptions::default(), longer)
     });
@@ -64,7 +65,7 @@ fn the_fmu_of_a_driven_head_is_what_it_was() {
 /// A swimmer with a body by the older standard, which has no arrays.
 #[test]
 fn the_fmu_of_a_swimmer_is_what_it_was() {
-    compare("documents/fmu-fish", |longer| {
+    is_as_recorded("documents/fmu-fish", |longer| {
         let sets = ["rod.nodes=5", "head_body.semi_axis_along_m=0.02", "head_body.semi_axis_across_m=0.01"];
         let options = FmuOptions { nodes: Some(vec![0, 3]), ..FmuOptions::default() };
         packed("models/fish.toml", &sets, Standard::Fmi2, options, longer)
@@ -74,7 +75,7 @@ fn the_fmu_of_a_swimmer_is_what_it_was() {
 /// A choice of variables, as scalars of the newer standard.
 #[test]
 fn the_plain_fmu_of_an_eel_with_muscles_is_what_it_was() {
-    compare("documents/fmu-muscle-eel", |longer| {
+    is_as_recorded("documents/fmu-muscle-eel", |longer| {
         let names = ["curvature_1_m", "actuation_moment_n_m", "rod.length_m", "tip_x_m", "actuation.envelope[1]"];
         let variables = Some(names.map(str::to_string).to_vec());
         let options = FmuOptions { variables, nodes: Some(vec![1, 2]), plain: true };
@@ -84,7 +85,7 @@ fn the_plain_fmu_of_an_eel_with_muscles_is_what_it_was() {
 
 #[test]
 fn variables_are_listed_as_they_were() {
-    compare("documents/variables", |_| {
+    is_as_recorded("documents/variables", |_| {
         let scenes = ["models/driven-head.toml", "models/fish.toml", "models/muscle-eel.toml"];
         let own = scenes.map(|scene| format!("== {scene}\n{}", printed(&["variables", scene])));
         format!("{}{}", printed(&["variables"]), own.concat())
@@ -93,7 +94,7 @@ fn variables_are_listed_as_they_were() {
 
 #[test]
 fn new_scenes_are_what_they_were() {
-    compare("documents/new", |_| {
+    is_as_recorded("documents/new", |_| {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("made.toml");
         let mut text = String::new();
@@ -116,7 +117,7 @@ fn new_scenes_are_what_they_were() {
 
 #[test]
 fn help_completions_and_man_pages_are_what_they_were() {
-    compare("documents/help", |_| {
+    is_as_recorded("documents/help", |_| {
         let parts = ["run", "sweep", "design", "check", "fmu", "variables", "new", "export", "schema", "completions"];
         let studies = ["modes", "scaling", "accuracy", "fluid", "stability"];
         let mut calls: Vec<Vec<&str>> = vec![vec![], vec!["sweep", "merge"], vec!["man"], vec!["study"]];
@@ -165,7 +166,7 @@ fn places(value: &Value, path: &str, lines: &mut BTreeMap<String, String>) {
 
 #[test]
 fn schemas_are_what_they_were() {
-    compare("documents/schema", |_| {
+    is_as_recorded("documents/schema", |_| {
         let mut text = String::new();
         for arguments in [&["schema"][..], &["schema", "--sweep"]] {
             let mut lines = BTreeMap::new();

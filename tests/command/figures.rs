@@ -7,7 +7,8 @@ use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
 
-use crate::digest::{compare, file, files, root};
+use crate::common::recorded::is_as_recorded;
+use crate::digest::{file, files, root};
 
 /// Runs the command in the project's folder and expects that it ends well, or with a search or cases that failed and are kept.
 fn caudal(arguments: &[&str]) {
@@ -37,7 +38,7 @@ fn digests(folder: &Path, left_out: &[&str]) -> String {
 
 /// Compares what a command leaves with what it left.
 fn left(name: &str, arguments: &[&str], length: f64, left_out: &[&str]) {
-    compare(&format!("figures/{name}"), |longer| {
+    is_as_recorded(&format!("figures/{name}"), |longer| {
         let folder = tempfile::tempdir().unwrap();
         run(arguments, length, longer, &folder.path().join("out"));
         digests(&folder.path().join("out"), left_out)
@@ -225,7 +226,7 @@ fn sweep(folder: &Path, name: &str, axes: &str) -> String {
 }
 
 fn sweep_left(name: &str, axes: &str, left_out: &[&str]) {
-    compare(&format!("figures/{name}"), |longer| {
+    is_as_recorded(&format!("figures/{name}"), |longer| {
         let folder = tempfile::tempdir().unwrap();
         run(&["sweep", &sweep(folder.path(), name, axes)], 0.12, longer, &folder.path().join("out"));
         digests(&folder.path().join("out"), left_out)
@@ -276,7 +277,7 @@ fn a_front_of_designs_leaves_the_pages_it_left() {
 
 #[test]
 fn a_design_for_several_fluids_leaves_the_pages_it_left() {
-    compare("figures/design-robust", |longer| {
+    is_as_recorded("figures/design-robust", |longer| {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cases.toml");
         let scene = root().join(SOFT[1]);
@@ -321,7 +322,7 @@ fn parquet(path: &Path) -> String {
 /// A run and what its folder is exported as.
 #[test]
 fn exports_of_a_run_are_what_they_were() {
-    compare("figures/exports", |longer| {
+    is_as_recorded("figures/exports", |longer| {
         let folder = tempfile::tempdir().unwrap();
         let [out, vtk, films] = ["out", "vtk", "films"].map(|name| folder.path().join(name));
         let length = format!("rod.length_m={:e}", 0.3 * (1.0 + longer));

@@ -12,7 +12,7 @@ use caudal::scene::{Document, Files};
 use caudal::stepper::Stepper;
 use caudal::sweep::Sweep;
 
-use crate::digest::{compare, rounded};
+use crate::common::recorded::{is_as_recorded, rounded};
 
 /// A free swimmer in water.
 const FREE: &str = r#"rod.nodes = 9
@@ -445,7 +445,7 @@ free: medium.flow_m_s.0=0.1
 
 #[test]
 fn what_is_said_of_wrong_and_unusual_scenes_is_what_was_said() {
-    compare("messages/scenes", |_| {
+    is_as_recorded("messages/scenes", |_| {
         let mut text = String::new();
         for (base, keys, values) in RANGES {
             for (key, value) in keys.iter().flat_map(|key| values.split(' ').map(move |value| (key, value))) {
@@ -506,7 +506,7 @@ const PAIRS: &[&str] = &[
 
 #[test]
 fn what_is_said_of_wrong_tables_is_what_was_said() {
-    compare("messages/tables", |_| {
+    is_as_recorded("messages/tables", |_| {
         let mut text = String::new();
         let both = [("head.angle_rad", TABLES), ("head.position_m", PAIRS)];
         for (key, table) in both.iter().flat_map(|(key, tables)| tables.iter().map(move |table| (key, table))) {
@@ -618,7 +618,7 @@ free: design.goal=identify ; design.data=a.csv ; design.front={goal="efficiency"
 
 #[test]
 fn what_is_said_of_wrong_designs_is_what_was_said() {
-    compare("messages/designs", |_| {
+    is_as_recorded("messages/designs", |_| {
         let mut text = String::new();
         for line in DESIGNS.lines().filter(|line| !line.is_empty()) {
             let (base, changes) = line.split_once(": ").unwrap();
@@ -715,7 +715,7 @@ const SWEEPS: &[&str] = &[
 
 #[test]
 fn what_is_said_of_wrong_sweeps_is_what_was_said() {
-    compare("messages/sweeps", |_| {
+    is_as_recorded("messages/sweeps", |_| {
         let mut text = String::new();
         for sweep in SWEEPS {
             let own = if sweep.contains("scene=") { "" } else { "scene=\"scene.toml\"\n" };
@@ -837,7 +837,7 @@ man
 
 #[test]
 fn what_is_said_of_wrong_calls_is_what_was_said() {
-    compare("messages/calls", |_| {
+    is_as_recorded("messages/calls", |_| {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
         let short = FREE.replace("duration_s = 2.0", "duration_s = 0.02");

@@ -526,3 +526,35 @@ fn where_heads_are_held_a_sweep_shows_their_thrust_and_no_displacement() {
         assert!(rows.iter().all(|row| !row["cycle_speed_m_s"].is_empty() && !row["cycle_speed_spread_m_s"].is_empty()));
     }
 }
+
+#[test]
+fn the_motion_of_a_case_has_no_more_times_than_steps_and_ends_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("models/baseline-smooth.toml"),
+        folder.path().join("scene.toml"),
+    )
+    .unwrap();
+    let text = |steps: usize| {
+        format!(
+            "scene = \"scene.toml\"\n[set]\nsolver.time_step_s = 1e-3\nsolver.duration_s = {}\n[record]\nframes = 20\n[axes]\nrod.nodes = [9, 17]\n",
+            1e-3 * steps as f64
+        )
+    };
+    for (steps, frames) in [(3, 4), (19, 20), (1000, 20)] {
+        let file = folder.path().join("sweep.toml");
+        std::fs::write(&file, text(steps)).unwrap();
+        let sweep = Sweep::read(&file, &[]).unwrap();
+        let job = sweep.job(1).unwrap();
+        let out = folder.path().join(format!("{steps}"));
+        let mut held = sweep.claim(&out, &job, Claim::Own).unwrap();
+        let mut journal = sweep.journal(&mut held, "cases.journal", &job).unwrap();
+        run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_, row| {
+            let times: Vec<f64> = row.frames.iter().map(|frame| frame.time).collect();
+            assert_eq!(times.len(), frames, "{steps} steps: {times:?}");
+            assert!(times[0] == 0.0 && (times[frames - 1] / (1e-3 * steps as f64) - 1.0).abs() < 1e-12);
+            assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
+        })
+        .unwrap();
+    }
+}

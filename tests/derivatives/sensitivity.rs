@@ -6,7 +6,7 @@ use crate::common;
 use caudal::fluid::{DENSITY, VISCOSITY};
 use caudal::integrator::METHODS;
 use caudal::scene::Scene;
-use caudal::sensitivity::{Output, Parameter, Problem, Sensitivities};
+use caudal::sensitivity::{JointDirection, Output, Parameter, Problem, Sensitivities};
 use caudal::variable::VARIABLES;
 use common::{SOFT, largest, scene_of};
 
@@ -313,4 +313,53 @@ fn scenes_without_derivatives_are_refused() {
         assert!(error.to_string().contains(words), "{error}");
         assert!(error.is_bad_input());
     }
+}
+
+#[test]
+fn a_derivative_along_joints_is_the_weighted_sum_of_those_by_the_joints() {
+    let mut worst: f64 = 0.0;
+    let kinds: [fn(usize) -> Parameter; 4] =
+        [Parameter::Stiffness, Parameter::NaturalCurvature, Parameter::WaveAmplitude, Parameter::WavePhase];
+    for head in HEADS {
+        for text in [SOFT.to_string(), common::soft_moments()] {
+            let scene = scene_of(
+                &text,
+                &[head, "solver.integrator=newmark", "solver.time_step_s=0.01", "solver.duration_s=0.2"],
+            );
+            let mut problem = Problem::of(&scene).unwrap();
+            let outputs = outputs(&problem);
+            let rod = &problem.model().rod;
+            let joints = rod.joints();
+            let mut dice = common::Dice(3);
+            let weights = dice.many(joints.len() - 1, -1.0, 1.0);
+            for kind in kinds {
+                // Also where the first joint is half a one.
+                let along = JointDirection::of(&problem.model().rod, kind, joints.start, &weights);
+                problem.directions = [along].into();
+                let of_joints: Vec<Parameter> = joints.clone().take(weights.len()).map(kind).collect();
+                let each = problem.forward(&of_joints, &outputs, 1, |_| {}).unwrap();
+                let sum = problem.forward(&[Parameter::Along(0)], &outputs, 1, |_| {}).unwrap();
+                let trajectory = problem.simulate().unwrap();
+                for o in 0..outputs.len() {
+                    let rows = (0..sum.times.len()).map(|n| (each.row(n, o), sum.row(n, o)[0]));
+                    let errors: Vec<[f64; 2]> = rows
+                        .map(|(row, along)| {
+                            let parts = row.iter().zip(&weights).map(|(by, weight)| by * weight);
+                            [parts.clone().sum::<f64>() - along, parts.map(f64::abs).sum()]
+                        })
+                        .collect();
+                    let [error, scale] = [0, 1].map(|i| largest(errors.iter().map(|error| error[i])));
+                    worst = worst.max(error / scale.max(f64::MIN_POSITIVE));
+                    let mut last = vec![0.0; sum.times.len()];
+                    last[sum.times.len() - 1] = 1.0;
+                    let output = std::slice::from_ref(&outputs[o]);
+                    let adjoint = problem.adjoint(&[Parameter::Along(0)], output, &last, &trajectory).unwrap()[0];
+                    let forward = sum.row(sum.times.len() - 1, o)[0];
+                    worst = worst.max((adjoint - forward).abs() / scale.max(f64::MIN_POSITIVE));
+                }
+            }
+        }
+    }
+    println!("worst {worst:.1e}");
+    assert!(worst < 1e-8);
 }

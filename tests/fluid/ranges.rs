@@ -215,3 +215,34 @@ fn an_ellipse_or_a_membrane_stands_above_the_wall_by_its_depth() {
         beside(0.0101, section).unwrap();
     }
 }
+
+#[test]
+fn laws_are_compared_on_a_coarse_rod_whatever_the_mesh_and_where_they_allow_it() {
+    let facts = |changes: &[&str]| {
+        let scene = scene_of(include_str!("../../models/cantilever.toml"), changes);
+        Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap().facts
+    };
+    let compared = |changes: &[&str]| {
+        facts(changes).into_iter().find(|fact| fact.name == "other laws that hold").map(|fact| fact.text)
+    };
+    const SYRUP: &str = "medium.viscosity_pa_s=50.0";
+    let coarse = compared(&[SYRUP]).unwrap();
+    println!("{coarse}");
+    assert!(coarse.contains("nonlocal"));
+    // A nonlocal matrix of this mesh would have 64 million entries.
+    assert_eq!(compared(&[SYRUP, "rod.nodes=4001"]), Some(coarse));
+    // As thick as this, its blobs are longer than 33 nodes are apart.
+    let thick = compared(&[SYRUP, "rod.outer_radius_m=0.03", "rod.youngs_modulus_pa=1e6"]).unwrap_or_default();
+    assert!(!thick.contains("nonlocal"), "{thick}");
+}
+
+#[test]
+fn a_run_is_told_what_check_warns_of_and_no_facts() {
+    for changes in [&[][..], &["solver.time_step_s=0.1"], &["start.kind=jump", "rod.nodes=301"]] {
+        let scene = scene_of(TAIL, changes);
+        let stepper = Stepper::of(&scene).unwrap();
+        let [check, run] = [Assessment::of(&scene, &stepper), Assessment::of_run(&scene, &stepper)].map(Result::unwrap);
+        assert_eq!(check.warnings, run.warnings);
+        assert!(!check.facts.is_empty() && run.facts.is_empty() && run.ranges.is_empty());
+    }
+}

@@ -8,6 +8,7 @@ use caudal::report::Summary;
 use caudal::rod::node;
 use caudal::run::{Ending, Outcome};
 use caudal::scene::Scene;
+use caudal::sensitivity::Problem;
 use caudal::stepper::Stepper;
 use common::{SOFT, STUDY, run_with, scene_of};
 use nalgebra::Vector2;
@@ -99,4 +100,23 @@ fn adaptive_steps_are_not_advised_on_a_time_step_that_they_have_not() {
     let judged = |warnings: &[String]| warnings.iter().filter(|text| text.contains("time step")).count();
     assert_eq!((judged(&fixed), judged(&adaptive)), (2, 0), "{fixed:?} {adaptive:?}");
     assert!(adaptive.iter().any(|text| text.contains("rings") && text.contains("tolerance")), "{adaptive:?}");
+}
+
+#[test]
+fn a_mesh_that_positions_cannot_resolve_is_refused_wherever_it_is_solved_in_positions() {
+    let scene = |changes: &[&str]| {
+        let text = include_str!("../../models/spinning-bar.toml");
+        scene_of(text, &[&["rod.nodes=100001", "solver.form=positions"], changes].concat())
+    };
+    let fine = scene(&[]);
+    let refusals =
+        [Stepper::of(&fine).map(drop), Problem::of(&fine).map(drop)].map(|refused| refused.unwrap_err().to_string());
+    assert!(
+        refusals[0].contains("rod.nodes: found 100001; so fine a mesh cannot be solved in positions"),
+        "{refusals:?}"
+    );
+    assert_eq!(refusals[0], refusals[1]);
+    Stepper::of(&scene(&["solver.form=auto"])).unwrap();
+    // Its steps bend less.
+    Stepper::of(&scene(&["solver.time_step_s=1e-5"])).unwrap();
 }

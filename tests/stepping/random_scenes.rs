@@ -120,9 +120,6 @@ fn made(seed: u64, longer: f64) -> String {
     for (kind, lines) in [("warning", &assessment.warnings), ("range", &assessment.ranges)] {
         lines.iter().for_each(|line| writeln!(text, "{kind}: {line}").unwrap());
     }
-    if let Some(error) = assessment.refused(&document) {
-        writeln!(text, "refused: {error}").unwrap();
-    }
     let modes = Modes::of_model(scene.model().unwrap()).unwrap();
     writeln!(text, "modes {:e} {:e}", modes.lowest(), modes.highest()).unwrap();
     if let Ok(mut linear) = SteadyState::of(scene.model().unwrap())

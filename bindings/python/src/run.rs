@@ -36,14 +36,11 @@ pub fn run<'py>(
 ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
     let prepared = py.detach(|| {
-        let stepper = caudal::stepper::Stepper::of(scene)?;
-        let assessment = Assessment::of(scene, &stepper)?;
-        Ok((stepper, assessment))
+        let stepper = caudal::stepper::Stepper::of(scene).map_err(|error| document.located(error))?;
+        let warnings = Assessment::of_run(scene, &stepper)?.warnings;
+        Ok((stepper, warnings))
     });
-    let (mut stepper, assessment) = prepared.or_raise(py)?;
-    if let Some(fault) = &assessment.refusal {
-        return Err(exception(py, &document.error_at(fault)));
-    }
+    let (mut stepper, warnings) = prepared.or_raise(py)?;
     let mut trajectory = TrajectoryTable::start(scene, &stepper, record.as_deref()).or_raise(py)?;
     let claim = Claim::forced(force);
     let mut output = out.map(|folder| RunOutput::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
@@ -72,7 +69,7 @@ pub fn run<'py>(
             Ok(watch())
         });
         trajectory.finish(&stepper);
-        let summary = Summary::of(scene, &stepper, &outcome, &assessment.warnings);
+        let summary = Summary::of(scene, &stepper, &outcome, &warnings);
         let html = trajectory.player(&summary)?;
         if let Some(output) = output {
             output.finish(&stepper, &summary, document, &summary.notes).complete()?;

@@ -124,14 +124,10 @@ impl Scene {
     ///     Where a run would be meaningless.
     fn check(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let assessment = py.detach(|| {
-            let stepper = caudal::stepper::Stepper::of(&self.scene)?;
+            let stepper = caudal::stepper::Stepper::of(&self.scene).map_err(|error| self.document.located(error))?;
             Assessment::of(&self.scene, &stepper)
         });
-        let assessment = assessment.or_raise(py)?;
-        match &assessment.refusal {
-            Some(fault) => Err(self.document.error_at(fault)).or_raise(py),
-            None => Ok(assessment.all_warnings().cloned().collect()),
-        }
+        Ok(assessment.or_raise(py)?.all_warnings().cloned().collect())
     }
 
     /// Write the scene as an FMU for co-simulation.

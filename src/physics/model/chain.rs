@@ -36,6 +36,10 @@ use crate::system::{Form, Link, State};
 /// iterations are.
 pub const ACCURACY: f64 = 1e-3;
 
+/// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
+/// meaningless below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
+const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
+
 /// Below this half-turning its tangent is summed from its series, the next term of which is below ε/8.
 const SMALL: f64 = 0.01;
 
@@ -52,6 +56,30 @@ pub fn bent_length(rod: &Rod, time_step: f64) -> f64 {
 pub fn rounding(rod: &Rod, time_step: f64) -> f64 {
     let lever = rod.spacing / rod.shortest();
     16.0 * f64::EPSILON * (bent_length(rod, time_step) / rod.spacing).powi(4) * lever * lever
+}
+
+/// True if Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
+pub fn contracts(rod: &Rod, time_step: f64) -> bool {
+    rod.spacing >= MIN_SPACING[0] * bent_length(rod, time_step)
+}
+
+/// True if what Newton's method in nodal positions finds for such steps is rounding.
+pub fn is_meaningless(rod: &Rod, time_step: f64) -> bool {
+    rod.spacing < MIN_SPACING[1] * bent_length(rod, time_step)
+}
+
+/// What is wrong with solving such steps in nodal positions; `None` where they [contract](contracts).
+pub fn too_fine(rod: &Rod, time_step: f64) -> Option<String> {
+    let bent = bent_length(rod, time_step);
+    (!contracts(rod, time_step)).then(|| {
+        format!(
+            "found {}; so fine a mesh cannot be solved in positions: its spacing is {:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {time_step:.1e} s, or solver.form = \"auto\"",
+            rod.nodes,
+            rod.spacing / bent,
+            MIN_SPACING[0],
+            (rod.length / (MIN_SPACING[0] * bent)).floor()
+        )
+    })
 }
 
 /// The form that is accurate for steps of `time_step` (s).

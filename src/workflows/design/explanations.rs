@@ -12,7 +12,7 @@ use crate::fluid::Fluid;
 use crate::model::Dynamics;
 use crate::number_format::signed;
 use crate::scene::Scene;
-use crate::sensitivity::{Output, Parameter, Problem, Quantity};
+use crate::sensitivity::{JointDirection, Output, Parameter, Problem, Quantity};
 use crate::stepper::Stepper;
 
 /// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
@@ -128,12 +128,13 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let mut problem = Problem::of(scene).ok()?;
     let rod = &problem.model().rod;
     let (tip, length) = (rod.nodes - 1, rod.length);
-    let parameters: Vec<Parameter> = rod.joints().map(Parameter::Stiffness).collect();
-    let stiffness = problem.stiffness();
+    // All of it by the same factor.
+    let along = JointDirection::of(rod, Parameter::Stiffness, rod.joints().start, &problem.stiffness());
+    problem.directions = [along].into();
     let outputs = [0, 1].map(|axis| Output::from(Quantity::Position(tip, axis)));
-    let found = problem.forward(&parameters, &outputs, 1, |_| {}).ok()?;
-    let along = |n: usize, o: usize| found.row(n, o).iter().zip(&stiffness).map(|(by, ei)| by * ei).sum::<f64>();
-    let moved = (0..found.times.len()).map(|n| along(n, 0).hypot(along(n, 1))).fold(0.0, f64::max);
+    let found = problem.forward(&[Parameter::Along(0)], &outputs, 1, |_| {}).ok()?;
+    let moved = |n: usize| found.row(n, 0)[0].hypot(found.row(n, 1)[0]);
+    let moved = (0..found.times.len()).map(moved).fold(0.0, f64::max);
     let verdict =
         if moved < MIN_SENSITIVITY * length { "stiffness does not matter here" } else { "stiffness matters here" };
     Some(format!("{verdict}: 1 % more of it moves the tip by at most {:.1e} m", 0.01 * moved))

@@ -243,7 +243,9 @@ impl Objective {
         parameters: &[Parameter],
     ) -> Result<()> {
         if let Some(document) = &self.document {
+            let directions = std::mem::take(&mut problem.directions);
             *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
+            problem.directions = directions;
             if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
                 problem.finite_differences = finite_differences(document, &self.numbers, &profile.values())?;
             }

@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::jobs;
 use crate::rod::Rod;
 use crate::scene::{Document, KeyError, Scene};
-use crate::sensitivity::{Parameter, Problem};
+use crate::sensitivity::{JointDirection, Parameter, Problem};
 use crate::sweep::Sweep;
 
 /// Keys of the scene that are set by a design variable along the rod.
@@ -120,17 +120,30 @@ impl Scenario {
         DesignVector { stiffness_n_m2, ..profile.clone() }
     }
 
+    /// The part of the stiffness of the joint at node `k` over that of the base scene.
+    fn stiffer(&self, k: usize) -> f64 {
+        self.stiffer.get(k - self.problem.model().rod.joints().start).copied().unwrap_or(1.0)
+    }
+
+    /// Sets the `directions` in the parameters of the base scene's joints that derivatives are along.
+    pub fn set_directions(&mut self, directions: &[JointDirection]) {
+        let own = |along: &JointDirection| match along.is_of_stiffness() {
+            true => along.scaled(|k| self.stiffer(k)),
+            false => along.clone(),
+        };
+        self.problem.directions = directions.iter().map(own).collect();
+    }
+
     /// The objective and the limits on the motion, with derivatives by `parameters` of the base scene; `None` if a simulation
     /// fails.
     fn at(&mut self, profile: &DesignVector, parameters: &[Parameter]) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         let profile = self.profile(profile);
         let mut value = self.objective.at(&mut self.problem, &profile, parameters)?;
         let mut limits = self.limits.at(&mut self.problem, &profile, parameters)?;
-        let first = self.problem.model().rod.joints().start;
         for by in std::iter::once(&mut value.by).chain(limits.iter_mut().map(|limit| &mut limit.by)) {
             for (by, parameter) in by.iter_mut().zip(parameters) {
                 if let Parameter::Stiffness(k) = parameter {
-                    *by *= self.stiffer.get(k - first).copied().unwrap_or(1.0);
+                    *by *= self.stiffer(*k);
                 }
             }
         }

@@ -353,6 +353,9 @@ impl<'a> Search<'a> {
 
     fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Iterate> {
         let (profile, parameters) = (unknowns.profile(&x), unknowns.parameters());
+        let directions = unknowns.directions(&self.problem.model().rod, &x);
+        self.scenarios.iter_mut().for_each(|scenario| scenario.set_directions(&directions));
+        self.problem.directions = directions;
         let (mut value, mut limits) = self.at(limits, &profile, &parameters)?;
         limits.iter_mut().for_each(|limit| limit.by = unknowns.chain(&x, &limit.by));
         value.by = unknowns.chain(&x, &value.by);

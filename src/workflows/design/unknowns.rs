@@ -2,6 +2,7 @@
 //! the scene; with their bounds, order and mean values as constraints.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use nalgebra::DMatrix;
 
@@ -10,8 +11,9 @@ use super::design_vector::DesignVector;
 use super::qp::{Constraint, QuadraticProgram};
 use super::table::{DesignTable, DesignVariable, Goal};
 use crate::model::Model;
-use crate::sensitivity::Parameter;
+use crate::rod::Rod;
 use crate::sensitivity::scene_parameter::SceneParameter;
+use crate::sensitivity::{JointDirection, Parameter};
 
 /// Name of the constraint of a fixed unknown, which is not reported.
 pub const FIXED_UNKNOWN: &str = "fixed";
@@ -52,8 +54,17 @@ struct VariableBlock {
     /// Position and description of each unknown.
     xi: Vec<f64>,
     places: Vec<String>,
-    /// The parameter of the simulation for each value.
-    parameters: Vec<Parameter>,
+    /// The parameter of the simulation for each value, or that of a joint, of the directions along the unknowns.
+    parameters: BlockParameters,
+}
+
+/// The parameters of the simulation for one design variable.
+#[derive(Debug, Clone)]
+enum BlockParameters {
+    /// One for each value.
+    OfValues(Vec<Parameter>),
+    /// A direction for each unknown, in the parameters of the joints. They are fewer than joints where unknowns are at knots.
+    AlongUnknowns(fn(usize) -> Parameter),
 }
 
 impl VariableBlock {
@@ -84,6 +95,16 @@ impl VariableBlock {
             Transform::Inverse => -value * value,
             Transform::Same => 1.0,
         }
+    }
+
+    /// The derivative of each parameter of the simulation by the value's unknown at `x`.
+    fn slopes(&self, x: &[f64]) -> Vec<f64> {
+        let slope = |(i, x): (usize, f64)| match self.variable {
+            // The parameter is relative to what it is, as the unknown is.
+            DesignVariable::Amplitude => 1.0,
+            _ => self.unit(i) * self.slope(self.value(x)),
+        };
+        self.basis.joints(x).into_iter().enumerate().map(slope).collect()
     }
 
     /// True if its bounds are equal.
@@ -159,7 +180,10 @@ impl Unknowns {
                     own: None,
                     xi: xi.clone(),
                     places: places.clone(),
-                    parameters: joints.iter().map(|k| of(*k)).collect(),
+                    parameters: match table.knots {
+                        Some(_) => BlockParameters::AlongUnknowns(of),
+                        None => BlockParameters::OfValues(joints.iter().map(|k| of(*k)).collect()),
+                    },
                 }
             };
             let block = match variable {
@@ -192,7 +216,7 @@ impl Unknowns {
                         },
                         xi: numbers.iter().map(|number| number.xi.unwrap_or(0.0)).collect(),
                         places: numbers.iter().map(|number| number.label()).collect(),
-                        parameters: numbers.iter().map(|number| number.by).collect(),
+                        parameters: BlockParameters::OfValues(numbers.iter().map(|number| number.by).collect()),
                     }
                 }
             };
@@ -247,9 +271,40 @@ impl Unknowns {
         profile
     }
 
-    /// The parameters of the simulation: one for each value of each variable.
+    /// The parameters of the simulation: one for each value, or each unknown, of each variable.
     pub fn parameters(&self) -> Vec<Parameter> {
-        self.blocks.iter().flat_map(|block| block.parameters.iter().copied()).collect()
+        let mut directions = (0..).map(Parameter::Along);
+        let mut of = |block: &VariableBlock| -> Vec<Parameter> {
+            match &block.parameters {
+                BlockParameters::OfValues(parameters) => parameters.clone(),
+                BlockParameters::AlongUnknowns(_) => directions.by_ref().take(block.basis.unknowns).collect(),
+            }
+        };
+        self.blocks.iter().flat_map(|block| of(block)).collect()
+    }
+
+    /// The directions, in the parameters of the joints of `rod`, in which these move along the unknowns at `x`.
+    pub fn directions(&self, rod: &Rod, x: &[f64]) -> Arc<[JointDirection]> {
+        let mut directions = Vec::new();
+        for (block, _, x) in self.parts(x) {
+            let BlockParameters::AlongUnknowns(parameter) = block.parameters else { continue };
+            let slopes = block.slopes(x);
+            let mut weights: Vec<(usize, Vec<f64>)> = vec![(0, Vec::new()); block.basis.unknowns];
+            for (i, (row, slope)) in block.basis.rows.iter().zip(slopes).enumerate() {
+                for (u, w) in row.iter().filter(|(_, w)| *w != 0.0) {
+                    let (first, weights) = &mut weights[*u];
+                    if weights.is_empty() {
+                        *first = i;
+                    }
+                    weights.push(slope * w);
+                }
+            }
+            let start = rod.joints().start;
+            directions.extend(
+                weights.iter().map(|(first, weights)| JointDirection::of(rod, parameter, start + first, weights)),
+            );
+        }
+        directions.into()
     }
 
     /// Chain rule: derivatives by the unknowns `x` from derivatives `by` the parameters.
@@ -257,13 +312,12 @@ impl Unknowns {
         let mut out = vec![0.0; self.count()];
         let mut by = by.iter();
         for (block, first, x) in self.parts(x) {
-            for (i, (row, x)) in block.basis.rows.iter().zip(block.basis.joints(x)).enumerate() {
-                let size = match block.variable {
-                    // The parameter is relative to what it is, as the unknown is.
-                    DesignVariable::Amplitude => 1.0,
-                    _ => block.unit(i) * block.slope(block.value(x)),
-                };
-                let by = by.next().map_or(0.0, |by| by * size);
+            if let BlockParameters::AlongUnknowns(_) = block.parameters {
+                out[block.unknowns()].iter_mut().zip(&mut by).for_each(|(out, by)| *out = *by);
+                continue;
+            }
+            for (row, slope) in block.basis.rows.iter().zip(block.slopes(x)) {
+                let by = by.next().map_or(0.0, |by| by * slope);
                 row.iter().for_each(|(u, w)| out[first + u] += by * w);
             }
         }

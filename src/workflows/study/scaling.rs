@@ -6,10 +6,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
 use super::runner::{StudyOutcome, StudyRunner};
-use crate::assessment::contracts;
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::model::chain;
+use crate::model::chain::contracts;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::scene::{FormKey, Scene};

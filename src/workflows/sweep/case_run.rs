@@ -95,6 +95,9 @@ fn run_cases_with(
     rows.map(|row| (!dropped(&row)).then_some(row)).collect()
 }
 
+/// Relative rounding of the times at the ends of steps.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 /// The scene of a case, and its hash.
 type Hashed<'a> = (Cow<'a, Scene>, Cow<'a, str>);
 
@@ -110,8 +113,10 @@ struct CaseRun<'a> {
     scene: &'a Result<Hashed<'a>>,
     warnings: Vec<String>,
     row: CaseResult,
-    /// Number of frames and of points of the path to record.
+    /// Number of times of the motion and of the path to record.
     wanted: [usize; 2],
+    /// Number of these that have passed.
+    passed: [usize; 2],
     /// The time at which the next of them is due, s.
     due: f64,
 }
@@ -120,7 +125,7 @@ impl<'a> CaseRun<'a> {
     fn of(sweep: &'a Sweep, index: usize, scene: &'a Result<Hashed<'a>>) -> Self {
         let frames = if sweep.plays(index) { sweep.record.frames } else { 0 };
         let wanted = [frames, sweep.record.traces];
-        Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, due: 0.0 }
+        Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, passed: [0; 2], due: 0.0 }
     }
 
     /// The run at its start, with a stepper that may be `made` before; if it cannot start, the result has the error.
@@ -128,7 +133,7 @@ impl<'a> CaseRun<'a> {
         let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
             self.row.scene_hash = hash.to_string();
             let mut stepper = made.map_or_else(|| Stepper::of(scene), Ok)?;
-            self.warnings = Assessment::of(scene, &stepper)?.warnings;
+            self.warnings = Assessment::of_run(scene, &stepper)?.warnings;
             self.keep(&mut stepper)?;
             Ok(BatchedRun { scene, stepper })
         });
@@ -140,23 +145,26 @@ impl<'a> CaseRun<'a> {
         self.row.quantities.insert("ending".to_string(), error.to_string().into());
     }
 
-    /// Records frames and path up to the time of `stepper`.
+    /// Records frames and path up to the time of `stepper`. A frame is the state after the first step that reaches its time, so that there
+    /// are no more than steps, and none costs more than its points.
     fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
         let now = stepper.time();
-        let Self { row, scene: Ok((scene, _)), wanted, due, .. } = self else { return Ok(()) };
-        if now < *due {
+        let reached_time = now * (1.0 + ROUNDING);
+        let Self { row, scene: Ok((scene, _)), wanted, passed, due, .. } = self else { return Ok(()) };
+        if reached_time < *due {
             return Ok(());
         }
-        // The times wanted, evenly over the run, of which so many are kept already.
-        let next = |count: usize, kept: usize| even(scene.solver.duration_s.get(), count, kept);
-        while let Some(time) = next(wanted[0], row.frames.len()).filter(|time| *time <= now) {
-            row.frames.push(stepper.at(time, Frame::of)?);
+        let [frames, points] = wanted.map(|count| move |i: usize| even(scene.solver.duration_s.get(), count, i));
+        let reached = (passed[0]..).map_while(&frames).take_while(|time| *time <= reached_time).count();
+        if reached > 0 {
+            row.frames.push(Frame::of(&stepper.view()));
+            passed[0] += reached;
         }
-        while let Some(time) = next(wanted[1], row.trace.len()).filter(|time| *time <= now) {
+        while let Some(time) = points(passed[1]).filter(|time| *time <= now) {
             row.trace.push(stepper.at(time, |view| [time, view.metrics.now.com.x, view.metrics.now.com.y])?);
+            passed[1] += 1;
         }
-        let times = [next(wanted[0], row.frames.len()), next(wanted[1], row.trace.len())];
-        *due = times.into_iter().flatten().fold(f64::INFINITY, f64::min);
+        *due = [frames(passed[0]), points(passed[1])].into_iter().flatten().fold(f64::INFINITY, f64::min);
         Ok(())
     }
 }

@@ -69,7 +69,7 @@ struct SweepFile {
 pub struct RecordTable {
     /// Number of cases, chosen evenly by chance, whose motion is kept for the report to play.
     pub played: usize,
-    /// Times of that motion.
+    /// Times of that motion; no more than steps.
     pub frames: usize,
     /// Times of the path of the centre of mass that are kept of every case, for traces.csv; 0 for none.
     pub traces: usize,

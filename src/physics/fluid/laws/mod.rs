@@ -64,6 +64,18 @@ pub enum Dependence {
     },
 }
 
+impl Dependence {
+    /// True where it can be computed on the mesh of these inputs' rod.
+    pub fn allows(&self, inputs: &LawInputs<'_>) -> bool {
+        match self {
+            Self::Edge => true,
+            Self::Rod { least_spacing, most_nodes } => {
+                inputs.rod.spacing >= least_spacing(inputs) && inputs.rod.nodes <= *most_nodes
+            }
+        }
+    }
+}
+
 /// What a law takes of a cross-section.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SectionInput {
