@@ -45,7 +45,7 @@ pub enum Error {
     Occupied {
         /// The folder.
         path: PathBuf,
-        /// What is there.
+        /// What the folder contains.
         holds: String,
         /// What would be written.
         wanted: String,
@@ -56,8 +56,8 @@ pub enum Error {
         /// The folder.
         path: PathBuf,
     },
-    /// What will be written does not fit on the disk.
-    #[error("{}: there is no room: {what} take about {}, and {} are free", path.display(), bytes(*needed), bytes(*free))]
+    /// The results do not fit on the disk.
+    #[error("{}: not enough disk space: {what} need about {}, and {} are free", path.display(), bytes(*needed), bytes(*free))]
     Room {
         /// The folder.
         path: PathBuf,
@@ -78,14 +78,14 @@ pub enum Error {
     },
     /// A worker cannot do the work that it was sent, or a result that it returned is damaged.
     #[error("what was sent cannot be done: {problem}")]
-    Parcel {
+    Bundle {
         /// What is wrong with it.
         problem: String,
     },
-    /// The system gives fewer threads than were asked for.
+    /// The system allows fewer threads than were requested.
     #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with --jobs {}", (*started / 2).max(1))]
     Threads {
-        /// How many were asked for.
+        /// The number of requested threads.
         wanted: usize,
         /// How many there were.
         started: usize,
@@ -132,7 +132,7 @@ pub enum Error {
         /// The joint's node.
         node: usize,
     },
-    /// An edge lost its length, or turned over within one step, which takes it through zero length.
+    /// An edge lost its length, or reversed its direction within one step, which implies zero length.
     #[error(
         "the edge between nodes {node} and {} collapses, or turns over in one step, at t = {time_s} s: its length is \
          {length_m:e} m; try {smaller}, or weaker loads", node + 1, smaller = SMALLER)]
@@ -174,7 +174,7 @@ pub enum Error {
     /// A time outside the last internal step, where nothing is known any more or yet.
     #[error("nothing can be read at t = {time_s} s: the last internal step went from {} s to {} s", within[0], within[1])]
     OutsideStep {
-        /// The time asked for, s.
+        /// The requested time, s.
         time_s: f64,
         /// Begin and end of the last internal step, s.
         within: [f64; 2],
@@ -182,13 +182,13 @@ pub enum Error {
     /// Another thread ended the computation.
     #[error("interrupted")]
     Interrupted,
-    /// A study is asked for something that is not allowed.
+    /// The options of a study are not allowed.
     #[error("the study cannot be made: {problem}")]
     Study {
         /// What was found, and what is allowed.
         problem: String,
     },
-    /// A derivative is asked for that a simulation does not have.
+    /// A simulation does not have the requested derivative.
     #[error("{problem}")]
     Derivative {
         /// What was asked for, and what is allowed.
@@ -209,17 +209,17 @@ pub enum Error {
     /// No variable has this name in this scene.
     #[error("there is no variable `{name}` in this scene{}", remedy(*needs, *nearest))]
     UnknownVariable {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The most similar name there is.
         nearest: Option<&'static str>,
-        /// What the scene would have to have for it.
+        /// What the scene lacks for it.
         needs: Option<&'static str>,
     },
     /// No derivative of this order can be set.
     #[error("a derivative of order {order} cannot be set; allowed: 1 to {highest}")]
     Order {
-        /// The order asked for.
+        /// The requested order.
         order: usize,
         /// The highest there is.
         highest: usize,
@@ -318,7 +318,7 @@ pub fn bytes(count: f64) -> String {
     }
 }
 
-/// What a scene needs for a variable that it has not, or which one may have been meant.
+/// What a scene lacks for a missing variable, or the variable with the nearest name.
 fn remedy(needs: Option<&str>, nearest: Option<&str>) -> String {
     if let Some(needs) = needs {
         return format!(": it needs {needs}");

@@ -1,9 +1,9 @@
 //! caudal simulates bio-inspired tails and swimmers: a slender planar rod of N nodes, driven by a travelling natural
 //! curvature in a fluid, stepped by implicit methods with exact banded Jacobians.
 //!
-//! Data flows one way: a [`scene`] describes a [`model`] and an [`integrator`]; the [`stepper`] drives both and is what
-//! every face (command, files, hosts) sees, through the one table of [`variable`]s. SI units everywhere; two numbers a
-//! node, x and y.
+//! Data flows one way: a [`scene`] describes a [`model`] and an [`integrator`], and the [`stepper`] drives both. The
+//! command, files and hosts use the stepper through one table of [`variable`]s. All units are SI. Each node has two
+//! coordinates, x and y.
 //!
 //! ```
 //! use caudal::scene::Document;
@@ -61,12 +61,14 @@
 //! opt-level = 3   # a step takes many times as long without
 //! ```
 //!
-//! Without features there are scenes, models, forces, integrators, the stepper and its derivatives. `faer` adds the general linear solver,
-//! natural modes, stability, nonlocal drag and the assessment of scenes; `report` sweeps, studies and what they write; `design` inverse design;
-//! `fmu` the packing of FMUs; `parquet`, `pictures` and `schema` files of these kinds; `cli`, by default, the command.
+//! Without features the crate has scenes, models, forces, integrators, the stepper and its derivatives. `faer` adds the
+//! general linear solver, natural modes, stability, nonlocal drag and the assessment of scenes; `report` adds sweeps,
+//! studies and their output files; `design` inverse design; `fmu` the packing of FMUs; `parquet`, `pictures` and
+//! `schema` files of these kinds; `cli`, by default, the command.
 //!
-//! Vectors are those of [`nalgebra`]. What a host reads and sets is listed, with units, frames and signs, by [`variable::VARIABLES`] and by
-//! `caudal variables SCENE`. A force of one's own implements [`fluid::Force`] and is tried by [`fluid::audit`].
+//! Vectors are those of [`nalgebra`]. [`variable::VARIABLES`] and `caudal variables SCENE` list the variables of a
+//! host, with units, frames and signs. To add your own force, implement [`fluid::Force`] and check it with
+//! [`fluid::audit`].
 
 #![warn(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)]
 

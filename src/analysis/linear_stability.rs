@@ -34,7 +34,7 @@ pub(crate) const REST_TOLERANCE: f64 = 1e-11;
 /// Products below this part of the sum of the moduli of their terms are zero.
 const ZERO_TOLERANCE: f64 = 1e-12;
 
-/// Eigenvalues above this part of the largest are found well enough beside it.
+/// Eigenvalues above this fraction of the largest are resolved.
 const LEAST_RESOLVED_RATIO: f64 = 1e-6;
 
 /// Rounding in eigenvalues, over the size of the matrix and its number of unknowns.
@@ -48,7 +48,7 @@ const DECOUPLED: f64 = 1e-14;
 pub struct NoSteadyState {
     /// The key of the scene that is to blame.
     pub key: &'static str,
-    /// What is wrong, and what can be done.
+    /// The problem, and a remedy.
     pub problem: String,
 }
 
@@ -103,7 +103,7 @@ struct DecoupledGroup {
 ///
 /// # Errors
 /// [`Error::NotConverged`] where the way ends before the rest; those of [`System::assemble`].
-pub(crate) fn come_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+pub(crate) fn continue_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
     let mut holding = vec![0.0; state.q.len()];
     dynamics.assemble(state, &mut holding, None)?;
     let own = dynamics.inputs.force.take();
@@ -162,7 +162,7 @@ impl SteadyState {
             let problem = "the flow changes in time; allowed: a steady one, as [1.0, 0.0]";
             return Err(unsteady("medium.flow_m_s", problem));
         }
-        (model.actuation, model.start, model.spin, model.bent) = (None, Start::Jump, 0.0, None);
+        (model.actuation, model.start, model.spin, model.initial_curvature) = (None, Start::Jump, 0.0, None);
         match &mut model.head {
             Some(motion) => *motion = motion.each_ref().map(|signal| Signal::Constant(signal.at(0.0).value)),
             None => {
@@ -178,13 +178,13 @@ impl SteadyState {
         let mut dynamics = Dynamics::new(Arc::new(model));
         let nodes = dynamics.nodes();
         let load: Vec<f64> = (0..nodes).flat_map(|k| <[f64; 2]>::from(dynamics.load(k))).collect();
-        let carried = |dynamics: &mut Dynamics| {
+        let is_carried = |dynamics: &mut Dynamics| {
             let state = dynamics.first_state();
             let Ok(rod) = dynamics.shape(&state) else { return true };
             let mut others = rod.dynamics.model.forces.iter().filter(|force| !force.is_of_fluid());
             others.any(|force| resultant(force, &rod.kinematics()) != Vector2::zeros())
         };
-        if !held && (load.iter().any(|force| *force != 0.0) || carried(&mut dynamics)) {
+        if !held && (load.iter().any(|force| *force != 0.0) || is_carried(&mut dynamics)) {
             let problem =
                 "a free rod under loads does not rest; hold its head (kind = \"clamped\"), or take the loads away";
             return Err(unsteady("head.kind", problem));
@@ -196,7 +196,7 @@ impl SteadyState {
         let mut state = dynamics.first_state();
         if let Some(near) = near {
             state.q.copy_from_slice(near);
-            come_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
+            continue_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
             return Ok(Self { dynamics, state });
         }
         if let (Some(layers), false) = (&dynamics.inputs.layers, held || dynamics.model.forces.is_empty()) {
@@ -208,7 +208,7 @@ impl SteadyState {
             }
         }
         if held {
-            come_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
+            continue_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
         }
         Ok(Self { dynamics, state })
     }
@@ -322,7 +322,7 @@ impl SteadyState {
             let pencil = Pencil::of(&group);
             let values = |matrix: &Mat<f64>| matrix.eigenvalues().map_err(|e| self.failed(&e));
             let fast = values(&pencil.direct)?;
-            let slow = pencil.inverse_beside(&fast).map(values).transpose()?;
+            let slow = pencil.inverse_for_slow_motions(&fast).map(values).transpose()?;
             found.extend(
                 pencil.joined(&fast, slow.as_deref()).into_iter().map(|(value, uncertainty, _)| (value, uncertainty)),
             );
@@ -342,7 +342,7 @@ impl SteadyState {
             let pairs = |matrix: &Mat<f64>| matrix.eigen().map_err(|e| self.failed(&e));
             let fast = pairs(&pencil.direct)?;
             let values = |pairs: &Eigen<f64>| (0..pairs.S().dim()).map(|j| pairs.S()[j]).collect::<Vec<c64>>();
-            let slow = pencil.inverse_beside(&values(&fast)).map(pairs).transpose()?;
+            let slow = pencil.inverse_for_slow_motions(&values(&fast)).map(pairs).transpose()?;
             for (value, uncertainty, from) in pencil.joined(&values(&fast), slow.as_ref().map(values).as_deref()) {
                 let vectors = match (from, &slow) {
                     (From::Inverse(j), Some(slow)) => (slow.U(), j),
@@ -456,7 +456,7 @@ impl Pencil {
     }
 
     /// The matrix of the slow motions, where some of the eigenvalues of A/Ω are so small that rounding may show.
-    fn inverse_beside(&self, fast: &[c64]) -> Option<&Mat<f64>> {
+    fn inverse_for_slow_motions(&self, fast: &[c64]) -> Option<&Mat<f64>> {
         let sizes = || fast.iter().map(|value| value.norm());
         let wide = sizes().fold(f64::INFINITY, f64::min) < LEAST_RESOLVED_RATIO * sizes().fold(0.0, f64::max);
         self.inverse.as_ref().filter(|_| wide)

@@ -35,7 +35,7 @@ const DENSE: usize = 65;
 /// Convergence of the Krylov iteration, relative to the largest eigenvalue of (K + σM)⁻¹M.
 const TOLERANCE: f64 = 1e-12;
 
-/// What acts on a rod from outside, and the fluid it is in.
+/// The external forces on a rod, and the fluid around it.
 pub type Surroundings = (Forces, Fluid, Option<Layers>);
 
 /// Which way a mode moves the rod.
@@ -336,16 +336,16 @@ impl Matrices {
     /// every node that is free to move. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935 (1996).
     pub fn matrix_market(&self) -> Vec<(&'static str, String)> {
         let mut texts = vec![
-            ("mass.mtx", self.market("mass M, kg", &|i, j| self.inertia.entry(i, j))),
-            ("stiffness.mtx", self.market("stiffness K, N/m", &|i, j| self.stiffness.entry(i, j))),
+            ("mass.mtx", self.matrix_market_text("mass M, kg", &|i, j| self.inertia.entry(i, j))),
+            ("stiffness.mtx", self.matrix_market_text("stiffness K, N/m", &|i, j| self.stiffness.entry(i, j))),
         ];
         if let Some(damping) = &self.damping {
-            texts.push(("damping.mtx", self.market("drag C, N s/m", &|i, j| damping.entry(i, j))));
+            texts.push(("damping.mtx", self.matrix_market_text("drag C, N s/m", &|i, j| damping.entry(i, j))));
         }
         texts
     }
 
-    fn market(&self, what: &str, entry: &dyn Fn(usize, usize) -> f64) -> String {
+    fn matrix_market_text(&self, what: &str, entry: &dyn Fn(usize, usize) -> f64) -> String {
         let (first, last) = (2 * self.first, self.mass.len());
         let (mut lines, mut count) = (String::new(), 0);
         for j in first..last {
@@ -434,7 +434,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
         head_input: Default::default(),
         spin: 0.0,
-        bent: None,
+        initial_curvature: None,
     }))
 }
 
@@ -505,24 +505,24 @@ impl Root {
 }
 
 /// Lᵀ (K + σM)⁻¹ L in x and y of every node, M = L Lᵀ, without the rigid modes: its largest eigenvalues are 1/(ω² + σ).
-struct Inverse {
+struct ShiftInvert {
     root: Root,
     /// The rigid modes, orthonormal in the unknowns Lᵀ x.
     rigid: Vec<Vec<f64>>,
     matrix: ChainMatrix,
-    work: Mutex<Work>,
+    work: Mutex<SolverWorkspace>,
 }
 
 /// The solver, a right-hand side and its solution.
-type Work = (Riccati, Vec<f64>, Vec<f64>);
+type SolverWorkspace = (Riccati, Vec<f64>, Vec<f64>);
 
-impl std::fmt::Debug for Inverse {
+impl std::fmt::Debug for ShiftInvert {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Inverse").field("unknowns", &self.root.rows.len()).finish_non_exhaustive()
+        f.debug_struct("ShiftInvert").field("unknowns", &self.root.rows.len()).finish_non_exhaustive()
     }
 }
 
-impl Inverse {
+impl ShiftInvert {
     fn without_rigid(&self, x: &mut [f64]) {
         for mode in &self.rigid {
             let share: f64 = mode.iter().zip(&*x).map(|(a, b)| a * b).sum();
@@ -545,7 +545,7 @@ impl Inverse {
     }
 }
 
-impl LinOp<f64> for Inverse {
+impl LinOp<f64> for ShiftInvert {
     fn apply_scratch(&self, _: usize, _: Par) -> StackReq {
         StackReq::EMPTY
     }
@@ -587,7 +587,7 @@ fn iterated(rod: &Rod, outside: Option<Surroundings>, count: usize) -> Result<Ve
     let mut residual = vec![0.0; matrix.unknowns()];
     dynamics.assemble_chain(&straight, Direction { q: 1.0, v: 0.0, a: sigma }, &mut residual, &mut matrix)?;
     let held = is_held(rod);
-    let mut operator = Inverse {
+    let mut operator = ShiftInvert {
         rigid: Vec::new(),
         work: Mutex::new((Riccati::new(rod.nodes), residual.clone(), residual)),
         matrix,

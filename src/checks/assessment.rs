@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use crate::actuation::Wave;
 use crate::error::{Result, bytes};
 use crate::fluid::body;
-use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, SLENDER};
+use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
 use crate::fluid::{Fluid, Force, Forces};
 use crate::head::pose;
 use crate::integrator::{Method, StepControl};
@@ -38,15 +38,15 @@ const SURFACE_TENSION: f64 = 0.072;
 /// Relative difference of mass and displaced mass up to which a swimmer is neutrally buoyant.
 const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
 /// The frequency over the first natural one up to which a rod begins well in the shape that moments bend it to without load.
-const MOST_SHAPED: f64 = 1.5;
+const MAX_SHAPED_FREQUENCY_RATIO: f64 = 1.5;
 /// Fewest steps per period of the drive.
 const MIN_STEPS_PER_PERIOD: f64 = 20.0;
 /// Largest kΔL of waves along a passive tail.
 const MAX_WAVE_PHASE: f64 = 0.5;
 /// Young's moduli (Pa) below are those of rubbers and gels.
-const SOFT: f64 = 1e8;
+const MAX_SOFT_MODULUS_PA: f64 = 1e8;
 /// Factors above this are worth a word.
-const NOTICED: f64 = 1.05;
+const MIN_REPORTED_FACTOR: f64 = 1.05;
 /// Largest ω₁Δt that resolves the ringing of an abrupt start.
 const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Typical length of a number with its separator in a table, bytes.
@@ -233,7 +233,7 @@ impl Assessment {
                     fact(
                         "law of the fluid",
                         format!(
-                            "{}: holds here and is above these, but is not run: the motion would have {} % {named} and take {} % power",
+                            "{}: is valid here and higher than these, but is not run: the motion would have {} % {named} and take {} % power",
                             law.name,
                             signed(100.0 * motion, 1),
                             signed(100.0 * power, 1)
@@ -302,7 +302,7 @@ impl Assessment {
             let density = regime.map_or(medium.density_kg_m3.get(), |regime| regime.across.fluid.density);
             fact("mass over displaced mass", describe_weight(rod, density, scene.head.kind));
         }
-        let steps = match stepper.pace() {
+        let steps = match stepper.step_control() {
             StepControl::Fixed(step) => {
                 let last = scene.spans().last().filter(|last| *last < step);
                 let shorter = last.map_or(String::new(), |last| format!(", the last one of {last:e} s"));
@@ -354,7 +354,7 @@ impl Assessment {
                     describe_damping(damping, rod, modes, drive.map(|omega| (omega, given))),
                 )
             }
-            None if scene.rod.youngs_modulus_pa.is_some_and(|modulus| modulus.get() < SOFT) => fact(
+            None if scene.rod.youngs_modulus_pa.is_some_and(|modulus| modulus.get() < MAX_SOFT_MODULUS_PA) => fact(
                 "damping of the material",
                 "none; rubber and silicone as soft as this usually have a loss factor of 0.05 to 0.3 (rod.loss_factor)"
                     .to_string(),
@@ -472,8 +472,9 @@ impl Assessment {
             ..LawInputs::plain(rod)
         };
         let radius = rod.sections.largest_radius();
-        let slender =
-            |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&law_inputs) / radius).ln() >= SLENDER);
+        let slender = |law: &DragLaw| {
+            law.slender.is_some_and(|slender| (slender(&law_inputs) / radius).ln() >= MIN_LOG_SLENDERNESS)
+        };
         let offered = |law: &DragLaw| law.is_offered(motion.height.is_some()) && !own.contains(&law.name);
         let others = LAWS
             .iter()
@@ -626,7 +627,7 @@ impl Assessment {
     /// Warns of steps with which the scene's method amplifies one of `modes`.
     fn warn_of_limit(&mut self, scene: &Scene, stepper: &Stepper, modes: &Modes) -> Result<()> {
         if stepper.view().dynamics.mechanics == Mechanics::Full
-            && let StepControl::Fixed(step) = stepper.pace()
+            && let StepControl::Fixed(step) = stepper.step_control()
             && let Some(StableSteps { largest, frequency, limit }) =
                 modes.stable_steps(&*scene.integrator()?, stepper.model().rod.damping.as_ref())
             && step > largest
@@ -683,7 +684,7 @@ impl Assessment {
             );
         }
         // Steps that a tolerance chooses are judged by it.
-        let fixed = match stepper.pace() {
+        let fixed = match stepper.step_control() {
             StepControl::Fixed(step) => Some(step),
             StepControl::Adaptive(_) => None,
         };
@@ -697,7 +698,7 @@ impl Assessment {
         }
         let now = &stepper.metrics().now;
         let strained = stepper.metrics().first_energy.max(now.imbalance(rod)) > 0.0;
-        let bent = stepper.model().bent.iter().flatten().any(|kappa| *kappa != 0.0);
+        let bent = stepper.model().initial_curvature.iter().flatten().any(|kappa| *kappa != 0.0);
         let jumps = scene.start.kind == StartKind::Jump && scene.actuation.is_some();
         if strained && (jumps || bent) {
             let [start, advice] = if bent {
@@ -722,7 +723,7 @@ impl Assessment {
                 )),
             }
         }
-        let ratio = self.frequency_ratio.filter(|ratio| *ratio > MOST_SHAPED);
+        let ratio = self.frequency_ratio.filter(|ratio| *ratio > MAX_SHAPED_FREQUENCY_RATIO);
         if let Some(ratio) = ratio.filter(|_| scene.start.kind == StartKind::Shaped && stepper.model().active_moments) {
             warnings.push(format!(
                 "the shaped start has the shape and the speed that the moments would bend the rod to without load, which it never has at {ratio:.1} times its first frequency: it carries that energy for long; start.kind = \"ramp\" does not"
@@ -813,7 +814,7 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
     let square = 1.0 - (omega / first).powi(2);
     let driven = if given { 1.0_f64.hypot(time * omega) } else { 1.0 };
     let without = square.hypot(time * omega) / (square.abs() * driven);
-    if without > NOTICED {
+    if without > MIN_REPORTED_FACTOR {
         text += &format!(
             ", without which the first mode would answer {} times as high but for the fluid",
             significant(without, 2)

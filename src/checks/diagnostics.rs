@@ -27,8 +27,8 @@ const MAX_LINEAR_STRAIN: f64 = 0.05;
 const MAX_ROTATION_PER_STEP: f64 = std::f64::consts::FRAC_PI_4;
 
 /// The setting that a user reduces for finer steps.
-fn finer(pace: StepControl) -> &'static str {
-    match pace {
+fn finer(step_control: StepControl) -> &'static str {
+    match step_control {
         StepControl::Fixed(_) => "step",
         StepControl::Adaptive(_) => "tolerance",
     }
@@ -47,23 +47,23 @@ fn rounding_strain(rod: &Rod, positions: &[f64]) -> f64 {
 
 /// A note on an energy balance that does not close beyond `rounding` (J): a sign of steps that are too large, or of a wrong root of
 /// the equations.
-fn balance_note(metrics: &RunMetrics, rounding: f64, pace: StepControl) -> Option<String> {
+fn balance_note(metrics: &RunMetrics, rounding: f64, step_control: StepControl) -> Option<String> {
     let energies = metrics.first_energy.abs().max(metrics.now.energy.total().abs());
     let scale = largest_work(&metrics.totals.work).max(energies);
     let defect = metrics.numerical_dissipation();
     (defect.abs() > MAX_BALANCE_DEFECT * scale && defect.abs() > rounding).then(|| {
-        let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };
+        let what = if defect < 0.0 { "came from nowhere" } else { "was dissipated by the method itself" };
         format!(
             "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; a smaller {} shows whether the result stands",
             defect.abs(),
             100.0 * defect.abs() / scale,
-            finer(pace)
+            finer(step_control)
         )
     })
 }
 
 /// A note on a momentum balance that does not close: the mean forces are off by as much.
-fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], pace: StepControl) -> Option<String> {
+fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_control: StepControl) -> Option<String> {
     let Resultants { drag, wake, spray, inertia: _, flow, load, head, other } = metrics.totals.impulse;
     let parts = [
         metrics.first_momentum,
@@ -94,7 +94,7 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], pace: StepC
                 ["x", "y"][axis],
                 100.0 * defect / scale,
                 defect / metrics.elapsed(),
-                finer(pace)
+                finer(step_control)
             )
         })
     })
@@ -108,7 +108,7 @@ fn largest_work(work: &Power) -> f64 {
 }
 
 /// Notes on edges that stretch or rotate further than the model or the step size allows.
-fn motion_notes(metrics: &RunMetrics, pace: StepControl) -> impl Iterator<Item = String> {
+fn motion_notes(metrics: &RunMetrics, step_control: StepControl) -> impl Iterator<Item = String> {
     let strained = (metrics.totals.max_strain > MAX_LINEAR_STRAIN).then(|| {
         format!(
             "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
@@ -121,27 +121,27 @@ fn motion_notes(metrics: &RunMetrics, pace: StepControl) -> impl Iterator<Item =
             "an edge turns by {:.0}° within one step, more than {:.0}°: the step does not follow the motion, which may have gone another way; a smaller {}, or a smooth start, shows whether the result stands",
             metrics.totals.max_rotation.to_degrees(),
             MAX_ROTATION_PER_STEP.to_degrees(),
-            finer(pace)
+            finer(step_control)
         )
     });
     strained.into_iter().chain(turned)
 }
 
-/// Notes on a simulation of `scene` with this `model` and `pace`, measured by `metrics`, that ends at these `positions`: the
+/// Notes on a simulation of `scene` with this `model` and `step_control`, measured by `metrics`, that ends at these `positions`: the
 /// `warnings` given before it, the balances of energy and momentum, strain, rotation per step, and ranges of validity that the motion left.
 pub(crate) fn notes(
     scene: &Scene,
     model: &Model,
     metrics: &RunMetrics,
     positions: &[f64],
-    pace: StepControl,
+    step_control: StepControl,
     warnings: &[String],
 ) -> Vec<String> {
     let left = metrics.across().map(|across| scene.range_notes(&model.forces, &model.rod, across));
     (warnings.iter().cloned())
-        .chain(balance_note(metrics, rounding_energy(&model.rod, positions), pace))
-        .chain(momentum_note(metrics, &model.rod, positions, pace))
-        .chain(motion_notes(metrics, pace))
+        .chain(balance_note(metrics, rounding_energy(&model.rod, positions), step_control))
+        .chain(momentum_note(metrics, &model.rod, positions, step_control))
+        .chain(motion_notes(metrics, step_control))
         .chain(left.into_iter().flatten())
         .collect()
 }

@@ -50,7 +50,7 @@ impl Verification {
         };
         let mut courses = [&whole, &again].map(|run| TimeSeries::of(run.model()));
         let end = stepper.time();
-        let part = match stepper.pace() {
+        let part = match stepper.step_control() {
             StepControl::Fixed(step) => step * (end / (step * MAX_COMPARISONS)).ceil(),
             StepControl::Adaptive(_) => end / MAX_COMPARISONS,
         };

@@ -7,7 +7,7 @@ use caudal::error::Result;
 use caudal::report::RunOutput;
 use serde_json::json;
 
-use super::{SceneArguments, output_folder, print, refuse, say};
+use super::{SceneArguments, output_folder, print, print_unless_quiet, refuse};
 
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
     let (_, scene, stepper) = arguments.prepare()?;
@@ -36,10 +36,10 @@ pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
     let width = facts.iter().map(|fact| fact.name.chars().count()).max().unwrap_or(0);
     for fact in &facts {
         let blanks = " ".repeat(width - fact.name.chars().count());
-        say(&format!("{}{blanks}  {}", fact.name, fact.text));
+        print_unless_quiet(&format!("{}{blanks}  {}", fact.name, fact.text));
     }
     for warning in assessment.all_warnings() {
-        say(&format!("warning: {warning}"));
+        print_unless_quiet(&format!("warning: {warning}"));
     }
     Ok(refused.map_or(ExitCode::SUCCESS, |error| refuse(&error)))
 }

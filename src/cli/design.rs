@@ -10,7 +10,7 @@ use caudal::error::Result;
 use caudal::report::Claim;
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, exit, print_error, refuse, say, say_kept};
+use super::{SceneArguments, exit, print_error, print_kept, print_unless_quiet, refuse};
 
 pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
@@ -21,7 +21,7 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
     let interrupted = watch_for_interrupts();
     let design = Design::resumed(&document, &folder, |iteration| {
         if let Some(SearchIteration { start, iteration, objective, stationarity, step, accepted }) = iteration {
-            say(&format!(
+            print_unless_quiet(&format!(
                 "start {} iteration {iteration:>2}  objective {objective:.6e}  stationarity {stationarity:.1e}  step {step:.1e}{}",
                 start + 1,
                 if *accepted { "" } else { "  rejected" }
@@ -30,9 +30,9 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     for line in &design.lines {
-        say(line);
+        print_unless_quiet(line);
     }
-    let whole = say_kept(&design.write(&folder)?, &folder);
+    let whole = print_kept(&design.write(&folder)?, &folder);
     Ok(match &design.answer {
         Answer::Search(found) if found.interrupted => {
             print_error("interrupted: the files hold the best design so far");

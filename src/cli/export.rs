@@ -15,7 +15,7 @@ use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
 use super::run::{progress_bar, watch_for_interrupts};
-use super::{SceneArguments, exit, output_folder, print_error, refuse, say, say_written};
+use super::{SceneArguments, exit, output_folder, print_error, print_unless_quiet, print_written, refuse};
 
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
@@ -90,7 +90,7 @@ impl ExportArguments {
         let out = self.out.as_deref().unwrap_or(folder);
         let kept = picture::convert(folder, self.figures.as_deref(), &self.formats(), out, Claim::forced(self.force))?;
         let last = kept.files.last().and_then(|path| path.file_name()).unwrap_or_default();
-        Ok(say_written(&kept, out, &last.to_string_lossy()))
+        Ok(print_written(&kept, out, &last.to_string_lossy()))
     }
 }
 
@@ -116,16 +116,8 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             Err(error) => return Ok(refuse(&error)),
         },
     };
-<<<<<<< HEAD
-    let prepared = SceneArguments { scene: file.clone(), set: arguments.set.clone() }.prepare()?;
-    let Prepared { document, scene, mut stepper, assessment } = prepared;
-    if let Some(error) = assessment.refused(&document) {
-        return Ok(refuse(&error));
-    }
-=======
-    let scene = SceneArguments { scene: file, set: arguments.set.clone() };
+    let scene = SceneArguments { scene: file.clone(), set: arguments.set.clone() };
     let (_, scene, mut stepper) = scene.prepare()?;
->>>>>>> main
     if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != scene.fingerprint_text()) {
         print_error(&format!(
             "{}: the run is of another scene than {} is now ({fingerprint}); --set gives the overrides that it was made with",
@@ -167,7 +159,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
         let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
-        whole = say_written(&kept, &out, &format!("{}.pvd", scene.name));
+        whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));
     }
     let column = |name: &str| {
         let found = trajectory.columns().iter().find(|column| column.variable.name == name);
@@ -186,14 +178,14 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         if drawn?.is_break() {
             return Ok(ExitCode::from(exit::INTERRUPTED));
         }
-        say(&format!("{} was written", path.display()));
+        print_unless_quiet(&format!("{} was written", path.display()));
     }
     Ok(match outcome.ending {
         Ending::Complete => whole,
         Ending::Interrupted => ExitCode::from(exit::INTERRUPTED),
         Ending::Failed(error) => {
             print_error(&error.to_string());
-            say("what was computed until then is there");
+            print_unless_quiet("what was computed until then is there");
             ExitCode::from(exit::FAILED)
         }
     })

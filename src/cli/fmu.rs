@@ -7,7 +7,7 @@ use caudal::error::{Error, Result};
 use caudal::fmu::{self, Fmu, FmuOptions, Standard};
 use clap::ValueEnum;
 
-use super::{SceneArguments, say};
+use super::{SceneArguments, print_unless_quiet};
 
 /// Versions of the FMI standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -43,7 +43,7 @@ pub fn fmu(
     for (standard, path) in targets {
         fmu.write(standard, &libraries, &path)?;
         let version = if standard == Standard::Fmi2 { "2.0" } else { "3.0" };
-        say(&format!("{}: FMI {version} for co-simulation", path.display()));
+        print_unless_quiet(&format!("{}: FMI {version} for co-simulation", path.display()));
     }
     Ok(ExitCode::SUCCESS)
 }

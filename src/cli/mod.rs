@@ -93,7 +93,7 @@ enum Command {
     },
     /// Study a scene: its natural modes, and how speed, accuracy and stability depend on method, step and mesh
     #[command(subcommand)]
-    Study(study::Study),
+    Study(study::StudyCommand),
     /// Pack a scene as an FMU, a component for co-simulation hosts by the FMI standard
     Fmu {
         #[command(flatten)]
@@ -177,14 +177,14 @@ fn output_folder(scene: &Scene) -> PathBuf {
 }
 
 /// Says what files there are and what could not be written; the exit code of that.
-fn say_kept(kept: &WrittenFiles, folder: &Path) -> ExitCode {
-    say_written(kept, folder, "report.html")
+fn print_kept(kept: &WrittenFiles, folder: &Path) -> ExitCode {
+    print_written(kept, folder, "report.html")
 }
 
 /// The same, with the file to `open`.
-fn say_written(kept: &WrittenFiles, folder: &Path, open: &str) -> ExitCode {
+fn print_written(kept: &WrittenFiles, folder: &Path, open: &str) -> ExitCode {
     if kept.lost.is_empty() {
-        say(&format!("{} files in {}: open {open}", kept.files.len(), folder.display()));
+        print_unless_quiet(&format!("{} files in {}: open {open}", kept.files.len(), folder.display()));
         return ExitCode::SUCCESS;
     }
     // The first says why, and it is the same for the others.
@@ -231,7 +231,7 @@ pub fn main() -> ExitCode {
 /// True where only errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// From now on nothing is said, where it `is` so.
+/// Prints only errors from now on, if `is`.
 fn set_quiet(is: bool) {
     QUIET.fetch_or(is, Ordering::Relaxed);
 }
@@ -250,13 +250,13 @@ fn progress_bar_with(length: u64, words: &str) -> ProgressBar {
 }
 
 /// Prints a line to standard output, unless nothing but errors is to be printed.
-fn say(line: &str) {
+fn print_unless_quiet(line: &str) {
     if !is_quiet() {
         print(line);
     }
 }
 
-/// Prints what was asked for; a reader that has gone away is no failure.
+/// Prints a line of output; a closed pipe is not an error.
 fn print(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }

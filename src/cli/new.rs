@@ -10,7 +10,7 @@ use caudal::files::write_file;
 use caudal::scene::Document;
 use clap::{Args, ValueEnum};
 
-use super::{exit, print_error, say};
+use super::{exit, print_error, print_unless_quiet};
 
 /// What swims.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -94,7 +94,7 @@ pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
     let text = scene(&name, kind, fluid, length, frequency);
     Document::new(file.clone(), text.clone()).scene()?;
     write_file(file, text)?;
-    say(&format!("{}: caudal run {}", file.display(), file.display()));
+    print_unless_quiet(&format!("{}: caudal run {}", file.display(), file.display()));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -102,7 +102,7 @@ fn by_name<T: ValueEnum>(text: &str) -> Option<T> {
     T::from_str(text, true).ok()
 }
 
-/// What was given, else what a user at a terminal answers, else the default.
+/// The value that was given, or else the answer of a user at a terminal, or else the default.
 fn asked<T: Copy>(
     given: Option<T>,
     question: &str,

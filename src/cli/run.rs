@@ -17,7 +17,8 @@ use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
 use super::{
-    SceneArguments, exit, output_folder, print, print_error, progress_bar_with, refuse, say, say_kept, set_quiet,
+    SceneArguments, exit, output_folder, print, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse,
+    set_quiet,
 };
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
@@ -39,7 +40,7 @@ pub fn run(
         Err(error) => return Ok(refuse(&error)),
     };
     for warning in &warnings {
-        say(&format!("note: {warning}"));
+        print_unless_quiet(&format!("note: {warning}"));
     }
     let interrupted = watch_for_interrupts();
     let raised =
@@ -58,41 +59,43 @@ pub fn run(
         // A comparison that fails, or is interrupted, takes nothing from the run.
         match Verification::of(&scene, &stepper, |_| raised()) {
             Ok(verification) => summary.verification = verification,
-            Err(error) => summary.notes.push(format!("the whole model could not be run beside it: {error}")),
+            Err(error) => summary.notes.push(format!("the full model could not be run for comparison: {error}")),
         }
     }
     let kept = output.finish(&stepper, &summary, &document, &summary.notes);
-    say(&format!(
+    print_unless_quiet(&format!(
         "{}: t = {} s in {} steps, {} Newton iterations, {:.3} s",
         summary.name, summary.end_time_s, summary.steps, summary.newton_iterations, summary.wall_s
     ));
-    say(&format!("centre of mass ({:.9}, {:.9}) m", summary.x_com_m, summary.y_com_m));
-    say(&format!(
+    print_unless_quiet(&format!("centre of mass ({:.9}, {:.9}) m", summary.x_com_m, summary.y_com_m));
+    print_unless_quiet(&format!(
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
     if let Some(largest) = largest(&summary) {
-        say(&largest);
+        print_unless_quiet(&largest);
     }
-    say(&summary.cycles.to_string());
+    print_unless_quiet(&summary.cycles.to_string());
     if let Some(reason) = &summary.model_reason {
-        say(&format!("model {}: {reason}", summary.model));
+        print_unless_quiet(&format!("model {}: {reason}", summary.model));
     }
     if let Some(choice) = scene.fluid_choice() {
-        say(&format!("fluid {}: {}", choice.name(), choice.reason));
+        print_unless_quiet(&format!("fluid {}: {}", choice.name(), choice.reason));
     }
     if let Some(Verification { net_displacement_m, relative_differences, noise, wall_s, .. }) = &summary.verification {
-        say(&format!(
-            "the whole model on the same {} nodes: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s",
+        print_unless_quiet(&format!(
+            "the full model on the same {} nodes: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s",
             summary.nodes
         ));
         if ModelKind::named(summary.model).is_some_and(|kind| kind.estimate.is_none()) {
-            say("  the run has the whole model too: what they differ by is the error of steps, of both");
+            print_unless_quiet(
+                "  the run used the full model, too: the differences are the errors of the steps of both",
+            );
         }
         for measure in ErrorMeasure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };
             let [name, relative] = measure.meaning();
-            say(&if noise.contains(&measure) {
+            print_unless_quiet(&if noise.contains(&measure) {
                 format!("  {name}: both are at rest; what they differ by is rounding")
             } else {
                 format!("  {name} differs by {difference:.1e} of {relative}")
@@ -100,12 +103,12 @@ pub fn run(
         }
     }
     for note in summary.notes.iter().skip(warnings.len()) {
-        say(&format!("note: {note}"));
+        print_unless_quiet(&format!("note: {note}"));
     }
     if summary.step_halvings > 0 {
-        say(&format!("{} steps did not converge at first and were halved", summary.step_halvings));
+        print_unless_quiet(&format!("{} steps did not converge at first and were halved", summary.step_halvings));
     }
-    let whole = say_kept(&kept, &folder);
+    let whole = print_kept(&kept, &folder);
     if json {
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         print(&text);

@@ -10,7 +10,7 @@ use caudal::sweep::Sweep;
 use clap::{Command, CommandFactory};
 use clap_complete::Shell;
 
-use super::{Cli, print, say};
+use super::{Cli, print, print_unless_quiet};
 
 /// Prints the JSON Schema of scenes, or of sweeps.
 pub fn schema(sweep: bool) -> Result<ExitCode> {
@@ -53,7 +53,7 @@ pub fn man(folder: &Path) -> Result<ExitCode> {
         made.map_err(|e| Error::Write { path: path.clone(), reason: e.to_string() })?;
         write_file(&path, text)?;
     }
-    say(&format!("{} pages in {}: man {}/caudal.1", pages.len(), folder.display(), folder.display()));
+    print_unless_quiet(&format!("{} pages in {}: man {}/caudal.1", pages.len(), folder.display(), folder.display()));
     Ok(ExitCode::SUCCESS)
 }
 

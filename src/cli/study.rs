@@ -15,11 +15,11 @@ use caudal::study::{
 use clap::{Args, Subcommand};
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, exit, print_error, progress_bar_with, refuse, say, say_kept};
+use super::{SceneArguments, exit, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
-pub enum Study {
+pub enum StudyCommand {
     /// Natural frequencies and mode shapes of the rod; its matrices M, C and K for other programs
     Modes {
         #[command(flatten)]
@@ -123,15 +123,17 @@ pub struct StudyArguments {
 }
 
 /// Makes a study, with a bar of its runs on a terminal, and writes what it found.
-pub fn study(study: &Study) -> Result<ExitCode, Error> {
+pub fn study(study: &StudyCommand) -> Result<ExitCode, Error> {
     let (common, study) = match study.clone() {
-        Study::Modes { common, count } => (common, study::Study::Modes(ModesOptions { count })),
-        Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(ScalingOptions { nodes, steps })),
-        Study::Accuracy { common, nodes, steps, tolerances, without } => {
+        StudyCommand::Modes { common, count } => (common, study::Study::Modes(ModesOptions { count })),
+        StudyCommand::Scaling { common, nodes, steps } => {
+            (common, study::Study::Scaling(ScalingOptions { nodes, steps }))
+        }
+        StudyCommand::Accuracy { common, nodes, steps, tolerances, without } => {
             (common, study::Study::Accuracy(AccuracyOptions { nodes, steps, tolerances, without }))
         }
-        Study::Fluid { common } => (common, study::Study::Fluid(FluidOptions::default())),
-        Study::Stability { common, vary, range, steps, points, accurate } => {
+        StudyCommand::Fluid { common } => (common, study::Study::Fluid(FluidOptions::default())),
+        StudyCommand::Stability { common, vary, range, steps, points, accurate } => {
             (common, study::Study::Stability(StabilityOptions { vary, range, steps, points, accurate }))
         }
     };
@@ -154,13 +156,13 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
             let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
             let kept = study::write_findings(&findings, &mut held, &scene.name, &document)?;
             for answer in &findings.answers {
-                say(answer);
+                print_unless_quiet(answer);
             }
-            Ok(say_kept(&kept, &folder))
+            Ok(print_kept(&kept, &folder))
         }
         StudyOutcome::Interrupted(done, of) => {
             print_error(&format!(
-                "interrupted: {done} of {of} runs are kept in {}; the same command goes on from there",
+                "interrupted: {done} of {of} runs are stored in {}; the same command resumes there",
                 folder.display()
             ));
             Ok(ExitCode::from(exit::INTERRUPTED))

@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
 use super::run::watch_for_interrupts;
-use super::{exit, print_error, progress_bar_with, refuse, say, say_kept};
+use super::{exit, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse};
 
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -95,9 +95,9 @@ fn list(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     let job = sweep.job(threads(arguments))?;
     let cases = wanted(&sweep, arguments);
     for index in &cases {
-        say(&format!("{index:>6}  {}", sweep.describe(&sweep.case(*index)?)));
+        print_unless_quiet(&format!("{index:>6}  {}", sweep.describe(&sweep.case(*index)?)));
     }
-    say(&format!(
+    print_unless_quiet(&format!(
         "{}: {} of {} cases, inputs {}, to {}",
         sweep.name,
         cases.len(),
@@ -126,8 +126,8 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
         let done = done.filter(|journal| !arguments.restart && job.difference(journal.job()).is_none());
         cases.iter().filter(|index| !done.as_ref().is_some_and(|journal| journal.has(**index))).count()
     };
-    let room = sweep.fits(cases.len(), &folder).or_else(|_| sweep.fits(left(), &folder));
-    let held = room.and_then(|()| sweep.claim(&folder, &job, Claim::forced(common.force)));
+    let fits = sweep.fits(cases.len(), &folder).or_else(|_| sweep.fits(left(), &folder));
+    let held = fits.and_then(|()| sweep.claim(&folder, &job, Claim::forced(common.force)));
     let mut held = match held {
         Ok(held) => held,
         Err(error) => return Ok(refuse(&error)),
@@ -140,7 +140,7 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     let all = cases.len();
     cases.retain(|index| !journal.has(*index));
     if cases.len() < all {
-        say(&format!("{} of {all} cases are done already; {} to go", all - cases.len(), cases.len()));
+        print_unless_quiet(&format!("{} of {all} cases are done already; {} to go", all - cases.len(), cases.len()));
     }
 
     let interrupted = watch_for_interrupts();
@@ -159,18 +159,21 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     outcome?;
     if interrupted.load(Ordering::Relaxed) && done < cases.len() as u64 {
         print_error(&format!(
-            "interrupted: {} of {all} cases are done and kept in {}; the same command goes on",
+            "interrupted: {} of {all} cases are finished and stored in {}; the same command resumes",
             all - cases.len() + done as usize,
             path.display()
         ));
         return Ok(ExitCode::from(exit::INTERRUPTED));
     }
-    say(&format!("{}: {done} cases in {:.2} s", sweep.name, elapsed.as_secs_f64()));
+    print_unless_quiet(&format!("{}: {done} cases in {:.2} s", sweep.name, elapsed.as_secs_f64()));
     if arguments.shard.is_some() {
-        say(&format!("{}: when all shards are there, `caudal sweep merge` makes table and report", path.display()));
+        print_unless_quiet(&format!(
+            "{}: when all shards are there, `caudal sweep merge` makes table and report",
+            path.display()
+        ));
         return Ok(ExitCode::SUCCESS);
     }
-    held.hold_again()?;
+    held.relock()?;
     finish(&SweepResults::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
 }
 
@@ -183,7 +186,7 @@ fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
     if !failed.is_empty() {
         print_error(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
     }
-    let whole = say_kept(&kept, folder.path());
+    let whole = print_kept(&kept, folder.path());
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
 }
 
@@ -220,7 +223,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
             paths.len()
         );
         if partial {
-            say(&lacking);
+            print_unless_quiet(&lacking);
             return finish(&results, &mut claimed()?);
         }
         print_error(&format!("{lacking}; let their shards finish, or take what is there with --partial"));

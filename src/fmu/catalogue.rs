@@ -17,7 +17,7 @@ pub enum Standard {
 
 /// The categories of log messages, with their descriptions.
 pub const LOG_CATEGORIES: [(&str, &str); 4] = [
-    ("logStatusWarning", "what was done otherwise than asked for"),
+    ("logStatusWarning", "deviations from what was requested"),
     ("logStatusDiscard", "a step that could not be made; everything is as it was before the call"),
     ("logStatusError", "a call that the standard or the model does not allow"),
     ("logSteps", "every communication step: its internal steps and iterations"),
@@ -77,7 +77,7 @@ impl Catalogue {
             Causality::Output if COUNTS.contains(&variable.name) => ["output", "discrete"],
             Causality::Output => ["output", "continuous"],
             Causality::Parameter
-                if variable.name == TIME_STEP && matches!(stepper.pace(), StepControl::Adaptive(_)) =>
+                if variable.name == TIME_STEP && matches!(stepper.step_control(), StepControl::Adaptive(_)) =>
             {
                 ["output", "discrete"]
             }

@@ -326,7 +326,7 @@ fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
                 attributes.push(yes("providesPerElementDependencies"));
             }
             // Not of a step that is a parameter.
-            if let (StepControl::Fixed(step), false) = (fmu.scene.pace(), fmu.shows("solver.time_step_s")) {
+            if let (StepControl::Fixed(step), false) = (fmu.scene.step_control(), fmu.shows("solver.time_step_s")) {
                 attributes.push(("fixedInternalStepSize", number(step)));
             }
         }
@@ -348,7 +348,7 @@ fn write_unit(xml: &mut Xml, Unit(name, _, exponents, shown): &Unit) -> Result<(
 /// The default experiment: the scene's duration, with its step or a thousandth.
 fn experiment(fmu: &Fmu<'_>) -> Attributes {
     let duration = fmu.scene.solver.duration_s.get();
-    let step = match fmu.scene.pace() {
+    let step = match fmu.scene.step_control() {
         StepControl::Fixed(step) => step.min(duration),
         StepControl::Adaptive(_) => duration / 1000.0,
     };

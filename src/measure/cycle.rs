@@ -393,12 +393,10 @@ impl Cycle {
                 "a head that stays where it is in still water does no useful work: let the water flow, with medium.flow_m_s"
             }
             None => "the swimmer gets nowhere",
-            Some(_) if held && self.axis().is_none() => "the head turns all round: nowhere is ahead",
+            Some(_) if held && self.axis().is_none() => "the head turns all the way round, so it has no mean direction",
             Some(_) if held => "neither actuation nor head puts power in",
             Some(_) if self.power(0) <= 0.0 => "the actuation puts no power in",
-            Some(_) if self.is_pulled() => {
-                "loads put power in too, and what the swimmer does by itself is not known apart"
-            }
+            Some(_) if self.is_pulled() => "loads supply power, too, so that of the swimmer itself cannot be separated",
             Some(_) if dynamics.model.forces.is_empty() => "nothing resists the straight rod: give [drag]",
             Some(_) => "the drag of the straight rod is not the same everywhere in this medium",
         })
@@ -498,7 +496,7 @@ macro_rules! measure {
             unit: $unit,
             description: concat!(
                 $description,
-                "; 0 before the first, NaN where none can be known as a table or a host moves head or flow"
+                "; 0 before the first, NaN if a table or a host moves head or flow, because cycles are then unknown"
             ),
             of: $of,
         };
@@ -559,7 +557,7 @@ measure!(
     "strouhal_number",
     "",
     "1",
-    "Strouhal number fA/|U|, A the peak-to-peak excursion of the tip across the mean path through the fluid of the cycle before, seen from what goes on at its mean velocity",
+    "Strouhal number fA/|U|, with the peak-to-peak excursion A of the tip across the mean path through the fluid of the previous cycle, in the frame that moves at its mean velocity",
     |c, d| c.net_speed(d).map(|speed| c.excursion / (c.period() * speed))
 );
 measure!(
@@ -624,7 +622,7 @@ measure!(
     "material_power",
     "_w",
     "W",
-    "mean power taken by the damped material over the last whole cycles",
+    "mean power dissipated by the damped material over the last whole cycles",
     |c, d| d.model.rod.damping.as_ref().map(|_| c.power(8))
 );
 measure!(
@@ -632,10 +630,10 @@ measure!(
     "viscous_power",
     "_w",
     "W",
-    "mean power taken by viscosity over the last whole cycles",
+    "mean power dissipated by drag over the last whole cycles",
     |c, _| Some(c.power(1))
 );
-measure!(WAKE_POWER, "wake_power", "_w", "W", "mean power taken by the wake over the last whole cycles", |c, d| d
+measure!(WAKE_POWER, "wake_power", "_w", "W", "mean power lost to the wake over the last whole cycles", |c, d| d
     .model
     .forces
     .are_inertial()

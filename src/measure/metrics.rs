@@ -23,7 +23,7 @@ use crate::system::{Link, State, System};
 /// What a batched step measured: the sums over a rod, of one case or of all lanes.
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Measured<T: Real = f64> {
+pub(crate) struct BatchedMeasurements<T: Real = f64> {
     /// Sums over the rod.
     pub sums: RodSums<T>,
     /// The force that a held head must exert, N; zero for a free one.
@@ -132,13 +132,13 @@ impl Power {
         (stored, momentum)
     }
 
-    /// Adds the powers and the resultant of a force with that sink.
+    /// Adds the powers and the resultant of a force with that kind of power.
     #[inline(always)]
-    fn add_powers(&mut self, sink: Option<PowerKind>, powers: Powers, resultants: &mut Resultants) {
+    fn add_powers(&mut self, kind: Option<PowerKind>, powers: Powers, resultants: &mut Resultants) {
         let Powers { opposing, against_fluid, of_flow } = powers;
         self.flow += of_flow;
-        *resultants.from(sink) -= opposing;
-        match sink {
+        *resultants.from(kind) -= opposing;
+        match kind {
             Some(PowerKind::Drag) => self.viscous += against_fluid,
             Some(PowerKind::Wake) => self.wake += against_fluid,
             Some(PowerKind::Flow) => self.flow -= against_fluid,
@@ -178,9 +178,9 @@ impl Resultants {
         self.drag + self.wake + self.spray + self.flow + self.load + self.head + self.other
     }
 
-    /// The resultant of forces with that sink.
-    pub(crate) fn from(&mut self, sink: Option<PowerKind>) -> &mut Vector2<f64> {
-        match sink {
+    /// The resultant of forces with that kind of power.
+    pub(crate) fn from(&mut self, kind: Option<PowerKind>) -> &mut Vector2<f64> {
+        match kind {
             Some(PowerKind::Drag) => &mut self.drag,
             Some(PowerKind::Wake) => &mut self.wake,
             Some(PowerKind::Spray) => &mut self.spray,
@@ -357,13 +357,19 @@ impl Measurements {
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
     pub fn measure(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
         let taken = dynamics.mechanics == Mechanics::Shape;
-        let mut room = std::mem::take(&mut dynamics.unused);
-        let outcome = self.measure_with(dynamics, state, taken, &mut room);
-        dynamics.unused = room;
+        let mut workspace = std::mem::take(&mut dynamics.unused);
+        let outcome = self.measure_with(dynamics, state, taken, &mut workspace);
+        dynamics.unused = workspace;
         outcome
     }
 
-    fn measure_with(&mut self, dynamics: &mut Dynamics, state: &State, taken: bool, room: &mut Vec<f64>) -> Result<()> {
+    fn measure_with(
+        &mut self,
+        dynamics: &mut Dynamics,
+        state: &State,
+        taken: bool,
+        workspace: &mut Vec<f64>,
+    ) -> Result<()> {
         let holding = if taken { Some(dynamics.balance(state, &mut self.moment)?) } else { None };
         let bent = dynamics.shape(state)?;
         let (dynamics, edges) = (bent.dynamics, bent.edges());
@@ -400,10 +406,10 @@ impl Measurements {
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let moving = bent.kinematics();
             let stored = power.add_forces(&dynamics.model.forces, &moving, resultants);
-            if dynamics.course.is_some() && dynamics.model.forces.are_inertial() {
-                room.resize(state.q.len(), 0.0);
-                let (brought, momentum) = dynamics.brought(&moving, room);
-                power.flow += brought;
+            if dynamics.extrapolation.is_some() && dynamics.model.forces.are_inertial() {
+                workspace.resize(state.q.len(), 0.0);
+                let (medium_power, momentum) = dynamics.medium_change_rates(&moving, workspace);
+                power.flow += medium_power;
                 resultants.flow += momentum;
             }
             stored
@@ -411,8 +417,8 @@ impl Measurements {
         self.assemble(dynamics, state, &sums, material, forces, held)
     }
 
-    /// Adds what a damped material resists the rates of its strains with to the moments, unless these are `all` that balance asks
-    /// for, and its share of the power of the `actuation`; returns the power that it takes, W.
+    /// Adds the damping moments of the material to the moments, unless these already contain `all` moments because they
+    /// follow from balance, and adds their share of the power of the `actuation`. Returns the dissipated power, W.
     fn resist(&mut self, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
         dynamics.damped().map_or(0.0, |damped| self.resist_by(damped, dynamics, all, actuation))
     }
@@ -440,8 +446,9 @@ impl Measurements {
         damping.power(rod, rates)
     }
 
-    /// Tells apart what active moments and what the natural curvature give: makes the energy of bending and the power of the actuation in
-    /// `sums` those of both. A shape that is `taken` is that of the moments where the scene has them, and of curvatures else.
+    /// Separates active moments from the natural curvature, and corrects the bending energy and the actuation power in
+    /// `sums`. If the shape is `taken`, it follows from the moments if the scene has them, and otherwise from
+    /// curvatures.
     fn activate(&mut self, dynamics: &Dynamics, state: &State, taken: bool, sums: &mut RodSums) {
         match dynamics.active.as_ref().filter(|_| !taken || dynamics.model.active_moments) {
             Some(active) => self.activate_by(active, dynamics, state, taken, sums),
@@ -513,7 +520,7 @@ impl Measurements {
         &mut self,
         dynamics: &Dynamics,
         state: &State,
-        measured: &Measured,
+        measured: &BatchedMeasurements,
         of_force: impl Fn(usize, &dyn Force) -> (Powers, (f64, Vector2<f64>)),
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
     ) -> Result<()> {
@@ -522,9 +529,9 @@ impl Measurements {
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let (mut stored, mut momentum) = (0.0, Vector2::zeros());
             for (i, force) in dynamics.model.forces.iter().enumerate() {
-                let (sink, (powers, (energy, own))) = (force.power_kind(), of_force(i, force));
-                power.add_powers(sink, powers, resultants);
-                if sink.is_none() {
+                let (kind, (powers, (energy, own))) = (force.power_kind(), of_force(i, force));
+                power.add_powers(kind, powers, resultants);
+                if kind.is_none() {
                     stored += energy;
                     momentum += own;
                 }

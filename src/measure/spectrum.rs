@@ -18,16 +18,17 @@ use crate::rod::{Rod, node};
 use crate::start::Start;
 use crate::system::State;
 
-/// Phases of a cycle at which the prescribed shape is looked at.
+/// Number of phases of a cycle at which the prescribed shape is evaluated.
 const PHASES: u32 = 48;
 
-/// A table repeats itself, for what counts here, if its rate has the same size in each quarter of it to this part.
+/// A table counts as periodic if the size of its rate differs between its quarters by at most this fraction.
 const STATIONARY_TOLERANCE: f64 = 0.2;
 
 /// A line counts among the slowest if its amplitude, speed over frequency, is this part of the largest.
 const LEAST_AMPLITUDE_RATIO: f64 = 1e-3;
 
-/// A table's velocity changes if it does so by this part of its size: what is less is rounding of its rows.
+/// The velocity of a table counts as changing if it changes by this fraction of its size. Smaller changes are rounding
+/// of its rows.
 const STEADY: f64 = 1e-6;
 
 /// A line of a table counts if its velocity is this part of the largest: the sides of the window are a fifth of that.
@@ -36,7 +37,7 @@ const RESOLVED: f64 = 0.01;
 /// A table of as many periods has the moments of what a window sees of it, whether or not it ends with a whole one.
 const WINDOWED: f64 = 4.0;
 
-/// Most times at which a table is looked at for its lines, a power of two.
+/// The largest number of samples of a table for its Fourier transform, a power of two.
 const TIMES: usize = 1 << 14;
 
 /// A frequency at which something moves the rod.
@@ -52,7 +53,7 @@ pub struct SpectralLine {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Spectrum {
     lines: Vec<SpectralLine>,
-    /// True if a table drives the rod that goes on otherwise than it began.
+    /// True if a table that is not stationary drives the rod.
     pub is_transient: bool,
 }
 
@@ -93,7 +94,7 @@ impl Spectrum {
         &self.lines
     }
 
-    /// The lowest frequency of what moves the rod more than faintly, Hz; none where nothing moves periodically.
+    /// The lowest frequency (Hz) of the lines with a significant amplitude; `None` if nothing moves periodically.
     pub fn slowest(&self) -> Option<f64> {
         let amplitude = |line: &SpectralLine| line.speed / line.frequency;
         let most = self.lines.iter().map(amplitude).fold(0.0, f64::max);

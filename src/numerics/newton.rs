@@ -1,4 +1,4 @@
-//! Full Newton with the exact Jacobian: one method for every implicit step, and it counts its work.
+//! Newton's method with full steps and the exact Jacobian, which solves every implicit step and counts its work.
 
 use serde::{Deserialize, Serialize};
 
@@ -33,10 +33,10 @@ const LARGEST_QUADRATIC_CONSTANT: f64 = 0.1;
 const SAFETY_FACTOR: f64 = 4.0;
 
 /// The axial force EA e/ℓ that a spared increment e leaves is at most this many tolerances, times EI/L².
-const SPARED_FORCE: f64 = 1e5;
+const SKIPPED_INCREMENT_FORCE: f64 = 1e5;
 
 /// The same for the smallest tolerances: no smaller force than this part of EI/L² is asked for.
-const LEAST_SPARED_FORCE: f64 = 1e-4;
+const MIN_SKIPPED_INCREMENT_FORCE: f64 = 1e-4;
 
 /// How the solves of one step converge: e₂ = C e₁² for the first two increments of each. Once it is measured, the second increment of the
 /// next solve is foreseen from its first.
@@ -69,7 +69,7 @@ impl ConvergenceRate {
 
 /// What Newton's method has done so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Work {
+pub struct SolverWork {
     /// Iterations; each assembles, factors and solves once.
     pub newton_iterations: u64,
     /// Numeric factorisations.
@@ -92,7 +92,7 @@ pub struct Newton {
     equations: EquationSolver,
     increment: Vec<f64>,
     /// Work done since the start.
-    pub work: Work,
+    pub work: SolverWork,
 }
 
 /// The matrix and its solver.
@@ -148,15 +148,16 @@ impl Newton {
             nodes,
             equations,
             increment: vec![0.0; unknowns],
-            work: Work::default(),
+            work: SolverWork::default(),
         })
     }
 
-    /// The same, which spares the second iteration of a solve where its increment would be within the tolerance and leave no force that
-    /// matters, as the first is so small for a rod whose squared slenderness is `slenderness`, or as solves before it in the same step say.
+    /// The same, but skips the second iteration of a solve if its predicted increment is within the tolerance and
+    /// leaves no significant force. The prediction follows from the first increment and the squared `slenderness` of
+    /// the rod, or from earlier solves in the same step.
     pub fn foreseeing(self, slenderness: f64) -> Self {
         let nodes = self.nodes as f64;
-        let force = (SPARED_FORCE * self.tolerance).max(LEAST_SPARED_FORCE);
+        let force = (SKIPPED_INCREMENT_FORCE * self.tolerance).max(MIN_SKIPPED_INCREMENT_FORCE);
         let spared = self.tolerance.min(force / (nodes * slenderness));
         let enough = (spared / (LARGEST_QUADRATIC_CONSTANT * slenderness)).sqrt() / nodes;
         Self { spared, sufficient_first_increment: enough, ..self }
@@ -240,9 +241,9 @@ impl Newton {
     }
 
     /// A solve of `system` before its first iteration.
-    pub(crate) fn progress(&self, system: &dyn System) -> Progress {
+    pub(crate) fn progress(&self, system: &dyn System) -> SolveProgress {
         let length = system.length();
-        Progress {
+        SolveProgress {
             length,
             tolerance: self.tolerance * length,
             spared: self.spared * length,
@@ -319,9 +320,9 @@ impl Newton {
     }
 }
 
-/// How a solve has gone so far.
+/// The progress of a solve.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Progress {
+pub(crate) struct SolveProgress {
     length: f64,
     /// m.
     tolerance: f64,
@@ -333,12 +334,12 @@ pub(crate) struct Progress {
     last: [f64; 2],
 }
 
-/// What an iteration says of a solve.
+/// The state of a solve after an iteration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Convergence {
-    /// It goes on.
+    /// Another iteration is needed.
     Continue,
-    /// It is at an end.
+    /// The tolerance is met.
     Converged,
     /// Increments no longer shrink, and are small enough for rounding to be why.
     Stalled,
@@ -346,7 +347,7 @@ pub(crate) enum Convergence {
     Diverges,
 }
 
-impl Progress {
+impl SolveProgress {
     /// Takes in an iteration.
     pub(crate) fn judge(&mut self, step: Iteration) -> Convergence {
         let [before, previous] = self.last;
@@ -368,12 +369,12 @@ impl Progress {
     }
 }
 
-/// How long a solve that does not converge goes on.
+/// When a solve that does not converge is given up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConvergencePolicy {
-    /// For as many iterations as there may be: an iterate that goes astray usually tells what is wrong.
+    /// After the largest number of iterations: a diverging iterate usually reveals what is wrong.
     AllIterations,
-    /// Until the increment has grown twice in a row: for a guess beside which there is another.
+    /// When the increment has grown twice in a row: for a guess to which there is an alternative.
     WhileShrinking,
 }
 

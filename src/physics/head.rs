@@ -1,10 +1,10 @@
 //! How a held head moves: position and angle as functions of time, from a scene or from a host.
 
-pub mod host;
+pub mod pose_extrapolation;
 
 use std::f64::consts::TAU;
 
-pub use host::{HeadInput, HostHead};
+pub use pose_extrapolation::{HeadInput, HostHead};
 use serde::{Deserialize, Serialize};
 
 /// A value with its first and second rate.
@@ -18,30 +18,30 @@ pub struct Sample {
     pub acceleration: f64,
 }
 
-/// The fewest steps that resolve a period of what drives the rod, or a ramp.
-pub const STEPS_A_PERIOD: f64 = 16.0;
+/// The smallest number of steps that resolve a period of the drive, or a ramp.
+pub const RESOLVING_STEPS_PER_PERIOD: f64 = 16.0;
 
 /// The fewest steps between two rows of a table where rows are too far apart to be foretold by their neighbours.
-const STEPS_A_ROW: f64 = 8.0;
+const STEPS_PER_ROW: f64 = 8.0;
 
 /// The fewest steps over rows that are foretold by the first and the last of them.
-const STEPS_FORETOLD: f64 = 3.0;
+const STEPS_PER_INTERPOLATED_SPAN: f64 = 3.0;
 
 /// Rows are foretold where the cubic misses them by no more than this part of how far they are from an even motion between the
 /// first and the last: of a sinusoid they go over a twelfth to a sixth of its period.
-const FORETOLD: f64 = 2.6e-2;
+const INTERPOLATION_TOLERANCE: f64 = 2.6e-2;
 
 /// Rounding of rows, in parts of the largest of their values.
 const ROW_ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// A row of a table that is no further than this part of the distance between rows is reached.
-const REACHED: f64 = 1e-9;
+const ROW_TIME_TOLERANCE: f64 = 1e-9;
 
 /// A second rate that changes at a row by more than this part of it jumps there.
-const JUMP: f64 = 1e-2;
+const MIN_ACCELERATION_JUMP: f64 = 1e-2;
 
 /// Where it changes by more than this part of it, another motion begins: what it does is not known from its first step.
-const KICK: f64 = 0.5;
+const MAX_RELATIVE_JUMP: f64 = 0.5;
 
 /// A scalar function of time.
 #[derive(Debug, Clone, PartialEq)]
@@ -136,15 +136,15 @@ impl Signal {
     pub fn longest_step(&self, t: f64) -> f64 {
         match self {
             Self::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
-                1.0 / (STEPS_A_PERIOD * frequency.abs())
+                1.0 / (RESOLVING_STEPS_PER_PERIOD * frequency.abs())
             }
             Self::Constant(_) | Self::Sinusoid { .. } => f64::INFINITY,
             Self::Table(rows) => longest_in_table(rows, t),
         }
     }
 
-    /// Half of what its rate varies by: the same for a motion that goes on at some speed beside it.
-    pub fn swing(&self) -> f64 {
+    /// Half of the range of its rate, which does not change if a constant speed is added to the motion.
+    pub fn rate_amplitude(&self) -> f64 {
         match self {
             Self::Constant(_) => 0.0,
             Self::Sinusoid { amplitude, frequency, .. } => (TAU * amplitude * frequency).abs(),
@@ -170,7 +170,7 @@ impl Signal {
     /// True where its second rate jumps at time `t` (s): at a row of a table.
     pub fn jumps_at(&self, t: f64) -> bool {
         let Self::Table(rows) = self else { return false };
-        row_at(rows, t).is_some_and(|at| jumps(rows, at, JUMP))
+        row_at(rows, t).is_some_and(|at| jumps(rows, at, MIN_ACCELERATION_JUMP))
     }
 
     /// The signal at time `t` (s).
@@ -213,7 +213,7 @@ fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 fn row_at(rows: &[Row], t: f64) -> Option<usize> {
     let after = rows.partition_point(|row| row.time <= t);
     let [from, to] = [after.wrapping_sub(1), after].map(|at| rows.get(at));
-    let near = from.zip(to).map_or(0.0, |(from, to)| REACHED * (to.time - from.time));
+    let near = from.zip(to).map_or(0.0, |(from, to)| ROW_TIME_TOLERANCE * (to.time - from.time));
     if from.is_some_and(|from| t - from.time <= near) {
         Some(after - 1)
     } else {
@@ -242,8 +242,8 @@ fn longest_in_table(rows: &[Row], t: f64) -> f64 {
     if [from, next].iter().all(|row| (row.rate * span - moved).abs() <= rounding) {
         return next.time - t;
     }
-    let (mut longest, mut reached) = (span / STEPS_A_ROW, next.time);
-    if at.is_some_and(|at| jumps(rows, at, KICK)) {
+    let (mut longest, mut reached) = (span / STEPS_PER_ROW, next.time);
+    if at.is_some_and(|at| jumps(rows, at, MAX_RELATIVE_JUMP)) {
         return longest;
     }
     for count in (0..).map(|power| 1_usize << power) {
@@ -252,11 +252,11 @@ fn longest_in_table(rows: &[Row], t: f64) -> f64 {
         let evenly = |row: &Row| from.value + mean * (row.time - from.time);
         let most = |of: &dyn Fn(&Row) -> f64| between.iter().map(of).fold(0.0, |max: f64, x| max.max(x.abs()));
         let rounding = ROW_ROUNDING * most(&|row| row.value).max(from.value.abs()).max(last.value.abs());
-        let near = FORETOLD * most(&|row| row.value - evenly(row)) + rounding;
+        let near = INTERPOLATION_TOLERANCE * most(&|row| row.value - evenly(row)) + rounding;
         if most(&|row| hermite(from, last, row.time).value - row.value) > near {
             break;
         }
-        longest = longest.max((last.time - from.time) / STEPS_FORETOLD);
+        longest = longest.max((last.time - from.time) / STEPS_PER_INTERPOLATED_SPAN);
         reached = last.time;
     }
     // What is beyond the rows that were looked at may be a burst.

@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
-use crate::head::{HeadInput, HeadMotion, HostHead, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
+use crate::head::{HeadInput, HeadMotion, HostHead, Pose, RESOLVING_STEPS_PER_PERIOD, Signal, pose, pose_before};
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
 use crate::rod::damping::{Damping, KelvinVoigt, StrainRates};
@@ -52,7 +52,7 @@ pub struct Drive {
     pub frequency: f64,
 }
 
-/// What of a rod's mechanics is kept.
+/// The mechanics that a model includes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mechanics {
     /// Inertia and elasticity.
@@ -65,7 +65,7 @@ pub enum Mechanics {
     Shape,
 }
 
-/// All that does not change during a run. A part that a scene does not name is `None` and costs nothing.
+/// Everything that is constant during a run. A part that the scene does not have is `None` and costs nothing.
 #[derive(Debug)]
 pub struct Model {
     /// The rod.
@@ -90,12 +90,12 @@ pub struct Model {
     pub buoyancy: Option<Vec<f64>>,
     /// Motion of a held head; `None` is a free head.
     pub head: Option<HeadMotion>,
-    /// What a host's pose of that head is the pose of.
+    /// The time to which a host's pose of that head belongs.
     pub head_input: HeadInput,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
     pub spin: f64,
     /// Curvature κ_k at the start beside what the start gives it, one entry per node; `None` where there is none.
-    pub bent: Option<Vec<f64>>,
+    pub initial_curvature: Option<Vec<f64>>,
 }
 
 /// The wave of natural curvatures that the moments of `actuation` bend an unloaded `rod` to.
@@ -106,8 +106,8 @@ pub(crate) fn bending(actuation: &dyn Actuation, rod: &Rod) -> Box<dyn Actuation
 }
 
 impl Model {
-    /// Names all that it says, every number to the bit, with `solved`, how it is solved. Forces and actuations of your own are in it as
-    /// their `Debug` says them.
+    /// A hash of the model, including every bit of every number, and of the solver settings `solved`. Your own forces
+    /// and actuations are included by their `Debug` output.
     pub fn fingerprint(&self, solved: &impl std::fmt::Debug) -> u128 {
         XxHash3_128::oneshot(format!("{} {solved:?} {self:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }
@@ -122,9 +122,9 @@ impl Model {
     }
 
     /// Half of what the speed (m/s) of its head varies by in the scene's own motion.
-    pub fn head_swing(&self) -> f64 {
+    pub fn head_speed_amplitude(&self) -> f64 {
         let Some([x, y, angle]) = &self.head else { return 0.0 };
-        x.swing().max(y.swing()).max(angle.swing() * self.rod.length)
+        x.rate_amplitude().max(y.rate_amplitude()).max(angle.rate_amplitude() * self.rod.length)
     }
 }
 
@@ -145,7 +145,7 @@ pub struct Inputs {
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
     pub fluid: Fluid,
-    /// True once a host has set the flow, which then no longer goes on as the scene says.
+    /// True once a host has set the flow, which then no longer follows the scene.
     pub flow_taken: bool,
     /// What lies beyond it.
     pub layers: Option<Layers>,
@@ -214,32 +214,33 @@ impl Inputs {
         phase + TAU * self.drive.frequency * (t - start)
     }
 
-    /// The drive at time `t` (s), where the inputs go on by `course`.
-    pub(crate) fn swing(&self, start: &Start, t: f64, course: Option<&InputExtrapolation>) -> Swing {
+    /// The drive at time `t` (s), where the inputs go on by `extrapolation`.
+    pub(crate) fn drive_state(&self, start: &Start, t: f64, extrapolation: Option<&InputExtrapolation>) -> DriveState {
         let [gain, gain_rate] = start.gain(t);
         let (amplitude, gain_acceleration) = (self.drive.amplitude, start.gain_acceleration(t));
-        let mut swing = Swing {
+        let mut drive = DriveState {
             size: [amplitude * gain, amplitude * gain_rate, amplitude * gain_acceleration],
             phase: [self.cycle(t) - self.phase_offset, TAU * self.drive.frequency, 0.0],
         };
-        if let Some(course) = course {
-            let rate = course.rate();
-            let second = |of: fn(&Self) -> f64| course.derivative(2, t, of);
-            let [_, size_rate, size_acceleration] = &mut swing.size;
-            let [_, phase_rate, phase_acceleration] = &mut swing.phase;
+        if let Some(extrapolation) = extrapolation {
+            let rate = extrapolation.rate();
+            let second = |of: fn(&Self) -> f64| extrapolation.derivative(2, t, of);
+            let [_, size_rate, size_acceleration] = &mut drive.size;
+            let [_, phase_rate, phase_acceleration] = &mut drive.phase;
             *size_rate += rate.drive.amplitude * gain;
             *size_acceleration +=
                 2.0 * rate.drive.amplitude * gain_rate + second(|inputs| inputs.drive.amplitude) * gain;
             *phase_rate -= rate.phase_offset;
             *phase_acceleration = TAU * rate.drive.frequency - second(|inputs| inputs.phase_offset);
         }
-        swing
+        drive
     }
 
-    /// The wave of the drive at time `t` (s), where the inputs go on by `course`.
-    pub(crate) fn wave(&self, start: &Start, t: f64, course: Option<&InputExtrapolation>) -> Wave {
-        let Swing { size: [size, size_rate, _], phase: [phase, phase_rate, _] } = self.swing(start, t, course);
-        let ([gain, gain_rate], amplitude) = match course {
+    /// The wave of the drive at time `t` (s), where the inputs go on by `extrapolation`.
+    pub(crate) fn wave(&self, start: &Start, t: f64, extrapolation: Option<&InputExtrapolation>) -> Wave {
+        let DriveState { size: [size, size_rate, _], phase: [phase, phase_rate, _] } =
+            self.drive_state(start, t, extrapolation);
+        let ([gain, gain_rate], amplitude) = match extrapolation {
             None => (start.gain(t), self.drive.amplitude),
             Some(_) => ([size, size_rate], 1.0),
         };
@@ -249,14 +250,14 @@ impl Inputs {
 
 /// The drive of the actuation at one time: it gives S g(φ), its size S and its phase φ, each with its first two rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Swing {
+pub(crate) struct DriveState {
     /// S, dS/dt and d²S/dt².
     pub size: [f64; 3],
     /// φ (rad), dφ/dt and d²φ/dt².
     pub phase: [f64; 3],
 }
 
-impl Swing {
+impl DriveState {
     /// What g, dg/dφ and d²g/dφ² have in d²κ̄/dt²: S″, 2S′φ′ + Sφ″ and Sφ′².
     fn acceleration(&self) -> [f64; 3] {
         let ([size, rate, second], [_, speed, quickening]) = (self.size, self.phase);
@@ -313,8 +314,8 @@ pub struct Dynamics {
     pub mechanics: Mechanics,
     /// The host's inputs at the time last moved to.
     pub inputs: Inputs,
-    /// How they go on by themselves, where the host has said so.
-    pub course: Option<Box<InputExtrapolation>>,
+    /// The extrapolation of the inputs, if the host has set derivatives.
+    pub extrapolation: Option<Box<InputExtrapolation>>,
     /// Curvature κ̄_k without moment at the time last moved to, one entry per node; zero where there is no joint. It is the natural one, and
     /// with active moments that which they bend the joint to: m_k = B_k(κ_k − κ̄_k) = B_k(κ_k − natural) − M_k.
     pub natural: Vec<f64>,
@@ -336,9 +337,9 @@ pub struct Dynamics {
     runs: FluidRuns,
     /// Room for forces and loads.
     applied: Vec<f64>,
-    /// Room for derivatives of forces that nobody asks for.
+    /// A buffer for derivatives of forces that are not used.
     pub(crate) unused: Vec<f64>,
-    room: Vec<EdgeForce>,
+    workspace: Vec<EdgeForce>,
 }
 
 impl Dynamics {
@@ -348,7 +349,7 @@ impl Dynamics {
         let mut dynamics = Self {
             mechanics: Mechanics::default(),
             inputs: Inputs::of(&model),
-            course: None,
+            extrapolation: None,
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             active: None,
@@ -357,11 +358,11 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
-            rates: model.rod.damping.as_ref().map(|_| StrainRates::with_room(nodes, 0.0)),
-            runs: FluidRuns::with_room(if model.layers.is_some() { nodes } else { 0 }),
+            rates: model.rod.damping.as_ref().map(|_| StrainRates::zeros(nodes, 0.0)),
+            runs: FluidRuns::with_capacity(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
             unused: Vec::new(),
-            room: vec![EdgeForce::ZERO; EDGES_PER_BLOCK],
+            workspace: vec![EdgeForce::ZERO; EDGES_PER_BLOCK],
             model,
         };
         dynamics.evaluate(0.0);
@@ -377,8 +378,8 @@ impl Dynamics {
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
         let [curvature, rate] = self.free_of_moment([&self.natural, &self.natural_rate].map(Vec::clone));
-        let Model { rod, start, spin, bent, .. } = &*self.model;
-        start.place(rod, [&curvature, &rate], bent.as_deref(), self.held.as_ref(), state);
+        let Model { rod, start, spin, initial_curvature, .. } = &*self.model;
+        start.place(rod, [&curvature, &rate], initial_curvature.as_deref(), self.held.as_ref(), state);
         if *spin != 0.0 {
             add_spin(rod, *spin, state);
         }
@@ -402,7 +403,7 @@ impl Dynamics {
     /// the start. Linear in these.
     pub(crate) fn free_of_moment(&self, mut natural: [Vec<f64>; 2]) -> [Vec<f64>; 2] {
         if let Some(damping) = &self.model.rod.damping {
-            let omega = self.swing();
+            let omega = self.initial_angular_frequency();
             for k in self.model.rod.joints() {
                 let followed = damping.free_of_moment(k, omega, natural.each_ref().map(|values| values[k]));
                 (natural[0][k], natural[1][k]) = followed.into();
@@ -412,9 +413,9 @@ impl Dynamics {
     }
 
     /// 2πf of the actuation at the start, rad/s; zero without one.
-    pub(crate) fn swing(&self) -> f64 {
+    pub(crate) fn initial_angular_frequency(&self) -> f64 {
         let driven = self.model.actuation.is_some();
-        if driven { self.inputs.wave(&self.model.start, 0.0, self.course.as_deref()).phase_rate } else { 0.0 }
+        if driven { self.inputs.wave(&self.model.start, 0.0, self.extrapolation.as_deref()).phase_rate } else { 0.0 }
     }
 
     /// Takes over `inputs` as a whole.
@@ -425,17 +426,17 @@ impl Dynamics {
     /// Takes over what a host says of coordinate `i` (x, y, angle) of a held head at time `t` (s): its derivative of `order`
     /// 0 to 3, given as such, or as a `derivative` of another input. The first words that say what is so anyway change
     /// nothing: start values leave the head to the scene.
-    pub fn say_head(&mut self, t: f64, i: usize, order: usize, value: f64, derivative: bool) {
+    pub fn set_head_derivative(&mut self, t: f64, i: usize, order: usize, value: f64, derivative: bool) {
         let Some(pose) = &self.held else { return };
         let now = pose[i];
         let hosts = self.inputs.head.as_ref().is_some_and(|host| host.axes[i].is_some());
         if !hosts && [now.value, now.rate, now.acceleration, 0.0].get(order) == Some(&value) {
             return;
         }
-        self.inputs.head.get_or_insert_default().say(t, i, now, order, value, derivative);
+        self.inputs.head.get_or_insert_default().set_derivative(t, i, now, order, value, derivative);
     }
 
-    /// The flow as a host sets it from now on: it stays as it is until told otherwise.
+    /// Hands the flow over to the host: it stays constant until it is set again.
     pub fn take_over_flow(&mut self) -> &mut Vector2<f64> {
         self.inputs.flow_taken = true;
         self.inputs.fluid.acceleration = Vector2::zeros();
@@ -443,7 +444,7 @@ impl Dynamics {
     }
 
     /// Evaluates natural curvature and head pose at time `t` (s), where no state is yet.
-    pub(crate) fn look_at(&mut self, t: f64) {
+    pub(crate) fn evaluate_at(&mut self, t: f64) {
         self.evaluate(t);
     }
 
@@ -466,7 +467,7 @@ impl Dynamics {
             } else {
                 (&mut *natural, &mut *rate)
             };
-            let wave = self.inputs.wave(start, t, self.course.as_deref());
+            let wave = self.inputs.wave(start, t, self.extrapolation.as_deref());
             let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
             let [gain, gain_rate] = start.gain(t);
             let (amplitude, turn) = (by.drive.amplitude, -by.phase_offset);
@@ -496,9 +497,9 @@ impl Dynamics {
     ///
     /// Returns how far (m, m, rad) a new pose is from where the head would have been without it, and a new velocity (m/s, m/s, rad/s)
     /// from the one that it would have had.
-    pub fn aim_head(&mut self, t: f64, end: f64, begins: bool) -> [[f64; 2]; 3] {
+    pub fn fit_head_extrapolation(&mut self, t: f64, end: f64, begins: bool) -> [[f64; 2]; 3] {
         match (&mut self.inputs.head, &self.held, &self.model.head) {
-            (Some(host), Some(pose), Some(motion)) => host.aim([t, end], pose, self.model.head_input, motion, begins),
+            (Some(host), Some(pose), Some(motion)) => host.fit([t, end], pose, self.model.head_input, motion, begins),
             _ => [[0.0; 2]; 3],
         }
     }
@@ -508,17 +509,17 @@ impl Dynamics {
     /// to the scene's motion; one for the end of a step is a target unless it is too far for a step.
     pub(crate) fn starts_elsewhere(&self, t: f64, step_end: Option<f64>) -> bool {
         /// Parts of the length, and angles in rad.
-        const AWAY: f64 = 1e-6;
-        const FAR: f64 = 0.1;
+        const START_POSE_TOLERANCE: f64 = 1e-6;
+        const MAX_TARGET_DISTANCE: f64 = 0.1;
         let (Some(host), Some(motion)) = (&self.inputs.head, &self.model.head) else { return false };
         let (time, reach) = match (self.model.head_input, step_end) {
-            (HeadInput::Now, None) => (t, AWAY),
-            (HeadInput::AtEnd, Some(end)) => (end, FAR),
+            (HeadInput::Now, None) => (t, START_POSE_TOLERANCE),
+            (HeadInput::AtEnd, Some(end)) => (end, MAX_TARGET_DISTANCE),
             _ => return false,
         };
         let reaches = [self.model.rod.length, self.model.rod.length, 1.0].map(|unit| reach * unit);
         let moves = step_end.is_none() && host.moves_unlike(motion, time);
-        host.has_started() || moves || host.apart(motion, time, reaches) > 1.0
+        host.has_started() || moves || host.largest_relative_offset(motion, time, reaches) > 1.0
     }
 
     /// Places `state` anew at the start, at time `t` (s), with the pose of the head that a host gives.
@@ -542,8 +543,8 @@ impl Dynamics {
         if !active_moments {
             self.add_wave_acceleration(t, out);
         }
-        if let Some(course) = &self.course {
-            course.add_second(t, |inputs| inputs.natural.as_deref(), rod.spacing, out);
+        if let Some(extrapolation) = &self.extrapolation {
+            extrapolation.add_second(t, |inputs| inputs.natural.as_deref(), rod.spacing, out);
         }
         rod.at_joints(out);
         active.clear();
@@ -552,8 +553,8 @@ impl Dynamics {
             if *active_moments {
                 self.add_wave_acceleration(t, active);
             }
-            if let Some(course) = &self.course {
-                course.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, active);
+            if let Some(extrapolation) = &self.extrapolation {
+                extrapolation.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, active);
             }
             rod.joints().for_each(|k| out[k] += active[k] / rod.joint[k]);
         }
@@ -562,14 +563,14 @@ impl Dynamics {
     fn add_wave_acceleration(&self, t: f64, out: &mut [f64]) {
         let Model { actuation, start, .. } = &*self.model;
         if let Some((actuation, _)) = actuation {
-            let swing = self.inputs.swing(start, t, self.course.as_deref());
-            actuation.add_derivatives(swing.acceleration(), swing.phase[0], out);
+            let drive = self.inputs.drive_state(start, t, self.extrapolation.as_deref());
+            actuation.add_derivatives(drive.acceleration(), drive.phase[0], out);
         }
     }
 
     /// Evaluates natural curvature and head pose at time `t`.
     fn evaluate(&mut self, t: f64) {
-        self.follow_course(t);
+        self.follow_extrapolation(t);
         let Model { rod, actuation, start, active_moments, .. } = &*self.model;
         // All of it follows from inputs and time, and nothing from what was before.
         if *active_moments || self.inputs.moment.is_some() {
@@ -580,7 +581,7 @@ impl Dynamics {
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
         if let Some((actuation, _)) = actuation {
-            let wave = self.inputs.wave(start, t, self.course.as_deref());
+            let wave = self.inputs.wave(start, t, self.extrapolation.as_deref());
             match &mut self.active {
                 Some(ActiveMoments { moment, rate, .. }) if *active_moments => actuation.add(wave, moment, rate),
                 _ => actuation.add(wave, &mut self.natural, &mut self.natural_rate),
@@ -589,13 +590,14 @@ impl Dynamics {
         if let Some(own) = &self.inputs.natural {
             self.natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
         }
-        if let Some(rate) = self.course.as_ref().and_then(|course| course.rate().natural.as_ref()) {
+        if let Some(rate) = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.rate().natural.as_ref())
+        {
             self.natural_rate.iter_mut().zip(rate).for_each(|(to, rate)| *to += rate * rod.spacing);
         }
         rod.at_joints(&mut self.natural);
         rod.at_joints(&mut self.natural_rate);
         if let Some(active) = &mut self.active {
-            let rate = self.course.as_ref().and_then(|course| course.rate().moment.as_ref());
+            let rate = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.rate().moment.as_ref());
             for (to, own) in [(&mut active.moment, self.inputs.moment.as_ref()), (&mut active.rate, rate)] {
                 to.iter_mut().zip(own.into_iter().flatten()).for_each(|(to, own)| *to += own);
             }
@@ -631,7 +633,7 @@ impl Dynamics {
     }
 
     fn bend(&mut self, state: &State) -> Result<()> {
-        self.look_around(&state.q);
+        self.locate_fluid(&state.q);
         if state.links.is_empty() {
             self.shape_edges(&state.q, state.t)?;
             self.shape_joints(state.t)?;
@@ -651,7 +653,7 @@ impl Dynamics {
         let Self { model, edges, joints, kappa, natural_rate, rates, held, .. } = self;
         let rod = &model.rod;
         let (Some(rates), Some(damping)) = (rates, &rod.damping) else { return };
-        rates.wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
+        rates.clamp_spin = held.map_or(0.0, |[_, _, angle]| angle.rate);
         if state.links.is_empty() {
             rates.read_edges(edges, state.v.as_chunks().0);
         }
@@ -667,7 +669,7 @@ impl Dynamics {
     }
 
     /// Finds the fluid along a rod at `q`.
-    fn look_around(&mut self, q: &[f64]) {
+    fn locate_fluid(&mut self, q: &[f64]) {
         match &self.inputs {
             Inputs { layers: Some(layers), fluid, .. } => _ = self.runs.find(layers, *fluid, q),
             _ => self.runs.clear(),
@@ -692,12 +694,12 @@ impl Dynamics {
     }
 
     /// The tangent that a held head prescribes before the first joint.
-    pub(crate) fn wall(&self) -> Option<Vector2<f64>> {
+    pub(crate) fn clamp_tangent(&self) -> Option<Vector2<f64>> {
         self.held.as_ref().map(|pose| self.along_head(pose))
     }
 
     /// The same at the time `t` (s) that a step begins at.
-    pub(crate) fn wall_before(&self, t: f64) -> Option<Vector2<f64>> {
+    pub(crate) fn clamp_tangent_before(&self, t: f64) -> Option<Vector2<f64>> {
         self.pose(t, pose_before).map(|pose| self.along_head(&pose))
     }
 
@@ -706,10 +708,10 @@ impl Dynamics {
     }
 
     fn shape_joints(&mut self, t: f64) -> Result<()> {
-        let wall = self.wall();
+        let clamp_tangent = self.clamp_tangent();
         let Self { model, edges, natural, joints, kappa, .. } = self;
         let mut folded = None;
-        bend::joints(wall, edges, &model.rod.joint, natural, joints, kappa, |k, beyond_fold| {
+        bend::joints(clamp_tangent, edges, &model.rod.joint, natural, joints, kappa, |k, beyond_fold| {
             if beyond_fold <= bend::FOLD {
                 folded = Some(k);
             }
@@ -742,16 +744,16 @@ impl Dynamics {
         if !self.is_loaded() {
             return 0.0;
         }
-        self.follow_course(0.5 * (times[0] + times[1]));
+        self.follow_extrapolation(0.5 * (times[0] + times[1]));
         let work = self.work_along(from, to) + self.placed(from) - self.placed(to);
-        self.follow_course(times[1]);
+        self.follow_extrapolation(times[1]);
         work
     }
 
     /// Moves the inputs on to time `t` (s), where they go on by themselves.
-    fn follow_course(&mut self, t: f64) {
-        if let Some(course) = &mut self.course {
-            course.at(t, &mut self.inputs);
+    fn follow_extrapolation(&mut self, t: f64) {
+        if let Some(extrapolation) = &mut self.extrapolation {
+            extrapolation.at(t, &mut self.inputs);
         }
         if let (Some([x, y]), false) = (&self.model.flow, self.inputs.flow_taken) {
             let (x, y) = (x.at(t), y.at(t));
@@ -786,31 +788,33 @@ impl Dynamics {
             longest = steps.fold(longest, f64::min);
         }
         if let Some((actuation, _)) = actuation {
-            let swing = self.inputs.swing(start, t, self.course.as_deref());
+            let drive = self.inputs.drive_state(start, t, self.extrapolation.as_deref());
             if let Start::Ramp { duration } = *start
                 && t < duration
             {
-                longest = longest.min(duration / STEPS_A_PERIOD);
+                longest = longest.min(duration / RESOLVING_STEPS_PER_PERIOD);
             }
-            if swing.size != [0.0; 3] {
-                longest = longest.min(self.longest_turn(TAU / STEPS_A_PERIOD / actuation.fastest(), &swing, t));
+            if drive.size != [0.0; 3] {
+                longest =
+                    longest.min(self.longest_turn(TAU / RESOLVING_STEPS_PER_PERIOD / actuation.fastest(), &drive, t));
             }
         }
         longest
     }
 
     /// The time (s) from `t` (s) in which the phase `turn`s by that much (rad).
-    fn longest_turn(&self, turn: f64, swing: &Swing, t: f64) -> f64 {
-        let Some(course) = self.course.as_deref() else { return turn / swing.phase[1].abs() };
+    fn longest_turn(&self, turn: f64, drive: &DriveState, t: f64) -> f64 {
+        let Some(extrapolation) = self.extrapolation.as_deref() else { return turn / drive.phase[1].abs() };
         // |φ′|h, |φ″|h²/2, …: where several are there, each has its share.
         let rate = |order: usize| {
             let frequency =
-                if order <= HIGHEST_ORDER { course.derivative(order, t, |i| i.drive.frequency) } else { 0.0 };
-            let offset = if order < HIGHEST_ORDER { course.derivative(order + 1, t, |i| i.phase_offset) } else { 0.0 };
+                if order <= HIGHEST_ORDER { extrapolation.derivative(order, t, |i| i.drive.frequency) } else { 0.0 };
+            let offset =
+                if order < HIGHEST_ORDER { extrapolation.derivative(order + 1, t, |i| i.phase_offset) } else { 0.0 };
             (TAU * frequency - offset).abs()
         };
         let rates: [f64; HIGHEST_ORDER + 1] =
-            std::array::from_fn(|k| if k == 0 { swing.phase[1].abs() } else { rate(k) });
+            std::array::from_fn(|k| if k == 0 { drive.phase[1].abs() } else { rate(k) });
         let share = turn / rates.iter().filter(|rate| **rate > 0.0).count().max(1) as f64;
         let mut factorial = 1.0;
         let mut longest = f64::INFINITY;
@@ -823,14 +827,14 @@ impl Dynamics {
 
     /// What changing densities and moving interfaces bring with the fluid that they put around the rod: its energy, W, and its
     /// momentum, N. It has the velocity of what was there before.
-    pub(crate) fn brought(&self, rod: &Kinematics<'_>, room: &mut [f64]) -> (f64, Vector2<f64>) {
+    pub(crate) fn medium_change_rates(&self, rod: &Kinematics<'_>, workspace: &mut [f64]) -> (f64, Vector2<f64>) {
         let (mut power, mut force) = (0.0, Vector2::zeros());
-        let Some(course) = &self.course else { return (power, force) };
-        let rate = course.rate();
+        let Some(extrapolation) = &self.extrapolation else { return (power, force) };
+        let rate = extrapolation.rate();
         let keys = by_key(&rate.fluid, rate.layers.as_ref()).filter(|(_, change)| *change != 0.0);
         for (key, change) in keys {
             for own in self.model.forces.iter().filter(|force| force.power_kind().is_none()) {
-                let [energy, _] = own.add_by_parameter(key, rod, room);
+                let [energy, _] = own.add_by_parameter(key, rod, workspace);
                 power += change * energy;
                 let along = |axis| own.momentum_by_parameter(key, rod, axis);
                 force += Vector2::new(along(Vector2::x()), along(Vector2::y())) * change;
@@ -845,7 +849,7 @@ impl Dynamics {
     /// [`Error::BadValue`].
     pub(crate) fn check_layers(&self, t: f64) -> Result<()> {
         let Some(now) = &self.inputs.layers else { return Ok(()) };
-        let ahead = self.course.as_ref().and_then(|course| course.layers(t));
+        let ahead = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.layers(t));
         let layers = ahead.as_ref().unwrap_or(now);
         match layers.overlap() {
             None => Ok(()),
@@ -1016,7 +1020,7 @@ impl Dynamics {
         jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.bend(state)?;
-        let Self { model, edges, joints, inputs, room, runs, rates, .. } = self;
+        let Self { model, edges, joints, inputs, workspace, runs, rates, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
         let damped = KelvinVoigt::of(rod.damping.as_ref(), rates.as_ref());
@@ -1032,7 +1036,7 @@ impl Dynamics {
         };
         let deformed = Deformed { cells: &rod.cells, mass: &rod.mass, edges, joints, a: a.as_chunks().0 };
         let jacobian = jacobian.map(|Linearisation { matrix, direction }| (matrix.rows_mut(), direction));
-        forces.assemble(deformed, damped, moving, room, residual.as_chunks_mut().0, jacobian);
+        forces.assemble(deformed, damped, moving, workspace, residual.as_chunks_mut().0, jacobian);
         self.subtract_loads(residual);
         Ok(())
     }
@@ -1121,11 +1125,14 @@ impl System for Dynamics {
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
         // Each state beside the head as it was then: a head may turn far within a step.
-        let walls = self.wall_before(before.t).zip(self.wall()).map(|(before, after)| [before, after]);
-        if lengths::least_turn(walls, before.q.as_chunks().0, after.q.as_chunks().0).is_some_and(|cos| cos >= 0.0) {
+        let clamp_tangents =
+            self.clamp_tangent_before(before.t).zip(self.clamp_tangent()).map(|(before, after)| [before, after]);
+        if lengths::least_turn(clamp_tangents, before.q.as_chunks().0, after.q.as_chunks().0)
+            .is_some_and(|cos| cos >= 0.0)
+        {
             return Ok(()); // as nearly always
         }
-        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], walls.unwrap_or_default()];
+        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], clamp_tangents.unwrap_or_default()];
         let mut folded = None;
         let beyond = before.q.as_chunks().0.iter().zip(after.q.as_chunks().0).skip(1);
         for (k, (old, new)) in beyond.enumerate() {

@@ -47,13 +47,13 @@ impl Start {
 
     /// Writes the first positions and velocities into `state`.
     ///
-    /// `curvature` and its `rate` (1/s) are those of every node where the rod is free of moments, `bent` is curvature beside that which the
-    /// start gives, and `held` the pose of a held head.
+    /// `curvature` and its `rate` (1/s) are those of every node where the rod is free of moments, `initial_curvature`
+    /// is curvature beside that which the start gives, and `held` the pose of a held head.
     pub fn place(
         &self,
         rod: &Rod,
         [curvature, rate]: [&[f64]; 2],
-        bent: Option<&[f64]>,
+        initial_curvature: Option<&[f64]>,
         held: Option<&Pose>,
         state: &mut State,
     ) {
@@ -63,8 +63,8 @@ impl Start {
             }
             None => (Vector2::zeros(), Vector2::zeros(), 0.0, 0.0),
         };
-        if let (false, Some(bent)) = (matches!(self, Self::Shaped), bent) {
-            chain(rod, bent, &vec![0.0; rod.nodes], [origin, Vector2::zeros()], [angle, 0.0], state);
+        if let (false, Some(initial_curvature)) = (matches!(self, Self::Shaped), initial_curvature) {
+            chain(rod, initial_curvature, &vec![0.0; rod.nodes], [origin, Vector2::zeros()], [angle, 0.0], state);
             add(&mut state.v, 0, speed);
             if held.is_none() {
                 straighten(rod, state);
@@ -81,7 +81,10 @@ impl Start {
             return;
         }
         let mut shape = curvature.to_vec();
-        shape.iter_mut().zip(bent.into_iter().flatten()).for_each(|(shape, bent)| *shape += bent);
+        shape
+            .iter_mut()
+            .zip(initial_curvature.into_iter().flatten())
+            .for_each(|(shape, initial_curvature)| *shape += initial_curvature);
         chain(rod, &shape, rate, [origin, speed], [angle, spin], state);
         if held.is_none() {
             straighten(rod, state);

@@ -398,10 +398,10 @@ impl FluidChoice {
                     estimates.in_words(limits)
                 ),
                 None if estimates.laws.len() < all => format!(
-                    "of what auto may take {reactive} the water's inertia, no other law holds here",
+                    "among the laws that auto may choose {reactive} the water's inertia no other is valid here",
                     reactive = if highest.reactive { "with" } else { "without" }
                 ),
-                None => "of what auto may take no other law holds here".to_string(),
+                None => "among the laws that auto may choose no other is valid here".to_string(),
             }
         } else {
             format!(
@@ -433,7 +433,7 @@ impl FluidChoice {
         let [motion, power] = changes.map(|part| signed(100.0 * part, 1));
         let named = if estimates.held { "thrust" } else { "speed" };
         self.reason += &format!(
-            "; {} holds here and is above these, but is not run: the motion would have {motion} % {named} and take {power} % power",
+            "; {} is valid here and higher than these, but is not run: the motion would have {motion} % {named} and take {power} % power",
             law.name
         );
         let known = self.errors.unwrap_or_default();

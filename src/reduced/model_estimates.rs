@@ -22,7 +22,7 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 
 use crate::error::Error;
-use crate::head::{Row, STEPS_A_PERIOD, Sample, hermite};
+use crate::head::{RESOLVING_STEPS_PER_PERIOD, Row, Sample, hermite};
 use crate::integrator::StepControl;
 use crate::model::{Dynamics, Model};
 use crate::rod::{bend, node};
@@ -54,13 +54,13 @@ pub struct Estimates {
 
 /// The run of the full model that a reduced model may replace.
 #[derive(Debug, Clone, Copy)]
-pub struct PlannedRun {
+pub struct FullModelRun {
     /// Its duration, s.
     pub duration: f64,
     /// Number of nodes of the scene. Estimates may use fewer.
     pub nodes: usize,
     /// Step control of the full model, and of a reduced one.
-    pub pace: [StepControl; 2],
+    pub step_control: [StepControl; 2],
     /// Approximate Newton iterations per step of the full model.
     pub iterations: f64,
     /// The requested accuracy.
@@ -148,7 +148,7 @@ impl Estimates {
     }
 
     /// The estimates for `run` of `model`.
-    pub fn of(model: &Arc<Model>, run: PlannedRun) -> Self {
+    pub fn of(model: &Arc<Model>, run: FullModelRun) -> Self {
         let mut estimator = Estimator::new(model, run);
         let checked = |estimate: Result<Differences, NoEstimate>| {
             let errors = estimate.map_err(|NoEstimate(reason)| reason)?;
@@ -175,7 +175,7 @@ impl Estimates {
 
 /// Computes the estimates by simulating rigid motions of the rod.
 struct Estimator {
-    run: PlannedRun,
+    run: FullModelRun,
     /// Work done so far, in Newton iterations.
     work: f64,
     dynamics: Dynamics,
@@ -233,7 +233,7 @@ impl SimulatedMotion {
 }
 
 impl Estimator {
-    fn new(model: &Arc<Model>, run: PlannedRun) -> Self {
+    fn new(model: &Arc<Model>, run: FullModelRun) -> Self {
         let nodes = model.rod.nodes;
         let zeros = || vec![0.0; nodes];
         let dynamics = Dynamics::new(Arc::clone(model));
@@ -264,15 +264,15 @@ impl Estimator {
 
     /// The work of the full model, in Newton iterations per node.
     fn full_model_work(&self) -> f64 {
-        let PlannedRun { duration, iterations, pace: [pace, _], .. } = self.run;
-        match pace {
+        let FullModelRun { duration, iterations, step_control: [step_control, _], .. } = self.run;
+        match step_control {
             StepControl::Fixed(step) => duration / step * (iterations + MEASUREMENT_WORK),
             StepControl::Adaptive(tolerance) => {
                 let model = &self.dynamics.model;
                 let flows = model.flow.is_some() || model.fluid.flow != Vector2::zeros();
                 let flow = !model.forces.is_empty() && flows;
-                let carried = model.head.is_none() && (flow || model.load.is_some());
-                let period = if carried {
+                let is_carried = model.head.is_none() && (flow || model.load.is_some());
+                let period = if is_carried {
                     DRIFTING_WORK_FRACTION * FULL_MODEL_WORK_PER_PERIOD
                 } else {
                     FULL_MODEL_WORK_PER_PERIOD
@@ -290,25 +290,25 @@ impl Estimator {
 
     /// Checks the preconditions of both models: a suitable start, and a drive with periods.
     fn check_preconditions(&mut self) -> Result<(), NoEstimate> {
-        self.dynamics.look_at(0.0);
+        self.dynamics.evaluate_at(0.0);
         let strained = self.dynamics.natural.iter().any(|k| *k != 0.0);
         let moving = self.dynamics.held.is_some_and(|pose| pose.iter().any(|s| s.rate != 0.0));
         let model = &self.dynamics.model;
-        if model.bent.is_some() {
-            return no_estimate("the rod is let go from a curvature of its own, and rings");
+        if model.initial_curvature.is_some() {
+            return no_estimate("the rod is released from an initial curvature, and vibrates");
         }
         if model.start != Start::Shaped && (strained || moving) {
             return no_estimate("the rod is released into its motion at once, and rings");
         }
         if !self.times.periods[0].is_finite() {
-            return no_estimate("nothing drives the rod, so no period says how long to look");
+            return no_estimate("nothing drives the rod, so there is no period for an estimate");
         }
         Ok(())
     }
 
     /// The tolerance for steps of a reduced model.
     fn tolerance(&self) -> f64 {
-        match self.run.pace[1] {
+        match self.run.step_control[1] {
             StepControl::Adaptive(tolerance) => self.tolerance.min(tolerance),
             StepControl::Fixed(_) => self.tolerance,
         }
@@ -365,12 +365,12 @@ impl Estimator {
     fn shape(&mut self) -> Result<Differences, NoEstimate> {
         self.check_preconditions()?;
         let stable = stable_rate(&self.dynamics.model, &self.times);
-        let steps = stable.max(STEPS_A_PERIOD / self.times.periods[0]) * self.run.duration;
+        let steps = stable.max(RESOLVING_STEPS_PER_PERIOD / self.times.periods[0]) * self.run.duration;
         let whole = self.full_model_work();
         let step = SHAPE_STEP_WORK * self.added_mass_factor();
         if steps * step >= whole {
             return no_estimate(format!(
-                "it is not cheaper: about {steps:.1e} steps, where the whole model takes the time of {:.1e}",
+                "it is not cheaper: about {steps:.1e} steps, while the full model takes the time of {:.1e}",
                 whole / step
             ));
         }
@@ -467,8 +467,8 @@ impl Estimator {
                 "inertia is {inertia:.1e} of the drag at the highest frequency of the drive, of the node that drag stops last"
             ));
         }
-        let PlannedRun { duration, pace: [_, pace], .. } = self.run;
-        if let StepControl::Adaptive(tolerance) = pace {
+        let FullModelRun { duration, step_control: [_, step_control], .. } = self.run;
+        if let StepControl::Adaptive(tolerance) = step_control {
             self.check_cost(tolerance)?;
         }
         // The net displacement, and means of loads, may be as small as the parts of a path that they are measured against.
@@ -500,7 +500,7 @@ impl Estimator {
         let work = periods * OVERDAMPED_WORK_PER_PERIOD * (1e-4 / tolerance).powf(0.2);
         if work >= whole {
             return no_estimate(format!(
-                "it is not cheaper: about {work:.1e} Newton iterations, the whole model's {whole:.1e}"
+                "it is not cheaper: about {work:.1e} Newton iterations, while the full model takes {whole:.1e}"
             ));
         }
         Ok(())
@@ -551,7 +551,7 @@ impl Estimator {
         if self.dynamics.model.head.is_some() {
             return [0.0; RIGID_COORDINATES];
         }
-        self.dynamics.look_at(t);
+        self.dynamics.evaluate_at(t);
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
         if inertia {
             self.chain.rates(&self.dynamics, natural, rigid)
@@ -569,7 +569,7 @@ impl Estimator {
         rates: &RigidMotion,
     ) -> Result<SeriesPoint, NoEstimate> {
         let dynamics = &mut self.dynamics;
-        dynamics.look_at(t);
+        dynamics.evaluate_at(t);
         dynamics.natural_acceleration(t, &mut self.acceleration, &mut self.active);
         let natural = match curvature {
             Some(curvature) => [&curvature[0][..], &curvature[1], &curvature[2]],
@@ -674,7 +674,7 @@ impl Estimator {
 
     /// Writes the natural curvatures at time `t` plus the deviations of `plain`, with their first and second rates.
     fn deviate(&mut self, plain: &SimulatedMotion, grows: &Start, t: f64) {
-        self.dynamics.look_at(t);
+        self.dynamics.evaluate_at(t);
         self.dynamics.natural_acceleration(t, &mut self.acceleration, &mut self.active);
         let [gain, gain_rate] = grows.gain(t);
         let gain_acceleration = grows.gain_acceleration(t);

@@ -27,7 +27,7 @@ pub static MODEL: ModelKind = ModelKind {
     needs_drag: false,
     estimate: Some(|estimates| &estimates.shape),
     refuses: unsuitable,
-    build: |_| Box::new(Shape::default()),
+    build: |_| Box::new(ShapeStepper::default()),
 };
 
 /// The largest error of a step, relative to the length.
@@ -46,7 +46,7 @@ pub fn stable_rate(model: &Model, times: &TimeScales) -> f64 {
 
 /// Why a run of `duration` (s) cannot be solved by this model: the rod begins bent otherwise, or it would take too many steps.
 fn unsuitable(model: &Arc<Model>, duration: f64) -> Option<String> {
-    if model.bent.is_some() {
+    if model.initial_curvature.is_some() {
         return Some(
             "start.curvature_1_m bends the rod beside its natural curvature, which it keeps there; allowed: \"overdamped\" or \"full\"".into(),
         );
@@ -63,14 +63,14 @@ fn unsuitable(model: &Arc<Model>, duration: f64) -> Option<String> {
 
 /// The method and its last step.
 #[derive(Debug)]
-struct Shape {
+struct ShapeStepper {
     chain: RigidChain,
     acceleration: Vec<f64>,
     active: Vec<f64>,
     step: DormandPrinceStep<RIGID_COORDINATES>,
 }
 
-impl Default for Shape {
+impl Default for ShapeStepper {
     fn default() -> Self {
         Self {
             chain: RigidChain::default(),
@@ -83,14 +83,14 @@ impl Default for Shape {
 
 /// The rates of the rigid motion of the prescribed shape at time `t` (s).
 pub fn rates_at(chain: &mut RigidChain, dynamics: &mut Dynamics, t: f64, rigid: &RigidMotion) -> RigidMotion {
-    dynamics.look_at(t);
+    dynamics.evaluate_at(t);
     chain.rates(dynamics, [&dynamics.natural, &dynamics.natural_rate], rigid)
 }
 
-impl Shape {
+impl ShapeStepper {
     /// Writes the state at time `t` of the rigid motion `rigid` with its `rates`.
     fn place(&mut self, dynamics: &mut Dynamics, t: f64, motion: Option<[&RigidMotion; 2]>, state: &mut State) {
-        dynamics.look_at(t);
+        dynamics.evaluate_at(t);
         dynamics.natural_acceleration(t, &mut self.acceleration, &mut self.active);
         state.t = t;
         let (chain, natural) = (&mut self.chain, [&dynamics.natural[..], &dynamics.natural_rate, &self.acceleration]);
@@ -104,7 +104,7 @@ impl Shape {
     }
 }
 
-impl ModelStepper for Shape {
+impl ModelStepper for ShapeStepper {
     fn mechanics(&self) -> Mechanics {
         Mechanics::Shape
     }
@@ -128,7 +128,7 @@ impl ModelStepper for Shape {
             self.place(dynamics, state.t, None, state);
             return Ok(());
         }
-        dynamics.look_at(state.t);
+        dynamics.evaluate_at(state.t);
         let rigid = self.chain.fit_state(dynamics, [&dynamics.natural, &dynamics.natural_rate], state);
         let rates = rates_at(&mut self.chain, dynamics, state.t, &rigid);
         state.memory.clear();

@@ -297,7 +297,7 @@ impl Folder {
     ///
     /// # Errors
     /// [`Error::Busy`], [`Error::Read`], [`Error::Write`].
-    pub fn hold_again(&mut self) -> Result<()> {
+    pub fn relock(&mut self) -> Result<()> {
         if self.lock.is_none() {
             self.lock(Duration::MAX)?;
             let new = self.new;

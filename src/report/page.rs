@@ -193,7 +193,7 @@ impl Animation {
     }
 
     /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name.
-    pub fn beside(mut self, name: &str, frames: &[Frame]) -> Self {
+    pub fn with_companion(mut self, name: &str, frames: &[Frame]) -> Self {
         self.beside.push(Companion { name: name.to_string(), points: Self::of(frames).points });
         self
     }

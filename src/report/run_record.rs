@@ -35,7 +35,7 @@ impl RecordingTimes {
     /// the ends of the scene's.
     pub fn of(scene: &Scene, stepper: &Stepper) -> Self {
         let every = scene.record.every.map_or(1, |every| every.get() as u64);
-        match (scene.record.interval_s, scene.pace(), stepper.pace()) {
+        match (scene.record.interval_s, scene.step_control(), stepper.step_control()) {
             (Some(interval), ..) => Self::Every(interval.get(), 1),
             (None, StepControl::Fixed(step), StepControl::Adaptive(_)) => Self::Every(step * every as f64, 1),
             (None, ..) => Self::Steps(every, 0),
@@ -191,7 +191,7 @@ impl RunRecord {
         let drive = Spectrum::of_model(coarse.as_ref().unwrap_or(stepper.model())).fastest();
         let wanted =
             drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
-        let times = match stepper.pace() {
+        let times = match stepper.step_control() {
             StepControl::Fixed(_) => RecordingTimes::Steps(1, 0),
             StepControl::Adaptive(_) => {
                 RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1)

@@ -74,14 +74,14 @@ pub fn width(text: &str, size: f64) -> f64 {
 }
 
 /// A text of this font size, truncated to a width, px.
-pub fn cut(text: &str, size: f64, room: f64) -> String {
-    if width(text, size) <= room {
+pub fn cut(text: &str, size: f64, available: f64) -> String {
+    if width(text, size) <= available {
         return text.to_string();
     }
     let mut used = width("…", size);
     let fits = |c: &char| {
         used += width(c.encode_utf8(&mut [0; 4]), size);
-        used <= room
+        used <= available
     };
     text.chars().take_while(fits).chain(['…']).collect()
 }
@@ -90,9 +90,9 @@ pub fn cut(text: &str, size: f64, room: f64) -> String {
 const LEAST_SIZE: f64 = 0.65;
 
 /// A text of this font size, smaller and then truncated where that does not fit a width, px; and its font size.
-fn fitted(text: &str, size: f64, room: f64) -> (String, f64) {
-    let size = size * (0.999 * room / width(text, size)).clamp(LEAST_SIZE, 1.0); // that much for rounding
-    (cut(text, size, room), size)
+fn fitted(text: &str, size: f64, available: f64) -> (String, f64) {
+    let size = size * (0.999 * available / width(text, size)).clamp(LEAST_SIZE, 1.0); // that much for rounding
+    (cut(text, size, available), size)
 }
 
 /// Writer of an SVG document.
@@ -185,14 +185,14 @@ impl Svg {
     }
 
     /// A title or the name of an axis in this room (px), centred at a point.
-    pub fn heading(&mut self, at: (f64, f64), text: &str, size: f64, room: f64) {
-        let (text, size) = fitted(text, size, room);
+    pub fn heading(&mut self, at: (f64, f64), text: &str, size: f64, available: f64) {
+        let (text, size) = fitted(text, size, available);
         self.text(at, &text, size, Anchor::Middle, Colour::INK);
     }
 
     /// The same from below to above.
-    pub fn upright_heading(&mut self, at: (f64, f64), text: &str, size: f64, room: f64) {
-        let (text, size) = fitted(text, size, room);
+    pub fn upright_heading(&mut self, at: (f64, f64), text: &str, size: f64, available: f64) {
+        let (text, size) = fitted(text, size, available);
         self.upright(at, &text, size, Colour::INK);
     }
 
@@ -241,11 +241,11 @@ impl std::fmt::Display for Decimal {
 
 impl Decimal {
     /// Its digits without trailing zeros.
-    fn text(self, room: &mut [u8; 16]) -> &str {
-        let (mut rest, mut at) = (self.0.unsigned_abs(), room.len());
+    fn text(self, buffer: &mut [u8; 16]) -> &str {
+        let (mut rest, mut at) = (self.0.unsigned_abs(), buffer.len());
         let mut put = |digit: u8| {
             at -= 1;
-            room[at] = digit;
+            buffer[at] = digit;
         };
         let mut decimals = 2;
         while decimals > 0 && rest.is_multiple_of(10) {
@@ -268,7 +268,7 @@ impl Decimal {
         if self.0 < 0 {
             put(b'-');
         }
-        std::str::from_utf8(&room[at..]).unwrap_or_default()
+        std::str::from_utf8(&buffer[at..]).unwrap_or_default()
     }
 }
 

@@ -88,7 +88,7 @@ impl ActuationTable {
             return fault(key, format!("found with kind = \"{}\"; allowed: only with {owners}", kind.name));
         }
         let of_curvature = [
-            ("kappa_amp", "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
+            ("kappa_amp", "found together with moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
             ("kappa_reference_length_m", "found with moment_amp_n_m; allowed: with kappa_amp, a curvature"),
         ];
         if self.moment_amp_n_m.is_some()

@@ -46,7 +46,7 @@ impl Files {
     }
 
     /// The content of the file at `path`, if held in memory.
-    fn carried(&self, path: &Path) -> Option<Result<&Vec<u8>>> {
+    fn in_memory(&self, path: &Path) -> Option<Result<&Vec<u8>>> {
         let contents = self.given.as_ref()?;
         match contents.get(path) {
             Some(content) => Some(Ok(content)),
@@ -60,7 +60,7 @@ impl Files {
     /// # Errors
     /// [`Error::Read`] if it does not exist or cannot be read.
     pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        if let Some(content) = self.carried(path) {
+        if let Some(content) = self.in_memory(path) {
             return content.cloned();
         }
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
@@ -87,7 +87,7 @@ impl Files {
     /// # Errors
     /// Those of [`read`](Self::read).
     pub fn size(&self, path: &Path) -> Result<u64> {
-        match self.carried(path) {
+        match self.in_memory(path) {
             Some(content) => Ok(content?.len() as u64),
             None => std::fs::metadata(path)
                 .map(|found| found.len())

@@ -14,7 +14,9 @@ use super::solver::FormKey;
 use super::value::{self, NotNegative, NumberOrProfile, Positive, SignalValue, VectorSignal};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, Dependence, DragLaw, ForcesByCause, LAWS, LawInputs, SLENDER, SectionInput};
+use crate::fluid::laws::{
+    self, Dependence, DragLaw, ForcesByCause, LAWS, LawInputs, MIN_LOG_SLENDERNESS, SectionInput,
+};
 use crate::fluid::reactive::{self, Wake};
 use crate::fluid::uncertainty::Uncertainty;
 use crate::fluid::validity::{FlowConditions, TransverseMotion};
@@ -121,12 +123,12 @@ impl<'de> Deserialize<'de> for ReactiveTable {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
-        struct Keys {
+        struct ReactiveKeys {
             #[serde(default = "sharp")]
             shedding: value::Share,
         }
-        struct Either;
-        impl<'de> Visitor<'de> for Either {
+        struct TableOrAuto;
+        impl<'de> Visitor<'de> for TableOrAuto {
             type Value = ReactiveTable;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -141,11 +143,11 @@ impl<'de> Deserialize<'de> for ReactiveTable {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<ReactiveTable, A::Error> {
-                let Keys { shedding } = Keys::deserialize(MapAccessDeserializer::new(map))?;
+                let ReactiveKeys { shedding } = ReactiveKeys::deserialize(MapAccessDeserializer::new(map))?;
                 Ok(ReactiveTable { shedding, auto: false })
             }
         }
-        deserializer.deserialize_any(Either)
+        deserializer.deserialize_any(TableOrAuto)
     }
 }
 
@@ -282,8 +284,8 @@ impl DragTable {
         let radius = rod.sections.largest_radius();
         if let Some(slender) = law.slender.map(|slender| slender(&law_inputs)).filter(|slender| slender.is_finite()) {
             let logarithm = (slender / radius).ln();
-            if logarithm < SLENDER {
-                let allowed = format!("a body with ln(length/radius) of at least {SLENDER}");
+            if logarithm < MIN_LOG_SLENDERNESS {
+                let allowed = format!("a body with ln(length/radius) of at least {MIN_LOG_SLENDERNESS}");
                 let found = format!("ln({slender:.4e} m / {radius:.4e} m) = {logarithm:.3}");
                 return fault("law", value::refused(found, allowed));
             }
@@ -317,13 +319,13 @@ impl DragTable {
         }
         if self.head_weight.is_some_and(|weight| weight.get() != 1.0) {
             let problem = format!(
-                "found with law = \"{name}\", which knows no single part of the rod; remove it, or give [head_body]"
+                "found with law = \"{name}\", which has no drag of a single part of the rod; remove it, or give [head_body]"
             );
             return fault("drag.head_weight", problem);
         }
         if scene.medium.as_ref().is_some_and(|medium| medium.stack().is_some()) {
             let problem = format!(
-                "{name:?} found in a medium with layers or shear; it holds in one fluid: remove them, or take another law"
+                "{name:?} found in a medium with layers or shear; it is valid in a uniform fluid only: remove them, or take another law"
             );
             return fault("drag.law", problem);
         }
@@ -664,7 +666,7 @@ impl Scene {
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));
             of_water.for_each(|note| {
-                *note += "; reactive = \"auto\" takes it all the same, as leaving it out errs by more"
+                *note += "; reactive = \"auto\" includes it nevertheless, because leaving it out causes a larger error"
             });
         }
         left

@@ -83,7 +83,7 @@ impl Scene {
         let Some(body) = &self.head_body else { return Ok(()) };
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         if self.head.kind != HeadKind::Free {
-            let problem = "found with a held head; a host's vehicle brings its own body: remove [head_body], or take head.kind = \"free\"";
+            let problem = "found with a held head, whose body is that of the host: remove [head_body], or take head.kind = \"free\"";
             return fault("head_body", problem.into());
         }
         let Some(mass) = self.body_mass(body) else {

@@ -7,7 +7,7 @@ use super::key_error::KeyError;
 use super::value::{self, Finite, Positive};
 use super::{MediumTable, Scene};
 use crate::fluid::Fluid;
-use crate::fluid::medium::{Layer, Layers, MOST};
+use crate::fluid::medium::{Layer, Layers, MAX_LAYERS};
 
 /// `[medium.beyond]`, or one of `[[medium.layers]]`: the fluid where normal·x > offset_m.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -98,12 +98,15 @@ impl MediumTable {
     pub(super) fn check(&self, scene: &Scene) -> Result<(), KeyError> {
         let fault = |key: String, problem: String| Err(KeyError { key, problem });
         if self.beyond.is_some() && !self.layers.is_empty() {
-            let problem = "found beside [[medium.layers]]; make it the first of them";
+            let problem = "found together with [[medium.layers]]; make it the first of them";
             return fault("medium.beyond".into(), problem.into());
         }
-        if self.layers.len() > MOST {
+        if self.layers.len() > MAX_LAYERS {
             let found = format!("{} layers", self.layers.len());
-            return fault(format!("medium.layers.{MOST}"), value::refused(found, format!("at most {MOST}")));
+            return fault(
+                format!("medium.layers.{MAX_LAYERS}"),
+                value::refused(found, format!("at most {MAX_LAYERS}")),
+            );
         }
         let mut keys = self.keyed().map(|(key, layer)| (key, layer.normal));
         let first = keys.next().or(self.shear.as_ref().map(|shear| ("medium.shear".to_string(), shear.normal)));

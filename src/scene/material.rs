@@ -25,7 +25,7 @@ pub struct DampingTime {
 /// The keys of a damping time with one number for each.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields, expecting = "{ stretch, bending }")]
-struct Keys {
+struct DampingTimeKeys {
     #[serde(default = "none")]
     stretch: NumberOrProfile<NotNegative>,
     #[serde(default = "none")]
@@ -63,7 +63,8 @@ impl<'de> Deserialize<'de> for DampingTime {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<DampingTime, A::Error> {
-                let Keys { stretch, bending } = Keys::deserialize(MapAccessDeserializer::new(map))?;
+                let DampingTimeKeys { stretch, bending } =
+                    DampingTimeKeys::deserialize(MapAccessDeserializer::new(map))?;
                 Ok(DampingTime { stretch, bending })
             }
         }
@@ -107,7 +108,7 @@ impl Scene {
             [_] => return Ok(()),
             [] => "found without a frequency; allowed: with rod.loss_frequency_hz, or where the actuation or the head's motion has one".to_string(),
             [first, second, ..] => format!(
-                "found beside motions of {first} and {second} Hz, which do not say the frequency that it holds at; allowed: with rod.loss_frequency_hz"
+                "found with motions of {first} and {second} Hz, so that its frequency is ambiguous; allowed: with rod.loss_frequency_hz"
             ),
         };
         Err(KeyError { key: "rod.loss_factor".into(), problem })
@@ -151,8 +152,7 @@ impl Scene {
         if self.has_active_moments() && self.rod.damping_of == Some(DampedRate::Elastic) {
             return Err(KeyError {
                 key: "rod.damping_of".into(),
-                problem: "found \"elastic\" with actuation.moment_amp_n_m: moments leave the natural curvature where it is, so the \
-                          whole curvature is the elastic one; allowed: \"whole\""
+                problem: "found \"elastic\" with actuation.moment_amp_n_m: moments do not change the natural curvature, so the total curvature is the elastic one; allowed: \"whole\""
                     .into(),
             });
         }

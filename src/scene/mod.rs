@@ -204,7 +204,7 @@ impl Scene {
             head: self.head_motion()?,
             head_input: self.head.input.unwrap_or_default(),
             spin: self.start.spin_rad_s.map_or(0.0, Finite::get),
-            bent: self.start.bent(&rod),
+            initial_curvature: self.start.initial_curvature(&rod),
             rod,
         })
     }

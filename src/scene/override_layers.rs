@@ -18,7 +18,7 @@ const ALTERNATIVES: [[&str; 2]; 4] = [
 ];
 
 /// Keys that a key of a higher layer takes with it, and not the other way.
-const TAKEN_ALONG: [[&str; 2]; 1] = [["moment_amp_n_m", "kappa_reference_length_m"]];
+const REMOVED_WITH: [[&str; 2]; 1] = [["moment_amp_n_m", "kappa_reference_length_m"]];
 
 /// The dotted keys that exclude `key`.
 #[cfg(feature = "report")]
@@ -41,7 +41,7 @@ pub(super) fn merge_layer<'a>(
             (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => merge_layer(base, more, &place)?,
             (_, (value, span)) => {
                 if there.is_some_and(|table| table != value.is_table()) {
-                    let found = refused("a table of its keys beside another value", "one of the two");
+                    let found = refused("a table of its keys together with another value", "one of the two");
                     return Err((KeyError { key: place, problem: found }, key.span()));
                 }
                 base.remove(&key); // with its old span
@@ -53,7 +53,7 @@ pub(super) fn merge_layer<'a>(
 }
 
 /// The key of a table that replaces another whole, which no scene has.
-const WHOLE: &str = "\0whole";
+const WHOLE_TABLE: &str = "\0whole";
 
 /// Marks the functions of time in the value of an override as values: whether a table was written as `{ … }` or as dotted keys is known here
 /// only. `depth` is the number of keys before the value.
@@ -61,7 +61,7 @@ pub(super) fn mark_functions(table: &mut DeTable<'_>, depth: usize) {
     for (_, value) in table.iter_mut() {
         if let DeValue::Table(inner) = value.get_mut() {
             if depth <= 1 && is_function(inner) {
-                inner.insert(Spanned::new(0..0, WHOLE.into()), Spanned::new(0..0, DeValue::Boolean(true)));
+                inner.insert(Spanned::new(0..0, WHOLE_TABLE.into()), Spanned::new(0..0, DeValue::Boolean(true)));
             } else {
                 mark_functions(inner, depth.saturating_sub(1));
             }
@@ -72,7 +72,7 @@ pub(super) fn mark_functions(table: &mut DeTable<'_>, depth: usize) {
 /// Takes out the marks of [`mark_functions`].
 fn remove_marks(value: &mut DeValue<'_>) {
     if let DeValue::Table(table) = value {
-        table.remove(WHOLE);
+        table.remove(WHOLE_TABLE);
         table.iter_mut().for_each(|(_, value)| remove_marks(value.get_mut()));
     }
 }
@@ -82,7 +82,7 @@ fn remove_marks(value: &mut DeValue<'_>) {
 pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !over.contains_key(WHOLE) => {
+            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !over.contains_key(WHOLE_TABLE) => {
                 apply_layer(base, over);
             }
             (Some(DeValue::Array(entries)), (DeValue::Table(over), _)) if are_places(&over, entries.len()) => {
@@ -111,7 +111,9 @@ fn apply_to_entries<'a>(base: &mut DeArray<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         let Some(entry) = key.get_ref().parse().ok().and_then(|place: usize| base.get_mut(place)) else { continue };
         match (entry.get_mut(), value.into_inner_with_span()) {
-            (DeValue::Table(base), (DeValue::Table(over), _)) if !over.contains_key(WHOLE) => apply_layer(base, over),
+            (DeValue::Table(base), (DeValue::Table(over), _)) if !over.contains_key(WHOLE_TABLE) => {
+                apply_layer(base, over)
+            }
             (DeValue::Array(base), (DeValue::Table(over), _)) if are_places(&over, base.len()) => {
                 apply_to_entries(base, over);
             }
@@ -139,7 +141,7 @@ pub(super) fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(u
             _ => {}
         }
     }
-    for [own, other] in TAKEN_ALONG {
+    for [own, other] in REMOVED_WITH {
         if layer(table, own).zip(layer(table, other)).is_some_and(|(own, other)| own > other) {
             table.remove(other);
         }

@@ -87,7 +87,7 @@ impl RecordTable {
     pub(super) fn check_rows(&self, duration: f64) -> Result<(), KeyError> {
         let fault = |problem: String| Err(KeyError { key: "record.interval_s".into(), problem });
         if self.every.is_some() && self.interval_s.is_some() {
-            return fault("found beside every; allowed: one of the two".into());
+            return fault("found together with every; allowed: one of the two".into());
         }
         if let Some(interval) = self.interval_s.map(Positive::get).filter(|x| duration > MAX_ROWS * x) {
             let allowed = format!("at least {:e}, so that there are at most {MAX_ROWS:e} rows", duration / MAX_ROWS);

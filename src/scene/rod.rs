@@ -81,7 +81,7 @@ impl RodTable {
         let Some(profile) = &self.stiffness_profile else { return Ok(()) };
         let key = "rod.stiffness_profile";
         if self.stiffness_gradient.is_some() {
-            let problem = "found beside stiffness_gradient; allowed: one of the two".into();
+            let problem = "found together with stiffness_gradient; allowed: one of the two".into();
             return Err(KeyError { key: key.into(), problem });
         }
         let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
@@ -257,7 +257,7 @@ impl RodTable {
         match asks.into_iter().find(|(_, found)| self.outer_radius_m.is_none() && *found) {
             Some((what, _)) => {
                 let problem =
-                    format!("missing; {what} asks for it. allowed: a positive number, or points [[xi, number], …]");
+                    format!("missing; {what} needs it; allowed: a positive number, or points [[xi, number], …]");
                 Err(KeyError { key: "rod.outer_radius_m".into(), problem })
             }
             None => Ok(()),
@@ -273,13 +273,13 @@ impl RodTable {
             (true, true) => {
                 return fault(
                     "youngs_modulus_pa",
-                    "found beside axial_stiffness_n and bending_stiffness_n_m2; allowed: without one of them, which it then gives",
+                    "found together with axial_stiffness_n and bending_stiffness_n_m2; allowed: with only one of them, to give the other",
                 );
             }
             (false, false) if bending => {
                 return fault(
                     "axial_stiffness_n",
-                    "missing beside bending_stiffness_n_m2; allowed: a positive number, or youngs_modulus_pa in its place; where it was not measured, 12 times the bending stiffness over the square of the thickness is that of a solid strip, and a slender tail hardly feels it",
+                    "missing with bending_stiffness_n_m2; allowed: a positive number, or youngs_modulus_pa in its place; if it was not measured, that of a solid strip is 12 times the bending stiffness over the square of the thickness, and it hardly affects a slender tail",
                 );
             }
             (false, false) => {
@@ -292,7 +292,7 @@ impl RodTable {
         }
         match (self.density_kg_m3.is_some(), self.mass_per_length_kg_m.is_some()) {
             (true, true) => {
-                return fault("mass_per_length_kg_m", "found beside density_kg_m3; allowed: one of the two");
+                return fault("mass_per_length_kg_m", "found together with density_kg_m3; allowed: one of the two");
             }
             (false, false) => {
                 return fault(
@@ -328,7 +328,7 @@ impl RodTable {
             (
                 "loss_factor",
                 self.loss_factor.is_some() && self.damping_time_s.is_some(),
-                "found beside damping_time_s; allowed: one of the two",
+                "found together with damping_time_s; allowed: one of the two",
             ),
             (
                 "loss_frequency_hz",

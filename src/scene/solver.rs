@@ -13,7 +13,7 @@ use crate::integrator::{Integrator, METHODS, Method, StepControl};
 use crate::linear;
 use crate::model::Model;
 use crate::model::chain;
-use crate::reduced::model_estimates::PlannedRun;
+use crate::reduced::model_estimates::FullModelRun;
 use crate::reduced::{ErrorMeasure, Estimates, FULL, MODELS, ModelChoice, ModelKind};
 use crate::rod::Rod;
 use crate::system::Form;
@@ -154,7 +154,7 @@ impl Scene {
         }
         if kind.is_some_and(|kind| kind.needs_drag) && !self.is_dragged() {
             let problem = format!(
-                "found 0 with solver.model = {:?}: without inertia nothing says how nodes without drag move; allowed: a positive weight, or another model",
+                "found 0 with solver.model = {:?}: without inertia the motion of nodes without drag is undetermined; allowed: a positive weight, or another model",
                 self.solver.model
             );
             return fault("drag.head_weight", problem);
@@ -163,13 +163,13 @@ impl Scene {
         let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
         if let (Some(kind), Some(_)) = (kind.filter(|kind| kind.needs_drag), reactive) {
             let problem = format!(
-                "found {:?} with [reactive]: without inertia there is none of the water either, and the reactive force is nothing else; remove one, or take another model",
+                "found {:?} with [reactive]: without inertia there is no inertia of the water, which is what [reactive] adds; remove one, or take another model",
                 kind.name
             );
             return fault("solver.model", problem);
         }
         if let (Some(kind), Some(part)) = (kind.filter(|kind| kind.method.is_some()), self.requires_full_model()) {
-            let problem = format!("found {:?} with {part}, which only the whole model holds; remove one", kind.name);
+            let problem = format!("found {:?} with {part}, which only the full model supports; remove one", kind.name);
             return fault("solver.model", problem);
         }
         let held = self.head.kind != HeadKind::Free;
@@ -196,7 +196,7 @@ impl Scene {
         let own_method = self.kind()?.is_some_and(|kind| kind.method.is_some());
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(_), Some(_)) => {
-                return fault("solver.tolerance", "found beside time_step_s; allowed: one of the two".into());
+                return fault("solver.tolerance", "found together with time_step_s; allowed: one of the two".into());
             }
             (None, Some(_)) if !method.adaptive && !own_method => {
                 let problem = format!(
@@ -272,10 +272,10 @@ impl Scene {
             (true, Some(_)) => 2.0,
             (true, None) => 6.0,
         };
-        let run = PlannedRun {
+        let run = FullModelRun {
             duration: self.solver.duration_s.get(),
             nodes: self.nodes(),
-            pace: [self.pace(), self.reduced_model_pace()],
+            step_control: [self.step_control(), self.reduced_model_step_control()],
             iterations,
             accuracy: self.solver.accuracy.get(),
             measures: ErrorMeasure::ALL
@@ -323,7 +323,7 @@ impl Scene {
     }
 
     /// The step control of a reduced model that `auto` chooses: adaptive.
-    pub(super) fn reduced_model_pace(&self) -> StepControl {
+    pub(super) fn reduced_model_step_control(&self) -> StepControl {
         let most = TOLERANCE_PER_ACCURACY * self.solver.accuracy.get();
         StepControl::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
     }
@@ -377,7 +377,7 @@ impl Scene {
     }
 
     /// The control of its step size.
-    pub fn pace(&self) -> StepControl {
+    pub fn step_control(&self) -> StepControl {
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(step), _) => StepControl::Fixed(step.get()),
             (None, tolerance) => StepControl::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
@@ -386,7 +386,7 @@ impl Scene {
 
     /// Tolerance of the displacement increment of Newton's method, divided by the length.
     pub fn newton_tolerance(&self) -> f64 {
-        match (self.solver.newton_tolerance, self.pace()) {
+        match (self.solver.newton_tolerance, self.step_control()) {
             (Some(tolerance), _) => tolerance.get(),
             (None, StepControl::Fixed(_)) => NEWTON_TOLERANCE,
             (None, StepControl::Adaptive(tolerance)) => (NEWTON_TOLERANCE_RATIO * tolerance).min(MAX_NEWTON_TOLERANCE),
@@ -401,7 +401,7 @@ impl Scene {
 
     /// Its step size, s, or a typical one if steps are adaptive: 1/50 of the shortest period of the drive, or of the run.
     pub fn typical_step(&self) -> f64 {
-        match self.pace() {
+        match self.step_control() {
             StepControl::Fixed(step) => step,
             StepControl::Adaptive(_) => {
                 let period = self.spectrum().fastest().map_or(f64::INFINITY, f64::recip);
@@ -443,7 +443,7 @@ impl Scene {
     /// step, if any. Adaptive steps need a single call.
     pub fn spans(&self) -> impl Iterator<Item = f64> {
         let duration = self.solver.duration_s.get();
-        let StepControl::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
+        let StepControl::Fixed(step) = self.step_control() else { return [Some(duration), None].into_iter().flatten() };
         let (whole, last) = whole_steps(duration, step);
         [(whole > 0).then_some(whole as f64 * step), last].into_iter().flatten()
     }
@@ -451,7 +451,7 @@ impl Scene {
     /// The same, with one call per full step.
     #[cfg(feature = "report")]
     pub(crate) fn single_steps(&self) -> impl Iterator<Item = f64> + use<> {
-        let (step, steps) = match self.pace() {
+        let (step, steps) = match self.step_control() {
             StepControl::Fixed(step) => (step, whole_steps(self.solver.duration_s.get(), step)),
             StepControl::Adaptive(_) => (0.0, (0, Some(self.solver.duration_s.get()))),
         };
@@ -461,7 +461,7 @@ impl Scene {
 
     /// The number of its steps, or None if they are adaptive.
     pub fn steps(&self) -> Option<u64> {
-        let StepControl::Fixed(step) = self.pace() else { return None };
+        let StepControl::Fixed(step) = self.step_control() else { return None };
         let (whole, last) = whole_steps(self.solver.duration_s.get(), step);
         Some(whole + u64::from(last.is_some()))
     }

@@ -61,11 +61,11 @@ impl StartTable {
     }
 
     /// The curvature κ of every node of `rod` at the start beside that which the start gives it; `None` where there is none.
-    pub(super) fn bent(&self, rod: &Rod) -> Option<Vec<f64>> {
+    pub(super) fn initial_curvature(&self, rod: &Rod) -> Option<Vec<f64>> {
         let profile = self.curvature_1_m.as_ref()?.profile();
-        let mut bent = (0..rod.nodes).map(|k| profile.at(rod.xi(k)) * rod.spacing).collect::<Vec<f64>>();
-        rod.at_joints(&mut bent);
-        Some(bent)
+        let mut initial_curvature = (0..rod.nodes).map(|k| profile.at(rod.xi(k)) * rod.spacing).collect::<Vec<f64>>();
+        rod.at_joints(&mut initial_curvature);
+        Some(initial_curvature)
     }
 
     pub(super) fn build(&self) -> Start {

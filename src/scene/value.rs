@@ -46,7 +46,7 @@ macro_rules! number {
 
         impl<'de> Deserialize<'de> for $name {
             fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                deserializer.deserialize_any(Number { allowed: $allowed, ok: $ok }).map(Self)
+                deserializer.deserialize_any(NumberVisitor { allowed: $allowed, ok: $ok }).map(Self)
             }
         }
     };
@@ -90,12 +90,12 @@ number!(
     |x| (0.0..=1.0).contains(&x)
 );
 
-struct Number {
+struct NumberVisitor {
     allowed: &'static str,
     ok: fn(f64) -> bool,
 }
 
-impl Visitor<'_> for Number {
+impl Visitor<'_> for NumberVisitor {
     type Value = f64;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -208,7 +208,7 @@ pub(super) const SIGNAL_KEYS: [&str; 5] = ["amplitude", "frequency_hz", "phase_r
     deny_unknown_fields,
     expecting = "a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }"
 )]
-struct Keys<T, P> {
+struct SignalKeys<T, P> {
     amplitude: Option<T>,
     frequency_hz: Option<NotNegative>,
     phase_rad: Option<P>,
@@ -216,7 +216,7 @@ struct Keys<T, P> {
     table: Option<String>,
 }
 
-impl<T, P> Keys<T, P> {
+impl<T, P> SignalKeys<T, P> {
     /// The functions, where `component` and `phase` return entry `i` of a value and of a phase.
     fn signal_value<const M: usize, E: Error>(
         self,
@@ -253,7 +253,7 @@ struct Each([f64; 2]);
 impl<'de> Deserialize<'de> for Each {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct OneOrTwo;
-        const NUMBER: Number = Number { allowed: "a finite number, or two", ok: |_| true };
+        const NUMBER: NumberVisitor = NumberVisitor { allowed: "a finite number, or two", ok: |_| true };
         impl<'de> Visitor<'de> for OneOrTwo {
             type Value = Each;
 
@@ -278,9 +278,9 @@ impl<'de> Deserialize<'de> for Each {
 }
 
 /// Exactly two values. A serde array of two accepts more of TOML.
-pub struct Pair<T>(pub [T; 2]);
+pub struct ExactlyTwo<T>(pub [T; 2]);
 
-impl<'de, T: Deserialize<'de>> Deserialize<'de> for Pair<T> {
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for ExactlyTwo<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Two<T>(PhantomData<T>);
         impl<'de, T: Deserialize<'de>> Visitor<'de> for Two<T> {
@@ -308,7 +308,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Pair<T> {
 
 /// Reads two values.
 pub fn pair<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<[T; 2], D::Error> {
-    Pair::deserialize(deserializer).map(|pair| pair.0)
+    ExactlyTwo::deserialize(deserializer).map(|pair| pair.0)
 }
 
 /// Reads two values of a key that may be absent.
@@ -322,7 +322,7 @@ pub fn optional_pair<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<Vec<[T; 2]>>, D::Error> {
-    let pairs: Vec<Pair<T>> = Deserialize::deserialize(deserializer)?;
+    let pairs: Vec<ExactlyTwo<T>> = Deserialize::deserialize(deserializer)?;
     Ok(Some(pairs.into_iter().map(|pair| pair.0).collect()))
 }
 
@@ -387,8 +387,8 @@ impl NumberOrProfile<NotNegative> {
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for NumberOrProfile<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Either<T>(PhantomData<T>);
-        impl<'de, T: Deserialize<'de>> Visitor<'de> for Either<T> {
+        struct NumberOrPoints<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for NumberOrPoints<T> {
             type Value = NumberOrProfile<T>;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -409,14 +409,14 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for NumberOrProfile<T> {
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<NumberOrProfile<T>, A::Error> {
                 let mut points = Vec::new();
-                while let Some(Pair([xi, value])) = seq.next_element::<Pair<Finite>>()? {
+                while let Some(ExactlyTwo([xi, value])) = seq.next_element::<ExactlyTwo<Finite>>()? {
                     T::deserialize(F64Deserializer::<A::Error>::new(value.get()))?;
                     points.push([xi.get(), value.get()]);
                 }
                 Ok(NumberOrProfile { points, number: None })
             }
         }
-        deserializer.deserialize_any(Either(PhantomData))
+        deserializer.deserialize_any(NumberOrPoints(PhantomData))
     }
 }
 
@@ -435,7 +435,7 @@ impl<'de> Deserialize<'de> for ScalarSignal {
             }
 
             fn visit_f64<E: Error>(self, x: f64) -> Result<SignalValue, E> {
-                Number { allowed: "a finite number", ok: |_| true }
+                NumberVisitor { allowed: "a finite number", ok: |_| true }
                     .visit_f64(x)
                     .map(|x| SignalValue::Formula(Signal::Constant(x)))
             }
@@ -449,7 +449,7 @@ impl<'de> Deserialize<'de> for ScalarSignal {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SignalValue, A::Error> {
-                let keys = Keys::<Finite, Finite>::deserialize(MapAccessDeserializer::new(map))?;
+                let keys = SignalKeys::<Finite, Finite>::deserialize(MapAccessDeserializer::new(map))?;
                 let [signal_value] = keys.signal_value(|value, _| value.get(), |phase, _| phase.get())?;
                 Ok(signal_value)
             }
@@ -477,7 +477,7 @@ impl<'de> Deserialize<'de> for VectorSignal {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<[SignalValue; 2], A::Error> {
-                Keys::<Pair<Finite>, Each>::deserialize(MapAccessDeserializer::new(map))?
+                SignalKeys::<ExactlyTwo<Finite>, Each>::deserialize(MapAccessDeserializer::new(map))?
                     .signal_value(|value, i| value.0[i].get(), |phase, i| phase.0[i])
             }
         }
@@ -531,7 +531,7 @@ mod schema {
             },
             {
                 "type": "object",
-                "properties": { "table": { "type": "string", "description": "a CSV file beside the scene: time, value[, rate]" } },
+                "properties": { "table": { "type": "string", "description": "a CSV file next to the scene: time, value[, rate]" } },
                 "required": ["table"],
                 "additionalProperties": false
             }

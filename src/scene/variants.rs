@@ -56,10 +56,10 @@ impl Scene {
     }
 
     /// The scene with another step control. Only adaptive integrators accept a tolerance.
-    pub fn with_pace(&self, pace: StepControl) -> Self {
+    pub fn with_step_control(&self, step_control: StepControl) -> Self {
         let mut scene = self.clone();
         scene.solver.integrator = Some(self.integrator_name().to_string());
-        (scene.solver.time_step_s, scene.solver.tolerance) = match pace {
+        (scene.solver.time_step_s, scene.solver.tolerance) = match step_control {
             StepControl::Fixed(step) => (Some(Positive::constant(step)), None),
             StepControl::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
         };
@@ -115,13 +115,13 @@ impl Scene {
         if choice.reason.is_none() || choice.kind.method.is_none() {
             return self.with_model(choice.kind);
         }
-        let pace = match (self.reduced_model_pace(), &choice.estimates) {
+        let step_control = match (self.reduced_model_step_control(), &choice.estimates) {
             (StepControl::Adaptive(tolerance), Some(estimates)) => {
                 StepControl::Adaptive(tolerance.min(estimates.tolerance))
             }
-            (pace, _) => pace,
+            (step_control, _) => step_control,
         };
-        self.with_pace(pace).with_model(choice.kind).with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE)
+        self.with_step_control(step_control).with_model(choice.kind).with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE)
     }
 
     /// The scene with Young's modulus, or the measured stiffness, multiplied by `factor`.

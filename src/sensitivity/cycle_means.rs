@@ -10,7 +10,7 @@
 use std::sync::Arc;
 
 use super::finite_difference::{CENTRAL_STENCIL, PerturbedScene};
-use super::output::{Output, Quantity, Work};
+use super::output::{Output, Quantity, WorkKind};
 use super::parameter::Parameter;
 use super::problem::Problem;
 use super::trajectory::Trajectory;
@@ -45,7 +45,7 @@ fn parts(held: bool) -> Vec<Part> {
         parts.push((Q::HeadForce(0).into(), |d| d.force[0], summed));
         parts.push((Q::HeadForce(1).into(), |d| d.force[1], summed));
         parts.push((Q::HeadMoment.into(), |d| d.moment, summed));
-        parts.push((Work::Head.into(), |d| d.work[3], value));
+        parts.push((WorkKind::Head.into(), |d| d.work[3], value));
         parts.push((Q::HeadPower.into(), |d| d.work[3], rate));
     } else {
         parts.push((Q::CentreOfMass(0).into(), |d| d.position[0], value));
@@ -58,13 +58,13 @@ fn parts(held: bool) -> Vec<Part> {
     parts.push((Q::Flow(0).into(), |d| d.flow[0], summed));
     parts.push((Q::Flow(1).into(), |d| d.flow[1], summed));
     let works: [(Output, Quantity, Coefficient); 7] = [
-        (Work::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
-        (Work::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
-        (Work::Load.into(), Q::LoadPower, |d| d.work[2]),
-        (Work::Flow.into(), Q::FlowPower, |d| d.work[4]),
-        (Work::Wake.into(), Q::WakePower, |d| d.work[5]),
-        (Work::Other.into(), Q::OtherPower, |d| d.work[6]),
-        (Work::Material.into(), Q::MaterialPower, |d| d.work[8]),
+        (WorkKind::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
+        (WorkKind::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
+        (WorkKind::Load.into(), Q::LoadPower, |d| d.work[2]),
+        (WorkKind::Flow.into(), Q::FlowPower, |d| d.work[4]),
+        (WorkKind::Wake.into(), Q::WakePower, |d| d.work[5]),
+        (WorkKind::Other.into(), Q::OtherPower, |d| d.work[6]),
+        (WorkKind::Material.into(), Q::MaterialPower, |d| d.work[8]),
     ];
     for (work, power, by) in works {
         parts.push((work, by, value));

@@ -41,12 +41,12 @@ pub struct FiniteDifference {
     nodes: usize,
     residual: Vec<f64>,
     /// Present if the number changes the flow alone.
-    flow: Option<Flow>,
+    flow: Option<FlowDerivative>,
 }
 
 /// The derivative of the flow velocity.
 #[derive(Debug)]
-struct Flow {
+struct FlowDerivative {
     /// At the nodes, two entries per node.
     nodes: Vec<f64>,
     /// At the body's centre.
@@ -108,7 +108,7 @@ impl FiniteDifference {
     /// Declares that the number changes the flow alone.
     pub fn of_flow(self) -> Self {
         let zeros = || vec![0.0; 2 * self.nodes];
-        Self { flow: Some(Flow { nodes: zeros(), centre: Vector2::zeros(), still: zeros() }), ..self }
+        Self { flow: Some(FlowDerivative { nodes: zeros(), centre: Vector2::zeros(), still: zeros() }), ..self }
     }
 
     /// The derivative of a value.
@@ -138,7 +138,7 @@ impl FiniteDifference {
         let state = bent.state;
         let Self { scenes, residual, flow, .. } = self;
         residual.resize(force.len(), 0.0);
-        if let Some(Flow { nodes, centre, still }) = flow {
+        if let Some(FlowDerivative { nodes, centre, still }) = flow {
             nodes.fill(0.0);
             *centre = Vector2::zeros();
             for PerturbedScene { dynamics, weight, .. } in scenes {
@@ -188,7 +188,7 @@ impl FiniteDifference {
         point: &LocalDerivatives,
         scratch: &mut Gradient,
     ) -> Result<f64> {
-        if let Some(Flow { nodes, centre, .. }) = &self.flow {
+        if let Some(FlowDerivative { nodes, centre, .. }) = &self.flow {
             return Ok(gradient.by_flow(nodes, *centre));
         }
         let by = self.of_value(|PerturbedScene { dynamics, ends, state, .. }| {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::equations::Equations;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Work};
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext, WorkKind};
 use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
 use super::problem::{GivenStart, Problem};
 use super::step_ends::StepEnds;
@@ -163,7 +163,7 @@ impl Problem {
                         return Ok(());
                     }
                     gradient.clear();
-                    let add = |(c, work): &(f64, Work)| c * work.add(&at, span, i == 0, *c, &mut gradient);
+                    let add = |(c, work): &(f64, WorkKind)| c * work.add(&at, span, i == 0, *c, &mut gradient);
                     sums[o] += output.work.iter().map(add).sum::<f64>();
                     derivatives(&gradient, Some([&ends.shapes[i], &ends.shapes[i + 1]]), &mut row);
                     sums[block..block + width].iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);

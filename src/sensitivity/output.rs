@@ -62,7 +62,7 @@ pub enum Quantity {
     HeadForce(usize),
     /// Moment of the tail on a held head about node 0, N m.
     HeadMoment,
-    /// Resultant along an axis of the forces with that sink, or of inertial forces if None, N.
+    /// Resultant along an axis of the forces with that kind of power, or of inertial forces if None, N.
     Resultant(Option<PowerKind>, usize),
     /// Moment that the joint at a node carries, N m.
     JointMoment(usize),
@@ -76,7 +76,7 @@ pub enum Quantity {
 
 /// Work summed over the steps as in [`RunMetrics`](crate::metrics::RunMetrics), J.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Work {
+pub enum WorkKind {
     /// Of the moving natural curvature and of active moments.
     Actuation,
     /// Dissipated in the material.
@@ -105,7 +105,7 @@ pub struct Output {
     /// Whether their initial values are subtracted.
     pub since_start: bool,
     /// Work since the start, with factors.
-    pub work: Vec<(f64, Work)>,
+    pub work: Vec<(f64, WorkKind)>,
 }
 
 impl From<Quantity> for Output {
@@ -114,8 +114,8 @@ impl From<Quantity> for Output {
     }
 }
 
-impl From<Work> for Output {
-    fn from(work: Work) -> Self {
+impl From<WorkKind> for Output {
+    fn from(work: WorkKind) -> Self {
         Self { now: Vec::new(), since_start: false, work: vec![(1.0, work)] }
     }
 }
@@ -267,29 +267,29 @@ impl Output {
             "fluid_momentum_x_n_s" => Q::FluidMomentum(0).into(),
             "fluid_momentum_y_n_s" => Q::FluidMomentum(1).into(),
             "net_displacement_m" => Self::from(Q::CentreOfMass(0)).since_start(),
-            "actuation_work_j" => Work::Actuation.into(),
-            "material_work_j" => Work::Material.into(),
-            "viscous_work_j" => Work::Viscous.into(),
-            "wake_work_j" => Work::Wake.into(),
-            "spray_work_j" => Work::Spray.into(),
-            "other_work_j" => Work::Other.into(),
-            "load_work_j" => Work::Load.into(),
-            "head_work_j" if model.head.is_some() => Work::Head.into(),
+            "actuation_work_j" => WorkKind::Actuation.into(),
+            "material_work_j" => WorkKind::Material.into(),
+            "viscous_work_j" => WorkKind::Viscous.into(),
+            "wake_work_j" => WorkKind::Wake.into(),
+            "spray_work_j" => WorkKind::Spray.into(),
+            "other_work_j" => WorkKind::Other.into(),
+            "load_work_j" => WorkKind::Load.into(),
+            "head_work_j" if model.head.is_some() => WorkKind::Head.into(),
             "head_work_j" => Self { now: Vec::new(), since_start: false, work: Vec::new() },
-            "flow_work_j" => Work::Flow.into(),
+            "flow_work_j" => WorkKind::Flow.into(),
             "numerical_dissipation_j" => {
                 let now = energy.map(|(_, quantity)| (-1.0, quantity)).to_vec();
                 let mut work = vec![
-                    (1.0, Work::Actuation),
-                    (-1.0, Work::Material),
-                    (-1.0, Work::Viscous),
-                    (-1.0, Work::Wake),
-                    (-1.0, Work::Spray),
-                    (1.0, Work::Flow),
-                    (1.0, Work::Load),
-                    (1.0, Work::Other),
+                    (1.0, WorkKind::Actuation),
+                    (-1.0, WorkKind::Material),
+                    (-1.0, WorkKind::Viscous),
+                    (-1.0, WorkKind::Wake),
+                    (-1.0, WorkKind::Spray),
+                    (1.0, WorkKind::Flow),
+                    (1.0, WorkKind::Load),
+                    (1.0, WorkKind::Other),
                 ];
-                work.extend(model.head.is_some().then_some((1.0, Work::Head)));
+                work.extend(model.head.is_some().then_some((1.0, WorkKind::Head)));
                 Self { now, since_start: true, work }
             }
             _ => {
@@ -582,12 +582,12 @@ impl OutputContext<'_> {
         here.fluid.flow.dot(&along)
     }
 
-    /// The power dissipated by the forces with that sink, W. Adds `factor` times its derivatives.
-    fn power_to(&self, sink: PowerKind, factor: f64, g: &mut Gradient) -> f64 {
+    /// The power dissipated by the forces with that kind of power, W. Adds `factor` times its derivatives.
+    fn power_to(&self, kind: PowerKind, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut power = 0.0;
         for of_fluid in [true, false] {
-            let chosen = |force: &dyn Force| force.power_kind() == Some(sink) && force.is_of_fluid() == of_fluid;
+            let chosen = |force: &dyn Force| force.power_kind() == Some(kind) && force.is_of_fluid() == of_fluid;
             let flow = |k: usize| if of_fluid { moving.flow(k) } else { Vector2::zeros() };
             let against = |k: usize| node(&self.bent.state.v, k) - flow(k);
             power += self.power_along(chosen, against, factor, g);
@@ -855,8 +855,8 @@ impl Quantity {
                 -inertia - at.push(axis(i), -factor, g)
             }
             Self::HeadMoment => Self::JointMoment(0).add(at, factor, g),
-            Self::Resultant(sink, i) => {
-                let chosen = |force: &dyn Force| force.power_kind() == sink;
+            Self::Resultant(kind, i) => {
+                let chosen = |force: &dyn Force| force.power_kind() == kind;
                 -at.power_along(chosen, |_| axis(i), -factor, g)
             }
             Self::JointMoment(k) => {
@@ -913,7 +913,7 @@ impl Quantity {
     }
 }
 
-impl Work {
+impl WorkKind {
     /// The share of the state at one end of `span` (its end, or its begin) in the work over it; adds `factor` times its
     /// derivatives.
     pub(super) fn add(

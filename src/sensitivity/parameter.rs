@@ -145,7 +145,7 @@ pub(super) struct ParameterEffect {
     natural: [f64; 2],
     rate: [f64; 3],
     /// The change of 2πf, rad/s.
-    pub(super) swing: f64,
+    pub(super) angular_frequency: f64,
     pub(super) key: Option<Key>,
     /// Index of the finite difference, for a number of the scene.
     pub(super) scene_parameter: Option<usize>,
@@ -264,7 +264,7 @@ impl Parameter {
             own: 0.0,
             natural: [0.0; 2],
             rate: [0.0; 3],
-            swing: 0.0,
+            angular_frequency: 0.0,
             key: None,
             scene_parameter: None,
         };
@@ -282,7 +282,7 @@ impl Parameter {
                     amplitude * gain * omega + size * (gain_rate * phase + gain * phase_rate),
                     size * gain * omega * phase,
                 ],
-                swing: phase_rate,
+                angular_frequency: phase_rate,
                 ..none.clone()
             }
         };

@@ -99,7 +99,7 @@ impl Problem {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
-        let StepControl::Fixed(length) = scene.pace() else {
+        let StepControl::Fixed(length) = scene.step_control() else {
             let step = 0.5 * scene.typical_step();
             let problem =
                 format!("derivatives need fixed steps; allowed: solver.time_step_s, as {step:e}, in its place");
@@ -107,7 +107,7 @@ impl Problem {
         };
         if scene.names_reduced_model() {
             let problem = format!(
-                "found {:?}; derivatives and designs are of the whole model; allowed: \"full\", or \"auto\", in whose place it is taken",
+                "found {:?}; derivatives and designs need the full model; allowed: \"full\", or \"auto\", in whose place it is taken",
                 scene.solver.model
             );
             return refuse("solver.model", &problem);

@@ -11,7 +11,7 @@ use crate::scene::parameter::{ProfileParameter, ScalarParameter};
 use crate::scene::{Document, Scene};
 
 /// A signed number below this part of its typical value counts as zero: the rounding of forces is divided by its change.
-const SMALL: f64 = 1e-3;
+const NEGLIGIBLE_FRACTION: f64 = 1e-3;
 
 /// The key of the flow, m/s.
 const FLOW: &str = "medium.flow_m_s";
@@ -50,7 +50,7 @@ pub struct SceneParameter {
 impl SceneParameter {
     /// The scale of the finite difference at this value: the value itself, if it is not small for a number that may be zero.
     fn scale(&self, value: f64) -> f64 {
-        let least = if self.is_signed { SMALL * self.typical } else { 0.0 };
+        let least = if self.is_signed { NEGLIGIBLE_FRACTION * self.typical } else { 0.0 };
         if value.abs() > least { value.abs() } else { self.typical }
     }
 

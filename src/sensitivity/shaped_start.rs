@@ -22,19 +22,22 @@ pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &Ac
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
     if dynamics.model.start == Start::Shaped && effect.bends(shape) {
         let mut followed = dynamics.free_of_moment([&dynamics.natural, &dynamics.natural_rate].map(Vec::clone));
-        followed[0].iter_mut().zip(dynamics.model.bent.iter().flatten()).for_each(|(shape, bent)| *shape += bent);
+        followed[0]
+            .iter_mut()
+            .zip(dynamics.model.initial_curvature.iter().flatten())
+            .for_each(|(shape, curvature)| *shape += curvature);
         let mut change = [vec![0.0; rod.nodes], vec![0.0; rod.nodes]];
         for k in effect.joints.clone() {
             (change[0][k], change[1][k]) = (effect.natural(shape, k), effect.rate(shape, k));
         }
         change = dynamics.free_of_moment(change);
-        if let Some(damping) = rod.damping.as_ref().filter(|_| effect.swing != 0.0) {
-            let omega = dynamics.swing();
+        if let Some(damping) = rod.damping.as_ref().filter(|_| effect.angular_frequency != 0.0) {
+            let omega = dynamics.initial_angular_frequency();
             for k in effect.joints.clone() {
                 let natural = [dynamics.natural[k], dynamics.natural_rate[k]];
-                let by_swing = damping.free_of_moment_by(k, omega, effect.swing, natural);
-                change[0][k] += by_swing[0];
-                change[1][k] += by_swing[1];
+                let by_frequency = damping.free_of_moment_by(k, omega, effect.angular_frequency, natural);
+                change[0][k] += by_frequency[0];
+                change[1][k] += by_frequency[1];
             }
         }
         let [curvature, rate] = followed.each_ref().map(Vec::as_slice);

@@ -80,7 +80,7 @@ const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
         WithRespectTo::Natural,
         "natural_curvature_1_m",
         "1/m",
-        "natural curvature of the joints beside the actuation's; may be given over time",
+        "natural curvature of the joints in addition to the actuation's; may be given over time",
     ),
     (WithRespectTo::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
     (WithRespectTo::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
@@ -415,7 +415,14 @@ impl Simulation {
         let warnings =
             crate::assessment::Assessment::of_run(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
         let (metrics, end) = self.problem.simulate_metrics()?;
-        Ok(crate::diagnostics::notes(&self.scene, self.problem.model(), &metrics, &end, self.scene.pace(), &warnings))
+        Ok(crate::diagnostics::notes(
+            &self.scene,
+            self.problem.model(),
+            &metrics,
+            &end,
+            self.scene.step_control(),
+            &warnings,
+        ))
     }
 
     /// The parameters with these names.

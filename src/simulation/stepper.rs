@@ -10,6 +10,7 @@ mod parameter_change;
 pub(crate) mod presolved_step;
 mod run_state;
 pub mod snapshot;
+mod step_control;
 mod undo;
 
 use std::ops::ControlFlow;
@@ -22,6 +23,7 @@ use dense_output::DenseOutput;
 pub use head_jump::HeadJump;
 use run_state::RunState;
 pub use snapshot::Snapshot;
+use step_control::{STEP_FACTORS, step_factor};
 
 use crate::cycle::Cycles;
 use crate::error::{Error, Result};
@@ -29,7 +31,7 @@ use crate::integrator::{StepControl, StepError};
 use crate::metrics::{Measurements, RunMetrics, RunningTotals, WorkSource};
 use crate::model::input_extrapolation::HIGHEST_ORDER;
 use crate::model::{Dynamics, InputExtrapolation, Inputs, Mechanics, Model};
-use crate::newton::{Newton, Work};
+use crate::newton::{Newton, SolverWork};
 use crate::reduced::{ModelChoice, ModelStepper};
 use crate::scene::Scene;
 use crate::system::{Form, State, System};
@@ -40,10 +42,6 @@ const MAX_HALVINGS: u32 = 10;
 
 /// The part of EI/L², times the tolerance of adaptive steps, that Newton's method may leave as the tension of an edge where a head is held.
 const HEAD_FORCE_PART: f64 = 0.01;
-
-/// The bounds of the factor between successive adaptive steps, and the safety factor of the step size.
-const STEP_FACTORS: [f64; 2] = [0.2, 5.0];
-const SAFETY: f64 = 0.9;
 
 /// The first adaptive step of a rod at rest, s. It grows by at most a factor of 5 per step.
 const FIRST_STEP_AT_REST: f64 = 1e-4;
@@ -68,7 +66,7 @@ pub struct Stepper {
     model_stepper: Box<dyn ModelStepper>,
     choice: Option<ModelChoice>,
     newton: Newton,
-    pace: StepControl,
+    step_control: StepControl,
     /// All that changes during a run, other than the inputs.
     now: RunState,
     /// How many times a failing step is halved.
@@ -76,7 +74,7 @@ pub struct Stepper {
     /// Shorter steps (s) are rounding and are deferred.
     shortest: f64,
     /// Half of the range of the head's speed (m/s) in the scene's own motion.
-    head_swing: f64,
+    head_speed_amplitude: f64,
     undo: undo::Undo,
     variables: Vec<&'static Variable>,
     /// The totals before the last internal step. Its state and measurements are then in `next` and `measurements`.
@@ -119,9 +117,9 @@ impl Clock {
 }
 
 impl Stepper {
-    /// Prepares a run of `model` at time zero with the step control `pace`, solved by `newton`.
+    /// Prepares a run of `model` at time zero with `step_control`, solved by `newton`.
     ///
-    /// Snapshots are compatible between steppers of the same `model`, integrator and form, whatever their `pace`.
+    /// Snapshots are compatible between steppers of the same `model`, integrator and form, whatever their `step_control`.
     ///
     /// # Errors
     /// Errors of the initial state.
@@ -129,25 +127,25 @@ impl Stepper {
         model: impl Into<Arc<Model>>,
         model_stepper: impl Into<Box<dyn ModelStepper>>,
         newton: Newton,
-        pace: impl Into<StepControl>,
+        step_control: impl Into<StepControl>,
     ) -> Result<Self> {
-        let (model, model_stepper, pace) = (model.into(), model_stepper.into(), pace.into());
+        let (model, model_stepper, step_control) = (model.into(), model_stepper.into(), step_control.into());
         let scene = model.fingerprint(&(&model_stepper, newton.form()));
-        Ok(Self { scene, ..Self::begin(model, model_stepper, newton, pace)? })
+        Ok(Self { scene, ..Self::begin(model, model_stepper, newton, step_control)? })
     }
 
     fn begin(
         model: Arc<Model>,
         mut model_stepper: Box<dyn ModelStepper>,
         mut newton: Newton,
-        pace: StepControl,
+        step_control: StepControl,
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model);
         dynamics.mechanics = model_stepper.mechanics();
         let mut state = dynamics.first_state_in(newton.form());
         model_stepper.begin(&mut dynamics, &mut newton, &mut state)?;
-        newton.work = Work::default();
-        let time_step = match pace {
+        newton.work = SolverWork::default();
+        let time_step = match step_control {
             StepControl::Fixed(time_step) => time_step,
             StepControl::Adaptive(tolerance) => {
                 let acceleration = largest(&state.a);
@@ -161,7 +159,7 @@ impl Stepper {
         let cycles = Cycles::start(&dynamics, &state, &metrics);
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         let dense = model_stepper.has_dense_output().then(|| DenseOutput::new(&state, &metrics));
-        let shortest = match pace {
+        let shortest = match step_control {
             StepControl::Fixed(time_step) => STEP_ROUNDING * time_step,
             StepControl::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
         };
@@ -180,10 +178,10 @@ impl Stepper {
             model_stepper,
             choice: None,
             newton,
-            pace,
+            step_control,
             max_halvings: MAX_HALVINGS,
             shortest,
-            head_swing: dynamics.model.head_swing(),
+            head_speed_amplitude: dynamics.model.head_speed_amplitude(),
             undo: undo::Undo::default(),
             before: None,
             dense,
@@ -246,16 +244,16 @@ impl Stepper {
         }
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let slenderness = model.rod.slenderness_squared();
-        let newton = match taken.pace() {
+        let newton = match taken.step_control() {
             _ if !taken.newton_may_predict() => newton,
             StepControl::Adaptive(tolerance) if model.head.is_some() => {
                 newton.exact_in_force(slenderness, HEAD_FORCE_PART * tolerance)
             }
             _ => newton.foreseeing(slenderness),
         };
-        let mut start =
-            Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.start_error(&error))?;
-        if matches!(start.pace, StepControl::Adaptive(_)) {
+        let mut start = Self::begin(model, model_stepper, newton, taken.step_control())
+            .map_err(|error| scene.start_error(&error))?;
+        if matches!(start.step_control, StepControl::Adaptive(_)) {
             start.now.time_step = start.now.time_step.min(solver.duration_s.get());
         }
         Ok(Self {
@@ -292,7 +290,7 @@ impl Stepper {
     }
 
     /// Counts of Newton iterations and factorisations.
-    pub fn work(&self) -> Work {
+    pub fn work(&self) -> SolverWork {
         self.newton.work
     }
 
@@ -312,8 +310,8 @@ impl Stepper {
     }
 
     /// The control of its step size.
-    pub fn pace(&self) -> StepControl {
-        self.pace
+    pub fn step_control(&self) -> StepControl {
+        self.step_control
     }
 
     /// The name of the integrator that solves a run of its `scene`.
@@ -395,7 +393,7 @@ impl Stepper {
             return Ok(true);
         }
         self.now.pending_time = None;
-        match self.pace {
+        match self.step_control {
             StepControl::Fixed(time_step) => self.equal_steps(h, time_step, look),
             StepControl::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
         }
@@ -510,7 +508,7 @@ impl Stepper {
     /// rod's own `speeds` (m/s) at both ends of the step, which are the same in any frame.
     fn relative_error(&self, error: StepError, h: f64, speeds: [f64; 2]) -> f64 {
         let length = self.dynamics.length();
-        let speed = speeds[0].max(speeds[1]).max(self.head_swing).max(MIN_RELATIVE_SPEED * length / h);
+        let speed = speeds[0].max(speeds[1]).max(self.head_speed_amplitude).max(MIN_RELATIVE_SPEED * length / h);
         (error.position / length).max(error.velocity / speed)
     }
 
@@ -529,7 +527,7 @@ impl Stepper {
         if begins && self.is_at_start() && self.dynamics.starts_elsewhere(t, Some(end)) {
             self.start_from_given_pose()?;
         }
-        let distances = self.dynamics.aim_head(t, end, begins);
+        let distances = self.dynamics.fit_head_extrapolation(t, end, begins);
         self.note_jump(t, distances);
         if self.now.needs_reinitialisation { self.reinitialise() } else { Ok(()) }
     }
@@ -544,13 +542,13 @@ impl Stepper {
         let mut scene = Inputs::of(&self.dynamics.model);
         scene.head = self.dynamics.inputs.head.take();
         let mut given = std::mem::replace(&mut self.dynamics.inputs, scene);
-        let course = self.dynamics.course.take();
+        let extrapolation = self.dynamics.extrapolation.take();
         let started = self.restart();
         given.head.clone_from(&self.dynamics.inputs.head);
         let scene = std::mem::replace(&mut self.dynamics.inputs, given);
-        self.dynamics.course = course;
+        self.dynamics.extrapolation = extrapolation;
         started?;
-        if self.dynamics.course.is_none() && self.dynamics.inputs.act_as(&scene) {
+        if self.dynamics.extrapolation.is_none() && self.dynamics.inputs.act_as(&scene) {
             return Ok(());
         }
         let undo = std::mem::replace(&mut self.inputs.0, scene);
@@ -567,7 +565,7 @@ impl Stepper {
         self.now.cycles = Cycles::start(&self.dynamics, &state, &metrics);
         (self.now.metrics, self.now.state) = (metrics, state);
         (self.now.needs_reinitialisation, self.now.flow_jump) = (false, [0.0; 2]);
-        self.newton.work = Work::default();
+        self.newton.work = SolverWork::default();
         self.before = None;
         Ok(())
     }
@@ -616,7 +614,7 @@ impl Stepper {
             Mechanics::Overdamped => tolerance * dynamics.length() / apart(&next.v, &state.v),
             Mechanics::Shape => f64::INFINITY,
         };
-        if let StepControl::Adaptive(tolerance) = self.pace {
+        if let StepControl::Adaptive(tolerance) = self.step_control {
             // A longer step would see where the rod comes to rest, not how.
             self.now.time_step = self.now.time_step.min(reach(tolerance));
         }
@@ -810,9 +808,9 @@ impl Stepper {
     fn apply_all<'a>(&mut self, changes: impl Iterator<Item = (InputChange<'a>, usize)> + Clone) -> Result<()> {
         let t = self.now.state.t;
         self.inputs.0.clone_from(&self.dynamics.inputs);
-        self.inputs.1.clone_from(&self.dynamics.course);
-        if let Some(course) = &mut self.dynamics.course {
-            course.rebase(t, &self.dynamics.inputs);
+        self.inputs.1.clone_from(&self.dynamics.extrapolation);
+        if let Some(extrapolation) = &mut self.dynamics.extrapolation {
+            extrapolation.rebase(t, &self.dynamics.inputs);
         }
         let of_head = |(change, _): (InputChange<'_>, usize)| change.variable.of_head().is_some();
         let of_head = changes.clone().any(of_head);
@@ -823,7 +821,7 @@ impl Stepper {
         };
         if outcome.is_err() {
             self.dynamics.restore(&self.inputs.0);
-            self.dynamics.course.clone_from(&self.inputs.1);
+            self.dynamics.extrapolation.clone_from(&self.inputs.1);
             self.dynamics.move_to(t, &mut self.now.state);
         }
         outcome
@@ -890,23 +888,23 @@ impl InputChange<'_> {
     fn make(&self, dynamics: &mut Dynamics, t: f64, first: usize) {
         let Self { variable, order, values } = *self;
         if let Some([i, own]) = variable.of_head() {
-            dynamics.say_head(t, i, own + order, values[0], order > 0);
+            dynamics.set_head_derivative(t, i, own + order, values[0], order > 0);
         } else if order == 0 {
             variable.write(dynamics, t, first, values);
-            let Some(mut course) = dynamics.course.take() else { return };
-            course.change(dynamics, 0, |inputs| variable.write(inputs, t, first, values));
+            let Some(mut extrapolation) = dynamics.extrapolation.take() else { return };
+            extrapolation.change(dynamics, 0, |inputs| variable.write(inputs, t, first, values));
             for order in 1..=HIGHEST_ORDER {
-                course.change(dynamics, order, |rates| variable.clear(rates, t, first, values.len()));
+                extrapolation.change(dynamics, order, |rates| variable.clear(rates, t, first, values.len()));
             }
-            dynamics.course = Some(course);
+            dynamics.extrapolation = Some(extrapolation);
         } else {
-            let mut course = match dynamics.course.take() {
-                Some(course) => course,
+            let mut extrapolation = match dynamics.extrapolation.take() {
+                Some(extrapolation) => extrapolation,
                 None => Box::new(InputExtrapolation::resting(&dynamics.model, &dynamics.inputs, t)),
             };
-            course.change(dynamics, order, |rates| variable.write(rates, t, first, values));
-            dynamics.inputs.flow_taken |= course.takes_flow();
-            dynamics.course = Some(course);
+            extrapolation.change(dynamics, order, |rates| variable.write(rates, t, first, values));
+            dynamics.inputs.flow_taken |= extrapolation.takes_flow();
+            dynamics.extrapolation = Some(extrapolation);
         }
     }
 }
@@ -914,27 +912,4 @@ impl InputChange<'_> {
 /// The largest absolute value.
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |max, x| max.max(x.abs()))
-}
-
-/// The factor of the next step size after a step whose error was `size` times the tolerance, for errors proportional to the step to
-/// the power `order`. The expected error is [`SAFETY`] to that power times the tolerance (E. Hairer, S. P. Nørsett & G. Wanner, Solving Ordinary Differential Equations I,
-/// section II.4).
-fn step_factor(size: f64, order: u32) -> f64 {
-    SAFETY * size.powf(-1.0 / f64::from(order))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_next_step_has_the_error_that_is_aimed_at() {
-        for order in 1..=4 {
-            for size in [1e-3_f64, 0.5, 1.0, 8.0, 1e4] {
-                let next = size * step_factor(size, order).powi(order as i32);
-                let aim = SAFETY.powi(order as i32);
-                assert!((next / aim - 1.0).abs() < 1e-14, "order {order}: {next} of the tolerance, aimed at {aim}");
-            }
-        }
-    }
 }

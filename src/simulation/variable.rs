@@ -9,7 +9,7 @@ use crate::error::{Error, nearest};
 use crate::fluid::{DENSITY, Force, Layer, Layers, PowerKind};
 use crate::metrics::RunMetrics;
 use crate::model::{Dynamics, Inputs, Mechanics, Model};
-use crate::newton::Work;
+use crate::newton::SolverWork;
 use crate::rod::{DampedRate, bend, node};
 use crate::scene::parameter::MATERIAL;
 use crate::system::{Form, State};
@@ -66,7 +66,7 @@ pub struct View<'a> {
     /// The last whole cycles.
     pub cycles: &'a Cycles,
     /// Work of Newton's method.
-    pub work: Work,
+    pub work: SolverWork,
     /// Largest internal step, s.
     pub time_step: f64,
 }
@@ -547,7 +547,7 @@ impl Variable {
     /// Sets its entries from index `first` on at time `t` (s). The caller must have checked values and length.
     pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, first: usize, values: &[f64]) {
         if let Some([i, order]) = self.head {
-            dynamics.say_head(t, i, order, values[0], false);
+            dynamics.set_head_derivative(t, i, order, values[0], false);
         }
         if let Some(set) = self.set {
             set(dynamics, t, values);
@@ -747,7 +747,7 @@ fn has_held_head(model: &Model) -> bool {
 /// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: as last given by the host, or else as it moves.
 fn given_head(view: &View<'_>, i: usize, order: usize) -> f64 {
     let host = view.inputs.head.as_ref().and_then(|host| host.axes[i].as_ref());
-    host.and_then(|axis| axis.said(order)).unwrap_or_else(|| head(view, i, order))
+    host.and_then(|axis| axis.given_derivative(order)).unwrap_or_else(|| head(view, i, order))
 }
 
 /// How the head moves.
@@ -871,10 +871,10 @@ pub static VARIABLES: &[Variable] = &[
     output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.metrics.now.energy.kinetic).recorded(),
     output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.metrics.now.energy.fluid).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("actuation_power_w", "W", "power put in by the moving natural curvature and by active moments", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
-    output("material_power_w", "W", "power taken by the damped material", |v, _| v.metrics.now.power.material).when(DAMPED).fed(&MATERIAL_POWER).recorded().elastic(),
-    output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.metrics.now.power.viscous).fed(&FLUID).recorded(),
-    output("wake_power_w", "W", "power taken by the wake", |v, _| v.metrics.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("spray_power_w", "W", "power taken by the spray at interfaces", |v, _| v.metrics.now.power.spray).when(SPRAY).fed(&FLUID).recorded(),
+    output("material_power_w", "W", "power dissipated by the damped material", |v, _| v.metrics.now.power.material).when(DAMPED).fed(&MATERIAL_POWER).recorded().elastic(),
+    output("viscous_power_w", "W", "power dissipated by drag", |v, _| v.metrics.now.power.viscous).fed(&FLUID).recorded(),
+    output("wake_power_w", "W", "power lost to the wake", |v, _| v.metrics.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("spray_power_w", "W", "power lost to the spray at interfaces", |v, _| v.metrics.now.power.spray).when(SPRAY).fed(&FLUID).recorded(),
     output("other_power_w", "W", "power put in by other forces, such as loads that follow the rod", |v, _| v.metrics.now.power.other).when(OTHER_FORCES).recorded(),
     output("load_power_w", "W", "power put in by gravity, point loads that keep their direction, and host forces", |v, _| v.metrics.now.power.load).fed(&LOADS).recorded(),
     output("head_power_w", "W", "power put in by the held head", |v, _| v.metrics.now.power.head).fed(&HEAD_POWER).fed_in(has_held_head).recorded(),
@@ -905,14 +905,14 @@ pub static VARIABLES: &[Variable] = &[
     output("body_angle_rad", "rad", "direction of the head body's axis, along which the rod begins, from +x", |v, _| body_angle(v.state)).when(BODY).changing(body_angle_change).recorded(),
     output("drag_force_x_n", "N", "force of drag on the rod, x", |v, _| v.metrics.now.resultants.drag.x).when(FLUID_THERE).fed(&FLUID).recorded(),
     output("drag_force_y_n", "N", "force of drag on the rod, y", |v, _| v.metrics.now.resultants.drag.y).when(FLUID_THERE).fed(&FLUID).recorded(),
-    output("reactive_force_x_n", "N", "force on the rod of the fluid that it accelerates, the wake apart, x", |v, _| v.metrics.now.resultants.inertia.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("reactive_force_y_n", "N", "force on the rod of the fluid that it accelerates, the wake apart, y", |v, _| v.metrics.now.resultants.inertia.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("reactive_force_x_n", "N", "force of the accelerated fluid on the rod, without the wake, x", |v, _| v.metrics.now.resultants.inertia.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("reactive_force_y_n", "N", "force of the accelerated fluid on the rod, without the wake, y", |v, _| v.metrics.now.resultants.inertia.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("wake_force_x_n", "N", "force on the tip of the wake that leaves it, x", |v, _| v.metrics.now.resultants.wake.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("wake_force_y_n", "N", "force on the tip of the wake that leaves it, y", |v, _| v.metrics.now.resultants.wake.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("rod_momentum_x_n_s", "N s", "momentum of the rod, x", |v, _| v.metrics.now.momentum.rod.x).when(INERTIAL_FLUID).recorded(),
     output("rod_momentum_y_n_s", "N s", "momentum of the rod, y", |v, _| v.metrics.now.momentum.rod.y).when(INERTIAL_FLUID).recorded(),
-    output("fluid_momentum_x_n_s", "N s", "momentum of the fluid that the rod accelerates, against the flow, x", |v, _| v.metrics.now.momentum.fluid.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("fluid_momentum_y_n_s", "N s", "momentum of the fluid that the rod accelerates, against the flow, y", |v, _| v.metrics.now.momentum.fluid.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("fluid_momentum_x_n_s", "N s", "momentum of the fluid that the rod accelerates, relative to the flow, x", |v, _| v.metrics.now.momentum.fluid.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("fluid_momentum_y_n_s", "N s", "momentum of the fluid that the rod accelerates, relative to the flow, y", |v, _| v.metrics.now.momentum.fluid.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("drag_impulse_x_n_s", "N s", "impulse of drag since the start, x", |v, _| v.metrics.totals.impulse.drag.x).when(INERTIAL_FLUID),
     output("drag_impulse_y_n_s", "N s", "impulse of drag since the start, y", |v, _| v.metrics.totals.impulse.drag.y).when(INERTIAL_FLUID),
     output("wake_impulse_x_n_s", "N s", "impulse of the wake since the start, x", |v, _| v.metrics.totals.impulse.wake.x).when(INERTIAL_FLUID),
@@ -928,18 +928,18 @@ pub static VARIABLES: &[Variable] = &[
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.metrics.net_displacement()),
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral),
     output("actuation_work_j", "J", "work put in by the moving natural curvature and by active moments since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
-    output("material_work_j", "J", "work taken by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded(),
-    output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
-    output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
-    output("spray_work_j", "J", "work taken by the spray at interfaces since the start", |v, _| v.metrics.totals.work.spray).when(SPRAY).recorded(),
+    output("material_work_j", "J", "work dissipated by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded(),
+    output("viscous_work_j", "J", "work dissipated by drag since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
+    output("wake_work_j", "J", "work lost to the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
+    output("spray_work_j", "J", "work lost to the spray at interfaces since the start", |v, _| v.metrics.totals.work.spray).when(SPRAY).recorded(),
     output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.metrics.totals.work.other).when(OTHER_FORCES).recorded(),
     output("load_work_j", "J", "work put in by loads since the start", |v, _| v.metrics.totals.work.load).recorded(),
     output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.metrics.totals.work.head).recorded(),
     output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.metrics.totals.work.flow).fed(&FLUID).fed_in(has_inertial_fluid).recorded(),
     output("numerical_dissipation_j", "J", "defect of the energy balance since the start", |v, _| v.metrics.numerical_dissipation()).recorded(),
-    output("steps", "1", "steps made", |v, _| v.metrics.totals.steps as f64),
-    output("newton_iterations", "1", "Newton iterations made", |v, _| v.work.newton_iterations as f64),
-    output("step_halvings", "1", "times that a step was halved", |v, _| v.metrics.totals.halvings as f64),
+    output("steps", "1", "number of steps", |v, _| v.metrics.totals.steps as f64),
+    output("newton_iterations", "1", "number of Newton iterations", |v, _| v.work.newton_iterations as f64),
+    output("step_halvings", "1", "number of halved steps", |v, _| v.metrics.totals.halvings as f64),
     output("x_m", "m", "nodes, x", |v, k| v.state.q[2 * k]).sized(Size::Nodes),
     output("y_m", "m", "nodes, y", |v, k| v.state.q[2 * k + 1]).sized(Size::Nodes),
     output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
@@ -948,7 +948,7 @@ pub static VARIABLES: &[Variable] = &[
     output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.metrics.now.moment[k] * bend::curvature_per_turning(v.metrics.now.kappa[k])).sized(Size::Joints).fed(&OWN_NATURAL).changing(joint_moment_change),
 
     output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0),
-    output("cycles_periodic", "1", "1 where these cycles are alike to 1 %, else 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t), v.dynamics.model.rod.length).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0),
+    output("cycles_periodic", "1", "1 if these cycles differ by at most 1 %, otherwise 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t), v.dynamics.model.rod.length).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0),
     average(&cycle::PERIOD, |v, _| v.average(&cycle::PERIOD)),
     average(&cycle::SPEED, |v, _| v.average(&cycle::SPEED)),
     average(&cycle::FORWARD_SPEED, |v, _| v.average(&cycle::FORWARD_SPEED)),
@@ -976,10 +976,10 @@ pub static VARIABLES: &[Variable] = &[
 
     input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length; of a sine-wave a factor of its curvature", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(CURVATURES),
     input("actuation_moment_n_m", "N m", "amplitude of the actuation's active moment", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(MOMENTS),
-    input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(ACTUATION).at_least_zero(),
+    input("actuation_frequency_hz", "Hz", "frequency of the actuation; the phase stays continuous when it changes", |v, _| v.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(ACTUATION).at_least_zero(),
     input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(ACTUATION),
-    input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, beside the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), |d, first, x| set_joints(d, |inputs| &mut inputs.natural, first, x)),
-    input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, that bends them against their stiffness, beside the actuation's; the shape model takes the curvature that it would bend them to", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
+    input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, in addition to the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), |d, first, x| set_joints(d, |inputs| &mut inputs.natural, first, x)),
+    input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, which bends them against their stiffness, in addition to the actuation's; the shape model takes the curvature to which it would bend them", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
     input_array("force_x_n", "N", "the host's forces on the nodes, x", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k), |d, first, x| set_force(d, 0, first, x)),
     input_array("force_y_n", "N", "the host's forces on the nodes, y", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k + 1), |d, first, x| set_force(d, 1, first, x)),
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(FLUID_THERE).at_least_zero(),

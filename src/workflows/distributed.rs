@@ -90,7 +90,7 @@ impl<T: Serialize> Bundle<T> {
     /// # Errors
     /// [`Error::Parcel`] if it cannot be serialised.
     pub fn bytes(&self) -> Result<Vec<u8>> {
-        postcard::to_allocvec(self).map_err(|e| Error::Parcel { problem: e.to_string() })
+        postcard::to_allocvec(self).map_err(|e| Error::Bundle { problem: e.to_string() })
     }
 }
 
@@ -100,11 +100,11 @@ impl<T: DeserializeOwned> Bundle<T> {
     /// # Errors
     /// [`Error::Parcel`] for another build, or damaged bytes.
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let failed = |e: postcard::Error| Error::Parcel { problem: e.to_string() };
+        let failed = |e: postcard::Error| Error::Bundle { problem: e.to_string() };
         let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // what follows may be others'
         let own = BUILD;
         if version != own {
-            return Err(Error::Parcel { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
+            return Err(Error::Bundle { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
         }
         postcard::from_bytes(bytes).map_err(failed)
     }

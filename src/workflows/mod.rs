@@ -1,4 +1,4 @@
-//! What users do with scenes, on threads or on distributed workers: run, study, sweep, design.
+//! Workflows on scenes, on threads or on distributed workers: run, study, sweep, design.
 
 #[cfg(feature = "report")]
 pub mod distributed;

@@ -140,7 +140,7 @@ fn functions_of_time_replace_each_other_and_their_keys_change_them() {
 #[test]
 fn what_excludes_each_other_is_refused_in_one_layer_and_settled_between_layers() {
     let both = outcome(&["solver.tolerance=1e-3", "solver.integrator=esdirk3", "solver.time_step_s=1e-3"]).unwrap_err();
-    assert!(both.contains("found beside time_step_s; allowed: one of the two"), "{both}");
+    assert!(both.contains("found together with time_step_s; allowed: one of the two"), "{both}");
     // A later layer takes the place of an earlier one.
     let mut document = Document::new("tail.toml", TAIL);
     document.set("solver.integrator=esdirk3").unwrap();
@@ -150,7 +150,7 @@ fn what_excludes_each_other_is_refused_in_one_layer_and_settled_between_layers()
     assert!(document.scene().unwrap().solver.time_step_s.is_none());
     let mut again = Document::new("tail.toml", TAIL);
     again.set_override_lines(document.override_lines().iter().map(String::as_str)).unwrap();
-    assert_eq!(again.scene().unwrap().pace(), document.scene().unwrap().pace());
+    assert_eq!(again.scene().unwrap().step_control(), document.scene().unwrap().step_control());
     // A parameter stays with its method.
     let beta = |overrides: &[&str]| outcome(overrides).unwrap().0.solver.parameters.get("beta").cloned();
     assert_eq!(beta(&["solver.integrator=newmark"]), Some(toml::Value::Float(0.3)));
@@ -200,7 +200,7 @@ fn axes_and_settings_that_exclude_each_other_are_refused() {
     let adaptive = "solver.integrator = [\"esdirk3\"]\n";
     let both = sweep(&format!("[axes]\nsolver.time_step_s = [1e-3, 5e-3]\n{adaptive}solver.tolerance = [1e-3]\n"), &[]);
     let error = both.unwrap().job(1).unwrap_err().to_string();
-    assert!(error.contains("found beside time_step_s; allowed: one of the two (in case "), "{error}");
+    assert!(error.contains("found together with time_step_s; allowed: one of the two (in case "), "{error}");
     let steps = format!("[axes]\nsolver.time_step_s = [1e-3, 5e-3]\n{adaptive}");
     for (text, set) in [
         (format!("[set]\nsolver.tolerance = 1e-3\n{steps}"), &[][..]),
@@ -210,7 +210,7 @@ fn axes_and_settings_that_exclude_each_other_are_refused() {
         (format!("[set]\nsolver.time_step_s = 2e-3\n{steps}"), &[]),
     ] {
         let error = sweep(&text, set).unwrap_err().to_string();
-        assert!(error.contains("found beside the axis `solver.time_step_s`, which takes its place"), "{error}");
+        assert!(error.contains("found together with the axis `solver.time_step_s`, which takes its place"), "{error}");
     }
     // What is set would be lost, as a key within the axis', or as the one around it; of a list the axis sets an entry.
     let [inside, around] = [

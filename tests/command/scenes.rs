@@ -129,7 +129,7 @@ const MISTAKES: &[Mistake] = &[
     ("stiffness_gradient = 1.0", "stiffness_gradient = -1.0", 0, "rod.stiffness_gradient", "found -1; allowed: a number above -1"),
     ("kappa_amp = 0.6", "kappa_amp = inf", 0, "actuation.kappa_amp", "found inf; allowed: a finite number"),
     ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it; moment_amp_n_m may stand in its place"),
-    ("kappa_amp = 0.6", "kappa_amp = 0.6\nmoment_amp_n_m = 0.1", 0, "actuation.kappa_amp", "found beside moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
+    ("kappa_amp = 0.6", "kappa_amp = 0.6\nmoment_amp_n_m = 0.1", 0, "actuation.kappa_amp", "found together with moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
     ("kappa_amp = 0.6", "moment_amp_n_m = 0.1", 1, "actuation.kappa_reference_length_m", "found with moment_amp_n_m; allowed: with kappa_amp, a curvature"),
     ("kappa_amp = 0.6", "moment_amp_n_m = \"strong\"", 0, "actuation.moment_amp_n_m", "found \"strong\"; ..."),
     ("name = \"full\"", "nodes = 9", 0, "nodes", "unknown key; ..."),
@@ -185,9 +185,9 @@ const MISTAKES: &[Mistake] = &[
     ("\"ramp\"", "\"rampe\"", 0, "start.kind", "found \"rampe\"; allowed: `jump`, `ramp`, `shaped`; did you mean `ramp`?"),
     ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `cox`, `lighthill`, `gray-hancock`, `spheroid`, `coefficients`, `wall`, `weak-inertia`, `cross-flow`, `nonlocal`, `stokes-like`, `auto`; did you mean `stokes-like`?"),
     ("\"driven\"", "\"held\"", 0, "head.kind", "found \"held\"; allowed: `free`, `clamped`, `driven`"),
-    ("time_step_s = 5e-3", "time_step_s = 5e-3\ntolerance = 1e-4", 1, "solver.tolerance", "found beside time_step_s; allowed: one of the two"),
+    ("time_step_s = 5e-3", "time_step_s = 5e-3\ntolerance = 1e-4", 1, "solver.tolerance", "found together with time_step_s; allowed: one of the two"),
     ("time_step_s = 5e-3", "tolerance = 1e-4", 0, "solver.tolerance", "found with integrator = \"newmark\"; allowed: only with esdirk3"),
-    ("every = 1", "every = 1\ninterval_s = 0.1", 1, "record.interval_s", "found beside every; allowed: one of the two"),
+    ("every = 1", "every = 1\ninterval_s = 0.1", 1, "record.interval_s", "found together with every; allowed: one of the two"),
     ("\"newmark\"", "\"newmarc\"", 0, "solver.integrator", "found \"newmarc\"; allowed: implicit-euler, ..."),
     // missing keys: the line is that of their table
     ("length_m = 1.0\n", "", -2, "rod.length_m", "missing; it has no default"),
@@ -199,7 +199,7 @@ const MISTAKES: &[Mistake] = &[
     ("force_n = [0.5, 0]\n", "", -2, "loads.point.1.force_n", "missing; it has no default"),
     ("time_step_s = 5e-3\n", "", -4, "solver.time_step_s", "missing; integrator = \"newmark\" has no default"),
     // keys that do not go together
-    ("stiffness_gradient = 1.0", "stiffness_gradient = 1.0\nstiffness_profile = [[0.0, 1.0]]", 1, "rod.stiffness_profile", "found beside stiffness_gradient; allowed: one of the two"),
+    ("stiffness_gradient = 1.0", "stiffness_gradient = 1.0\nstiffness_profile = [[0.0, 1.0]]", 1, "rod.stiffness_profile", "found together with stiffness_gradient; allowed: one of the two"),
     ("kind = \"ramp\"", "kind = \"jump\"", 1, "start.ramp_s", "found without kind = \"ramp\"; allowed: only with it"),
     ("kind = \"ramp\"\n", "", 0, "start.ramp_s", "found without kind = \"ramp\"; allowed: only with it"),
     ("[medium]\nviscosity_pa_s = 1e-3\ndensity_kg_m3 = 1000.0\nflow_m_s = [0.1, 0.0]\n", "", 0, "drag", "found without [medium], which has the viscosity; add it or remove [drag]"),
@@ -508,7 +508,7 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
 fn an_override_takes_the_place_of_what_it_excludes() {
     let scene = |overrides: &[&str]| common::scene_of(FULL, overrides);
     let adaptive = scene(&["solver.integrator=esdirk3", "solver.tolerance=1e-3"]);
-    assert_eq!(adaptive.pace(), StepControl::Adaptive(1e-3));
+    assert_eq!(adaptive.step_control(), StepControl::Adaptive(1e-3));
     assert_eq!((adaptive.solver.time_step_s, adaptive.solver.parameters.len()), (None, 0));
     // Of what excludes each other and is asked for together none is dropped.
     let mut both = Document::new("folder/scene.toml", FULL);
@@ -518,7 +518,7 @@ fn an_override_takes_the_place_of_what_it_excludes() {
     let error = both.scene().unwrap_err().to_string();
     assert_eq!(
         error,
-        "override solver.tolerance=1e-3: solver.tolerance: found beside time_step_s; allowed: one of the two"
+        "override solver.tolerance=1e-3: solver.tolerance: found together with time_step_s; allowed: one of the two"
     );
     assert!(scene(&["record.interval_s=0.5"]).record.every.is_none());
     assert!(scene(&["rod.stiffness_profile=[[0.0, 1.0]]"]).rod.stiffness_gradient.is_none());
@@ -528,7 +528,7 @@ fn an_override_takes_the_place_of_what_it_excludes() {
 fn a_scene_that_names_neither_method_nor_step_gets_a_method_that_chooses_its_steps() {
     let text = SOFT.replace("integrator = \"implicit-euler\"\ntime_step_s = 2e-3\n", "");
     let scene = common::scene_of(&text, &[]);
-    assert!(matches!(scene.pace(), StepControl::Adaptive(_)) && scene.steps().is_none());
+    assert!(matches!(scene.step_control(), StepControl::Adaptive(_)) && scene.steps().is_none());
     assert!(Method::named(scene.integrator_name()).unwrap().adaptive);
     assert_eq!(scene.spans().collect::<Vec<_>>(), [1.0]);
 }

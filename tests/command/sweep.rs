@@ -327,7 +327,7 @@ fn an_interrupted_sweep_ends_with_130_and_goes_on_with_the_same_command() {
     crate::interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("the same command goes on"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("the same command resumes"), "{}", text(&output.stderr));
     assert!(!out.join("table.csv").exists());
     // Another scene is not mixed in, unless all begins anew.
     let other = ["--set", "solver.duration_s=0.002"];
@@ -457,7 +457,7 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
         ("[samples]\ncounts = 3\n[axes]\nrod.length_m = [1.0]", 3, "did you mean `count`?"),
         ("[axes]\nrod.length_m = { factors = [0.0, 1.0] }", 3, "finite numbers that are not zero"),
         ("[axes]\nrod.length_m = { factor = [0.5, 1.0], keys = [\"rod.length_m\"] }", 3, "unknown key"),
-        ("[axes]\nrod.length_m = { values = [1.0], factors = [0.5] }", 3, "found values beside factors"),
+        ("[axes]\nrod.length_m = { values = [1.0], factors = [0.5] }", 3, "found values together with factors"),
         ("[axes]\nstart.ramp_s.factors = [0.5]", 3, "which the base scene does not give"),
         ("[axes]\nsolver.integrator.factors = [0.5]", 3, "is no number"),
         ("[axes.a]\nzip.rod.length_m = [1.0, 2.0]\nzip.rod.nodes = [9]", 3, "lists of the same length"),

@@ -62,7 +62,7 @@ fn a_tolerance_costs_one_per_cent() {
         seen += 1;
     }
     assert!(seen >= 1, "{:?}", found.tolerances);
-    assert!(design.lines.iter().any(|line| line.starts_with("what costs 1 %")), "{:?}", design.lines);
+    assert!(design.lines.iter().any(|line| line.starts_with("tolerance for a 1 % loss")), "{:?}", design.lines);
 }
 
 /// Triangles of an STL, in metres.

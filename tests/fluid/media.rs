@@ -3,7 +3,7 @@
 use crate::common;
 use std::sync::Arc;
 
-use caudal::fluid::medium::{BEYOND, LocalFluid};
+use caudal::fluid::medium::{LAYER_KEYS, LocalFluid};
 use caudal::fluid::{DENSITY, Fluid, FluidRuns, Layer, Layers, VISCOSITY};
 use caudal::integrator::METHODS;
 use caudal::linear::Direction;
@@ -146,8 +146,8 @@ fn moved(scene: &Scene, key: &str, by: f64) -> Problem {
     *match key {
         VISCOSITY => &mut inputs.fluid.viscosity,
         DENSITY => &mut inputs.fluid.density,
-        key if key == BEYOND[0][0] => &mut layer.fluid.viscosity,
-        key if key == BEYOND[0][1] => &mut layer.fluid.density,
+        key if key == LAYER_KEYS[0][0] => &mut layer.fluid.viscosity,
+        key if key == LAYER_KEYS[0][1] => &mut layer.fluid.density,
         _ => &mut layer.offset,
     } += by;
     problem
@@ -157,7 +157,13 @@ fn moved(scene: &Scene, key: &str, by: f64) -> Problem {
 fn sensitivities_to_the_properties_on_either_side_and_the_place_of_the_interface_are_those_of_differences() {
     let heads =
         ["head.kind=free", "head={ kind = \"driven\", position_m = { amplitude = [0.01, 0.05], frequency_hz = 1.0 } }"];
-    let sizes = [(VISCOSITY, 5.0), (DENSITY, 1260.0), (BEYOND[0][0], 0.5), (BEYOND[0][1], 300.0), (BEYOND[0][2], 0.02)];
+    let sizes = [
+        (VISCOSITY, 5.0),
+        (DENSITY, 1260.0),
+        (LAYER_KEYS[0][0], 0.5),
+        (LAYER_KEYS[0][1], 300.0),
+        (LAYER_KEYS[0][2], 0.02),
+    ];
     let (mut worst, mut apart): (f64, f64) = (0.0, 0.0);
     for (head, method) in heads.iter().flat_map(|head| [(head, "newmark"), (head, "implicit-euler")]) {
         let scene = crossing(method, head, &[]);
@@ -345,7 +351,7 @@ fn what_layers_cannot_be_is_refused_with_its_key_and_a_remedy() {
             &[beyond, "loads.gravity_m_s2=[1.0, -9.81]"],
             "medium.beyond.normal: found [0, 1], which is not along the normal",
         ),
-        (&[beyond, &one], "medium.beyond: found beside [[medium.layers]]"),
+        (&[beyond, &one], "medium.beyond: found together with [[medium.layers]]"),
         (&[beyond, "medium.beyond.normal=[0.0, 0.0]"], "medium.beyond.normal: found [0, 0]; allowed: a direction"),
         (&[beyond, "medium.beyond.thickness_m=0.0"], "medium.beyond.thickness_m: found 0; allowed: a positive number"),
         (&[&none], "medium.layers.0.normal: missing"),

@@ -78,9 +78,9 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
         let mut scene = Scene::load(&path).unwrap();
         scene.solver.parameters.clear();
         scene = scene.with_duration(scene.solver.duration_s.get().min(0.5)); // the start is the hard part
-        let mut ends = |integrator: Option<&str>, pace: StepControl| {
+        let mut ends = |integrator: Option<&str>, step_control: StepControl| {
             scene.solver.integrator = integrator.map(str::to_string);
-            let scene = scene.with_pace(pace);
+            let scene = scene.with_step_control(step_control);
             let end = run(&scene);
             let notes =
                 Summary::of(&scene, &end, &Outcome { ending: Ending::Complete, wall: Duration::ZERO }, &[]).notes;
@@ -95,7 +95,7 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
         // What a law leaves its range by is no matter of the method.
         // And a column under a sudden thrust rings along itself, of which the method takes 10 % within this time, as it is to do.
         let rings = path.ends_with("beck-column.toml");
-        let taken = |note: &String| rings && note.contains("was taken by the method itself");
+        let taken = |note: &String| rings && note.contains("was dissipated by the method itself");
         let notes: Vec<_> = notes.iter().filter(|note| !note.contains(" outside ") && !taken(note)).collect();
         assert!(notes.is_empty(), "{path:?}: {notes:?}");
         let exact = ends(Some("esdirk3"), StepControl::Adaptive(1e-5)).1;

@@ -265,13 +265,13 @@ fn measured_stiffness_and_mass_are_those_of_the_section_that_gives_them() {
 fn keys_of_the_material_that_contradict_each_other_are_refused_by_name() {
     let cases: [(&[&str], &str); 8] = [
         (&["rod.damping_time_s=-0.1"], "a number that is not negative"),
-        (&["rod.damping_time_s=0.1", "rod.loss_factor=0.1"], "beside damping_time_s"),
+        (&["rod.damping_time_s=0.1", "rod.loss_factor=0.1"], "together with damping_time_s"),
         (&["rod.loss_factor=0.1", "actuation.frequency_hz=0.0"], "without a frequency"),
         (&["rod.loss_frequency_hz=1.0"], "without loss_factor"),
         (&["rod.damping_of=elastic"], "without damping_time_s and loss_factor"),
         (&["rod.damping_time_s={shear=1.0}"], "shear"),
-        (&["rod.axial_stiffness_n=1.0", "rod.bending_stiffness_n_m2=1.0"], "without one of them"),
-        (&["rod.mass_per_length_kg_m=1.0"], "beside density_kg_m3"),
+        (&["rod.axial_stiffness_n=1.0", "rod.bending_stiffness_n_m2=1.0"], "with only one of them"),
+        (&["rod.mass_per_length_kg_m=1.0"], "together with density_kg_m3"),
     ];
     for (changes, expected) in cases {
         let mut document = Document::new("soft", SOFT.to_string());
@@ -356,7 +356,10 @@ fn a_loss_factor_holds_at_the_one_frequency_of_what_moves_the_rod() {
         let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
         let all = [&["rod.loss_factor=0.1"], &changes[..]].concat();
         let error = common::document_of("soft.toml", SOFT, &all).scene().unwrap_err().to_string();
-        assert!(error.contains("which do not say the frequency") && error.contains("rod.loss_frequency_hz"), "{error}");
+        assert!(
+            error.contains("so that its frequency is ambiguous") && error.contains("rod.loss_frequency_hz"),
+            "{error}"
+        );
     }
 }
 

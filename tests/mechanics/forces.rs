@@ -6,7 +6,7 @@ use caudal::fluid::audit::audit;
 use caudal::fluid::body::{self, BodyDrag, BodyInertia};
 use caudal::fluid::force::{self, Force, StateDerivatives};
 use caudal::fluid::laws::{LAWS, LawInputs};
-use caudal::fluid::medium::{BEYOND, Layer, Property};
+use caudal::fluid::medium::{LAYER_KEYS, Layer, Property};
 use caudal::fluid::reactive::Wake;
 use caudal::fluid::{Buoyancy, DENSITY, Fluid, HeadWeight, Kinematics, Layers, PowerKind, Reactive, Spray, VISCOSITY};
 use caudal::loads::FollowerLoads;
@@ -127,7 +127,7 @@ impl Case {
     /// A property of the medium.
     fn property(&mut self, key: &str) -> &mut f64 {
         let property =
-            [VISCOSITY, DENSITY].into_iter().chain(BEYOND.concat()).find(|own| *own == key).and_then(Property::of);
+            [VISCOSITY, DENSITY].into_iter().chain(LAYER_KEYS.concat()).find(|own| *own == key).and_then(Property::of);
         let Self { fluid, layers, .. } = self;
         match property.unwrap() {
             Property::Viscosity(0) => &mut fluid.viscosity,
@@ -256,7 +256,7 @@ fn a_force_changes_with_its_parameters_as_it_says() {
     // Measured: at most 4.0e-11.
     worst("parameters", 1e-9, |force, case, _| {
         let mut worst: f64 = 0.0;
-        let beyond = BEYOND.iter().take(case.layers.map_or(0, |layers| layers.iter().len())).flatten();
+        let beyond = LAYER_KEYS.iter().take(case.layers.map_or(0, |layers| layers.iter().len())).flatten();
         let own = force.parameters().iter().filter(|key| [VISCOSITY, DENSITY].contains(key));
         for key in own.chain(beyond) {
             let mut exact = vec![0.0; 2 * NODES];

@@ -199,7 +199,7 @@ fn a_second_iteration_that_solves_of_the_step_foresee_would_have_moved_less_than
             scene.solver.integrator = Some("esdirk3".to_string());
             scene.solver.parameters.clear();
             scene.solver.newton_tolerance = None;
-            let scene = scene.with_pace(StepControl::Adaptive(tolerance));
+            let scene = scene.with_step_control(StepControl::Adaptive(tolerance));
             let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
             let mut newton = Newton::new(nodes, 1e-12).unwrap();
             let mut stepper = Stepper::of(&scene).unwrap();

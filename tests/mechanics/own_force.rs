@@ -335,7 +335,7 @@ fn values() -> [f64; 3] {
 
 fn stepper(scene: &Scene, form: Form) -> Stepper {
     let newton = Newton::with(form, scene.solver.linear, scene.rod.nodes.get(), 1e-12).unwrap();
-    Stepper::init(model(scene, values()), scene.integrator().unwrap(), newton, scene.pace()).unwrap()
+    Stepper::init(model(scene, values()), scene.integrator().unwrap(), newton, scene.step_control()).unwrap()
 }
 
 /// A spring that says otherwise what it is.
@@ -430,9 +430,9 @@ fn its_jacobian_is_that_of_its_residual() {
             (state.v, state.a) = (dice.many(18, -1.0, 1.0), dice.many(18, -5.0, 5.0));
             dynamics.move_to(0.2, &mut state);
             let mut matrix = BandMatrix::new(9);
-            let mut room = vec![0.0; 18];
+            let mut workspace = vec![0.0; 18];
             let linearisation = Linearisation { matrix: &mut matrix, direction: along };
-            dynamics.unconstrained(&state, &mut room, Some(linearisation)).unwrap();
+            dynamics.unconstrained(&state, &mut workspace, Some(linearisation)).unwrap();
             let (mut worst, mut size): (f64, f64) = (0.0, 0.0);
             for j in 0..18 {
                 let mut at = |by: f64| {
@@ -599,7 +599,7 @@ fn a_stepper_of_another_model_moves_as_that_model_and_knows_its_snapshots() {
         model(&scene, [coefficient, mass, 2.0 * stiffness]),
         scene.integrator().unwrap(),
         Newton::with(Form::Positions, scene.solver.linear, 9, 1e-12).unwrap(),
-        scene.pace(),
+        scene.step_control(),
     );
     assert!(matches!(other.unwrap().restore(&by_hand.save()), Err(caudal::Error::Snapshot(_))));
     assert!(matches!(own.change_parameters(&scene), Err(caudal::Error::Scene { .. })));

@@ -119,7 +119,7 @@ fn readings_between_steps_are_as_good_as_those_at_their_ends_whatever_rod_head_m
         // The same motion in small steps.
         let mut truth = match scene.solver.model.as_str() {
             "full" => Stepper::of(&scene.reference()).unwrap(),
-            _ => Stepper::of(&scene.with_pace(StepControl::Adaptive(1e-7))).unwrap(),
+            _ => Stepper::of(&scene.with_step_control(StepControl::Adaptive(1e-7))).unwrap(),
         };
         let variables = recorded(&truth);
         let (mut steps, mut looks, mut from) = (0, 0, 0.0);

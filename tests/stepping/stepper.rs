@@ -286,7 +286,7 @@ fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_
         ("nodes", scene.with_nodes(11)),
         ("whole", scene.reference()),
         ("duration", scene.with_duration(0.123)),
-        ("pace", scene.with_pace(StepControl::Fixed(1e-3))),
+        ("pace", scene.with_step_control(StepControl::Fixed(1e-3))),
         ("method", scene.with_method(newmark, &newmark.defaults())),
         ("model", scene.with_model(MODELS[0])),
         ("modulus", scene.with_modulus(1.0 + 2.0 * f64::EPSILON)),

@@ -81,9 +81,9 @@ thread_local! {
 }
 
 /// Why a call was refused.
-struct Refusal(caudal_status, String);
+struct CallError(caudal_status, String);
 
-impl From<Error> for Refusal {
+impl From<Error> for CallError {
     fn from(error: Error) -> Self {
         let status = match &error {
             Error::Scene { .. } | Error::Several(_) | Error::Read { .. } => CAUDAL_WRONG_SCENE,
@@ -98,25 +98,25 @@ impl From<Error> for Refusal {
     }
 }
 
-type Outcome<T = ()> = Result<T, Refusal>;
+type CallResult<T = ()> = Result<T, CallError>;
 
-fn refuse<T>(message: impl Into<String>) -> Outcome<T> {
-    Err(Refusal(CAUDAL_WRONG_CALL, message.into()))
+fn refuse<T>(message: impl Into<String>) -> CallResult<T> {
+    Err(CallError(CAUDAL_WRONG_CALL, message.into()))
 }
 
 /// Runs `work`, keeps its message and returns its status.
-fn call(work: impl FnOnce() -> Outcome) -> caudal_status {
+fn call(work: impl FnOnce() -> CallResult) -> caudal_status {
     let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => return CAUDAL_OK,
-        Ok(Err(Refusal(status, message))) => (status, message),
+        Ok(Err(CallError(status, message))) => (status, message),
         Err(_) => (CAUDAL_BROKEN, "internal error".to_string()),
     };
-    say(message);
+    set_message(message);
     status
 }
 
 /// Keeps the message of this thread; not in one that ends, whose own values may be gone.
-fn say(message: impl Into<String>) {
+fn set_message(message: impl Into<String>) {
     let message = CString::new(message.into().replace('\0', "")).unwrap_or_default();
     let _ = MESSAGE.try_with(|last| last.replace(message));
 }
@@ -127,12 +127,12 @@ fn say(message: impl Into<String>) {
 /// `simulation` is null or a simulation that no other thread uses now.
 unsafe fn on(
     simulation: *mut caudal_simulation,
-    work: impl FnOnce(&mut caudal_simulation) -> Outcome,
+    work: impl FnOnce(&mut caudal_simulation) -> CallResult,
 ) -> caudal_status {
     // SAFETY: the caller's promise.
     let Some(simulation) = (unsafe { simulation.as_mut() }) else { return call(|| refuse("no simulation")) };
     if simulation.broken {
-        say("this simulation broke down before");
+        set_message("this simulation broke down before");
         return CAUDAL_BROKEN;
     }
     let status = call(|| work(simulation));
@@ -142,7 +142,7 @@ unsafe fn on(
 
 /// # Safety
 /// `text` is null or ends with a zero.
-unsafe fn text<'a>(text: *const c_char, what: &str) -> Outcome<&'a str> {
+unsafe fn text<'a>(text: *const c_char, what: &str) -> CallResult<&'a str> {
     if text.is_null() {
         return refuse(format!("no {what}"));
     }
@@ -152,7 +152,7 @@ unsafe fn text<'a>(text: *const c_char, what: &str) -> Outcome<&'a str> {
 
 /// # Safety
 /// `start` is null or points to `length` values.
-unsafe fn values<'a, T>(start: *const T, length: usize) -> Outcome<&'a [T]> {
+unsafe fn values<'a, T>(start: *const T, length: usize) -> CallResult<&'a [T]> {
     match (start.is_null(), length) {
         (_, 0) => Ok(&[]),
         (false, length) if length <= isize::MAX as usize / size_of::<T>() => {
@@ -165,7 +165,7 @@ unsafe fn values<'a, T>(start: *const T, length: usize) -> Outcome<&'a [T]> {
 
 /// # Safety
 /// `start` is null or points to `length` values that nobody else uses now.
-unsafe fn values_mut<'a, T>(start: *mut T, length: usize) -> Outcome<&'a mut [T]> {
+unsafe fn values_mut<'a, T>(start: *mut T, length: usize) -> CallResult<&'a mut [T]> {
     // SAFETY: the caller's promise.
     unsafe { values(start.cast_const(), length) }?;
     // SAFETY: the same, checked by the call above.
@@ -174,7 +174,7 @@ unsafe fn values_mut<'a, T>(start: *mut T, length: usize) -> Outcome<&'a mut [T]
 
 /// # Safety
 /// `place` is null or can be written.
-unsafe fn put<T>(place: *mut T, value: T) -> Outcome {
+unsafe fn put<T>(place: *mut T, value: T) -> CallResult {
     if place.is_null() {
         return refuse("a null pointer in the place of a result");
     }
@@ -295,8 +295,8 @@ pub unsafe extern "C" fn caudal_find(
             match simulation.variables.iter().position(|variable| variable.name == name) {
                 Some(place) => put(index, place),
                 None => Err(simulation.stepper.get_scalar(name).err().map_or_else(
-                    || Refusal(CAUDAL_WRONG_CALL, format!("there is no variable `{name}`")),
-                    Refusal::from,
+                    || CallError(CAUDAL_WRONG_CALL, format!("there is no variable `{name}`")),
+                    CallError::from,
                 )),
             }
         })
@@ -304,11 +304,11 @@ pub unsafe extern "C" fn caudal_find(
 }
 
 impl caudal_simulation {
-    fn variable(&self, index: usize) -> Outcome<&'static Variable> {
+    fn variable(&self, index: usize) -> CallResult<&'static Variable> {
         self.variables.get(index).copied().map_or_else(|| refuse(format!("there is no variable {index}")), Ok)
     }
 
-    fn length(&self, variable: &Variable, given: usize) -> Outcome {
+    fn length(&self, variable: &Variable, given: usize) -> CallResult {
         let expected = variable.len(self.stepper.model());
         if given == expected {
             return Ok(());
@@ -390,7 +390,7 @@ pub unsafe extern "C" fn caudal_set_derivative(
             match simulation.stepper.set_all(std::iter::once(change)) {
                 Ok(()) => Ok(()),
                 // The value is to blame, not a step.
-                Err(error) => Err(Refusal(CAUDAL_WRONG_CALL, error.to_string())),
+                Err(error) => Err(CallError(CAUDAL_WRONG_CALL, error.to_string())),
             }
         })
     }
@@ -429,7 +429,7 @@ pub unsafe extern "C" fn caudal_save(
 
 /// # Safety
 /// `state` is null or points to null or to a state from here.
-unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> Outcome {
+unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> CallResult {
     // SAFETY: the caller's promise.
     unsafe {
         let Some(place) = state.as_mut() else { return refuse("no place for the state") };
@@ -471,12 +471,12 @@ pub unsafe extern "C" fn caudal_serialize(
         on(simulation, |_| {
             let (Some(state), Some(size)) = (state.as_ref(), size.as_mut()) else { return refuse("no state or size") };
             let content = state.0.serialize()?;
-            let room = std::mem::replace(size, content.len());
+            let capacity = std::mem::replace(size, content.len());
             if bytes.is_null() {
                 return Ok(());
             }
-            if room < content.len() {
-                return refuse(format!("{room} bytes are too few for a state of {}", content.len()));
+            if capacity < content.len() {
+                return refuse(format!("{capacity} bytes are too few for a state of {}", content.len()));
             }
             values_mut(bytes, content.len())?.copy_from_slice(&content);
             Ok(())

@@ -9,18 +9,19 @@ use std::path::PathBuf;
 use caudal::fmu::{Standard, Target};
 use percent_encoding::percent_decode_str;
 
-use crate::instance::{Experiment, Instance, Logger, Mode};
+use crate::instance::{Experiment, Instance, InstanceMode, Logger};
 use crate::states::{STATEFUL, deserialize, forget, restore, save, serialize, state};
-use crate::status::{Outcome, Status, refuse};
+use crate::status::{FmiResult, Status, refuse};
 use crate::{call, call_raw, free, instantiate, put, text, values, values_mut};
 
 type Component = *mut c_void;
-type Reference = c_uint;
+type ValueReference = c_uint;
 
 /// Modes in which values can be read.
-const READABLE: [Mode; 4] = [Mode::Initialization, Mode::Step, Mode::StepFailed, Mode::Terminated];
+const READABLE: [InstanceMode; 4] =
+    [InstanceMode::Initialization, InstanceMode::Step, InstanceMode::StepFailed, InstanceMode::Terminated];
 /// Modes in which values can be set.
-const SETTABLE: [Mode; 3] = [Mode::Instantiated, Mode::Initialization, Mode::Step];
+const SETTABLE: [InstanceMode; 3] = [InstanceMode::Instantiated, InstanceMode::Initialization, InstanceMode::Step];
 
 type LoggerFunction = unsafe extern "C" fn(*mut c_void, *const c_char, Status, *const c_char, *const c_char, ...);
 
@@ -143,7 +144,7 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.require_mode(&[Mode::Instantiated])?;
+            instance.require_mode(&[InstanceMode::Instantiated])?;
             instance.set_tolerance((tolerance_defined != 0).then_some(tolerance))?;
             instance
                 .set_experiment(Experiment { start: start_time, stop: (stop_time_defined != 0).then_some(stop_time) })
@@ -156,7 +157,7 @@ pub unsafe extern "C" fn fmi2EnterInitializationMode(c: Component) -> Status {
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.require_mode(&[Mode::Instantiated])?;
+            instance.require_mode(&[InstanceMode::Instantiated])?;
             instance.enter_initialization()
         })
     }
@@ -167,7 +168,7 @@ pub unsafe extern "C" fn fmi2ExitInitializationMode(c: Component) -> Status {
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.require_mode(&[Mode::Initialization])?;
+            instance.require_mode(&[InstanceMode::Initialization])?;
             instance.exit_initialization()
         })
     }
@@ -176,7 +177,11 @@ pub unsafe extern "C" fn fmi2ExitInitializationMode(c: Component) -> Status {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2Terminate(c: Component) -> Status {
     // SAFETY: the host's promise.
-    unsafe { call(c, |instance| instance.change_mode(&[Mode::Step, Mode::StepFailed], Mode::Terminated)) }
+    unsafe {
+        call(c, |instance| {
+            instance.change_mode(&[InstanceMode::Step, InstanceMode::StepFailed], InstanceMode::Terminated)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -191,7 +196,7 @@ pub unsafe extern "C" fn fmi2Reset(c: Component) -> Status {
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2GetReal(c: Component, vr: *const Reference, count: usize, value: *mut f64) -> Status {
+pub unsafe extern "C" fn fmi2GetReal(c: Component, vr: *const ValueReference, count: usize, value: *mut f64) -> Status {
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
@@ -207,7 +212,12 @@ pub unsafe extern "C" fn fmi2GetReal(c: Component, vr: *const Reference, count: 
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2GetInteger(c: Component, vr: *const Reference, count: usize, value: *mut c_int) -> Status {
+pub unsafe extern "C" fn fmi2GetInteger(
+    c: Component,
+    vr: *const ValueReference,
+    count: usize,
+    value: *mut c_int,
+) -> Status {
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
@@ -222,7 +232,12 @@ pub unsafe extern "C" fn fmi2GetInteger(c: Component, vr: *const Reference, coun
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2SetReal(c: Component, vr: *const Reference, count: usize, value: *const f64) -> Status {
+pub unsafe extern "C" fn fmi2SetReal(
+    c: Component,
+    vr: *const ValueReference,
+    count: usize,
+    value: *const f64,
+) -> Status {
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
@@ -244,7 +259,7 @@ pub unsafe extern "C" fn fmi2SetReal(c: Component, vr: *const Reference, count: 
 macro_rules! no_values {
     ($($name:ident: $value:ty, $type:literal, $modes:ident;)*) => {
         $(#[unsafe(no_mangle)]
-        pub unsafe extern "C" fn $name(c: Component, _vr: *const Reference, count: usize, _value: $value) -> Status {
+        pub unsafe extern "C" fn $name(c: Component, _vr: *const ValueReference, count: usize, _value: $value) -> Status {
             // SAFETY: the host's promise.
             unsafe {
                 call(c, |instance| {
@@ -315,8 +330,8 @@ pub unsafe extern "C" fn fmi2DeSerializeFMUstate(
 // Derivatives ------------------------------------------------------------------------------------------------------
 
 /// Targets with their nodes.
-fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target, usize)>> {
-    let of = |reference: &Reference| match instance.real(*reference)? {
+fn targets(instance: &Instance, references: &[ValueReference]) -> FmiResult<Vec<(Target, usize)>> {
+    let of = |reference: &ValueReference| match instance.real(*reference)? {
         target @ Target::Variable(_, node) => Ok((target, node)),
         target => Ok((target, 0)),
     };
@@ -326,9 +341,9 @@ fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetDirectionalDerivative(
     c: Component,
-    unknown_ref: *const Reference,
+    unknown_ref: *const ValueReference,
     unknown_count: usize,
-    known_ref: *const Reference,
+    known_ref: *const ValueReference,
     known_count: usize,
     known: *const f64,
     unknown: *mut f64,
@@ -348,7 +363,7 @@ pub unsafe extern "C" fn fmi2GetDirectionalDerivative(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
     c: Component,
-    vr: *const Reference,
+    vr: *const ValueReference,
     count: usize,
     order: *const c_int,
     value: *const f64,
@@ -373,7 +388,7 @@ pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetRealOutputDerivatives(
     c: Component,
-    vr: *const Reference,
+    vr: *const ValueReference,
     count: usize,
     order: *const c_int,
     value: *mut f64,
@@ -398,10 +413,10 @@ pub unsafe extern "C" fn fmi2DoStep(c: Component, current: f64, h: f64, _no_set_
     // SAFETY: the host's promise.
     unsafe {
         call_raw(c, |instance| {
-            (*instance).require_mode(&[Mode::Step])?;
+            (*instance).require_mode(&[InstanceMode::Step])?;
             let outcome = Instance::do_step(instance, current, h, None);
             if outcome.as_ref().is_err_and(|refusal| refusal.status == Status::Discard) {
-                (*instance).mode = Mode::StepFailed;
+                (*instance).mode = InstanceMode::StepFailed;
             }
             outcome.map(|_| ())
         })

@@ -9,23 +9,31 @@ use std::path::Path;
 
 use caudal::fmu::{Standard, Target};
 
-use crate::instance::{Experiment, Instance, IntermediateUpdate, Logger, Mode};
+use crate::instance::{Experiment, Instance, InstanceMode, IntermediateUpdate, Logger};
 use crate::states::{deserialize, forget, restore, save, serialize, state};
-use crate::status::{Outcome, Status, refuse};
+use crate::status::{FmiResult, Status, refuse};
 use crate::{call, call_raw, free, instantiate, put, text, values, values_mut};
 
 type Handle = *mut c_void;
-type Reference = u32;
+type ValueReference = u32;
 /// The standard's Boolean: C's bool, of which a host may have written any byte.
 type Boolean = u8;
 
 /// Modes in which values can be read.
-const READABLE: [Mode; 6] =
-    [Mode::Instantiated, Mode::Configuration, Mode::Initialization, Mode::Step, Mode::Intermediate, Mode::Terminated];
+const READABLE: [InstanceMode; 6] = [
+    InstanceMode::Instantiated,
+    InstanceMode::Configuration,
+    InstanceMode::Initialization,
+    InstanceMode::Step,
+    InstanceMode::Intermediate,
+    InstanceMode::Terminated,
+];
 /// Modes in which values can be set.
-const SETTABLE: [Mode; 4] = [Mode::Instantiated, Mode::Initialization, Mode::Step, Mode::Intermediate];
+const SETTABLE: [InstanceMode; 4] =
+    [InstanceMode::Instantiated, InstanceMode::Initialization, InstanceMode::Step, InstanceMode::Intermediate];
 /// Modes in which derivatives are known.
-const MOVING: [Mode; 4] = [Mode::Initialization, Mode::Step, Mode::Intermediate, Mode::Terminated];
+const MOVING: [InstanceMode; 4] =
+    [InstanceMode::Initialization, InstanceMode::Step, InstanceMode::Intermediate, InstanceMode::Terminated];
 
 type LoggerFunction = unsafe extern "C" fn(*mut c_void, Status, *const c_char, *const c_char);
 
@@ -115,7 +123,7 @@ pub unsafe extern "C" fn fmi3InstantiateCoSimulation(
     logging_on: Boolean,
     event_mode_used: Boolean,
     early_return_allowed: Boolean,
-    required: *const Reference,
+    required: *const ValueReference,
     required_count: usize,
     environment: *mut c_void,
     log: Option<LoggerFunction>,
@@ -167,7 +175,7 @@ pub unsafe extern "C" fn fmi3EnterInitializationMode(
     // SAFETY: the host's promise.
     unsafe {
         call(instance, |instance| {
-            instance.require_mode(&[Mode::Instantiated])?;
+            instance.require_mode(&[InstanceMode::Instantiated])?;
             let stop = (stop_time_defined != 0).then_some(stop_time);
             let experiment = Experiment { start: start_time, stop };
             instance.enter_initialization_of(experiment, (tolerance_defined != 0).then_some(tolerance))
@@ -180,7 +188,7 @@ pub unsafe extern "C" fn fmi3ExitInitializationMode(instance: Handle) -> Status 
     // SAFETY: the host's promise.
     unsafe {
         call(instance, |instance| {
-            instance.require_mode(&[Mode::Initialization])?;
+            instance.require_mode(&[InstanceMode::Initialization])?;
             instance.exit_initialization()
         })
     }
@@ -189,19 +197,23 @@ pub unsafe extern "C" fn fmi3ExitInitializationMode(instance: Handle) -> Status 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3EnterConfigurationMode(instance: Handle) -> Status {
     // SAFETY: the host's promise.
-    unsafe { call(instance, |instance| instance.change_mode(&[Mode::Instantiated], Mode::Configuration)) }
+    unsafe {
+        call(instance, |instance| instance.change_mode(&[InstanceMode::Instantiated], InstanceMode::Configuration))
+    }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3ExitConfigurationMode(instance: Handle) -> Status {
     // SAFETY: the host's promise.
-    unsafe { call(instance, |instance| instance.change_mode(&[Mode::Configuration], Mode::Instantiated)) }
+    unsafe {
+        call(instance, |instance| instance.change_mode(&[InstanceMode::Configuration], InstanceMode::Instantiated))
+    }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3Terminate(instance: Handle) -> Status {
     // SAFETY: the host's promise.
-    unsafe { call(instance, |instance| instance.change_mode(&[Mode::Step], Mode::Terminated)) }
+    unsafe { call(instance, |instance| instance.change_mode(&[InstanceMode::Step], InstanceMode::Terminated)) }
 }
 
 #[unsafe(no_mangle)]
@@ -209,7 +221,7 @@ pub unsafe extern "C" fn fmi3Reset(instance: Handle) -> Status {
     // SAFETY: the host's promise.
     unsafe {
         call(instance, |instance| {
-            if instance.mode == Mode::Intermediate {
+            if instance.mode == InstanceMode::Intermediate {
                 return refuse("not allowed inside a step");
             }
             instance.reset()
@@ -220,7 +232,7 @@ pub unsafe extern "C" fn fmi3Reset(instance: Handle) -> Status {
 // Values -----------------------------------------------------------------------------------------------------------
 
 /// The parts of a flat array of `len` values that belong to each of `references`, with their targets.
-fn parts(instance: &Instance, references: &[Reference], len: usize) -> Outcome<()> {
+fn parts(instance: &Instance, references: &[ValueReference], len: usize) -> FmiResult<()> {
     let mut total = 0;
     for reference in references {
         total += instance.len3(*reference).map_or_else(|| instance.target(*reference).map(|_| 1), Ok)?;
@@ -231,7 +243,7 @@ fn parts(instance: &Instance, references: &[Reference], len: usize) -> Outcome<(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetFloat64(
     instance: Handle,
-    references: *const Reference,
+    references: *const ValueReference,
     count: usize,
     out: *mut f64,
     out_count: usize,
@@ -257,7 +269,7 @@ pub unsafe extern "C" fn fmi3GetFloat64(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3SetFloat64(
     instance: Handle,
-    references: *const Reference,
+    references: *const ValueReference,
     count: usize,
     given: *const f64,
     given_count: usize,
@@ -286,7 +298,7 @@ pub unsafe extern "C" fn fmi3SetFloat64(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetUInt64(
     instance: Handle,
-    references: *const Reference,
+    references: *const ValueReference,
     count: usize,
     out: *mut u64,
     out_count: usize,
@@ -308,7 +320,7 @@ pub unsafe extern "C" fn fmi3GetUInt64(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3SetUInt64(
     instance: Handle,
-    references: *const Reference,
+    references: *const ValueReference,
     count: usize,
     given: *const u64,
     given_count: usize,
@@ -316,7 +328,7 @@ pub unsafe extern "C" fn fmi3SetUInt64(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.require_mode(&[Mode::Configuration])?;
+            instance.require_mode(&[InstanceMode::Configuration])?;
             let (references, given) = (values(references, count)?, values(given, given_count)?);
             parts(instance, references, given.len())?;
             for (reference, value) in references.iter().zip(given) {
@@ -335,7 +347,7 @@ macro_rules! no_values {
         $(#[unsafe(no_mangle)]
         pub unsafe extern "C" fn $name(
             instance: Handle,
-            _references: *const Reference,
+            _references: *const ValueReference,
             count: usize,
             $($argument: $type),*
         ) -> Status {
@@ -391,7 +403,7 @@ no_values! {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetNumberOfVariableDependencies(
     instance: Handle,
-    reference: Reference,
+    reference: ValueReference,
     count: *mut usize,
 ) -> Status {
     // SAFETY: the host's promises.
@@ -406,9 +418,9 @@ pub unsafe extern "C" fn fmi3GetNumberOfVariableDependencies(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetVariableDependencies(
     instance: Handle,
-    dependent: Reference,
+    dependent: ValueReference,
     elements_of_dependent: *mut usize,
-    independents: *mut Reference,
+    independents: *mut ValueReference,
     elements_of_independents: *mut usize,
     kinds: *mut i32,
     count: usize,
@@ -435,7 +447,7 @@ pub unsafe extern "C" fn fmi3GetVariableDependencies(
 }
 
 /// Targets with all their nodes.
-fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target, usize)>> {
+fn targets(instance: &Instance, references: &[ValueReference]) -> FmiResult<Vec<(Target, usize)>> {
     let mut targets = Vec::new();
     for reference in references {
         let target = instance.float(*reference)?;
@@ -447,13 +459,13 @@ fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target
     Ok(targets)
 }
 
-type Derivative = fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> Outcome;
+type Derivative = fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> FmiResult;
 
 /// # Safety
 /// The host's promises.
 unsafe fn derivative(
     instance: Handle,
-    [unknowns, knowns]: [(*const Reference, usize); 2],
+    [unknowns, knowns]: [(*const ValueReference, usize); 2],
     seed: (*const f64, usize),
     sensitivity: (*mut f64, usize),
     forward: bool,
@@ -478,9 +490,9 @@ unsafe fn derivative(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetDirectionalDerivative(
     instance: Handle,
-    unknowns: *const Reference,
+    unknowns: *const ValueReference,
     unknown_count: usize,
-    knowns: *const Reference,
+    knowns: *const ValueReference,
     known_count: usize,
     seed: *const f64,
     seed_count: usize,
@@ -495,9 +507,9 @@ pub unsafe extern "C" fn fmi3GetDirectionalDerivative(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetAdjointDerivative(
     instance: Handle,
-    unknowns: *const Reference,
+    unknowns: *const ValueReference,
     unknown_count: usize,
-    knowns: *const Reference,
+    knowns: *const ValueReference,
     known_count: usize,
     seed: *const f64,
     seed_count: usize,
@@ -512,7 +524,7 @@ pub unsafe extern "C" fn fmi3GetAdjointDerivative(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetOutputDerivatives(
     instance: Handle,
-    references: *const Reference,
+    references: *const ValueReference,
     count: usize,
     orders: *const i32,
     out: *mut f64,
@@ -599,7 +611,7 @@ pub unsafe extern "C" fn fmi3DoStep(
     // SAFETY: the host's promises; no reference to the instance lives while its callback runs.
     unsafe {
         call_raw(instance, |instance| {
-            (*instance).require_mode(&[Mode::Step])?;
+            (*instance).require_mode(&[InstanceMode::Step])?;
             put(event_handling_needed, 0)?;
             put(terminate_simulation, 0)?;
             put(early_return, 0)?;
@@ -656,5 +668,5 @@ not_here! {
     fmi3GetNominalsOfContinuousStates(nominals: *mut f64, count: usize);
     fmi3GetNumberOfEventIndicators(count: *mut usize);
     fmi3GetNumberOfContinuousStates(count: *mut usize);
-    fmi3ActivateModelPartition(clock: Reference, time: f64);
+    fmi3ActivateModelPartition(clock: ValueReference, time: f64);
 }

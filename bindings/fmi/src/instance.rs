@@ -21,11 +21,11 @@ use serde::{Deserialize, Serialize};
 pub use saved::SavedState;
 use values::SetInputs;
 
-use crate::status::{Outcome, Status, refuse};
+use crate::status::{FmiResult, Status, refuse};
 
 /// The mode of an instance between calls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Mode {
+pub enum InstanceMode {
     Instantiated,
     Configuration,
     Initialization,
@@ -88,7 +88,7 @@ impl SharedStepper {
 
 /// An instance.
 pub struct Instance {
-    pub mode: Mode,
+    pub mode: InstanceMode,
     pub experiment: Experiment,
     catalogue: Catalogue,
     scene: Scene,
@@ -134,7 +134,7 @@ impl Instance {
         let parameters = catalogue.parameters.iter().map(|parameter| parameter.value).collect();
         let original = Settings { nodes: scene.nodes() as u64, parameters, tolerance: None };
         let mut instance = Self {
-            mode: Mode::Instantiated,
+            mode: InstanceMode::Instantiated,
             experiment: Experiment { start: 0.0, stop: None },
             inputs: SetInputs::default(),
             catalogue,
@@ -170,7 +170,7 @@ impl Instance {
     }
 
     /// Logs a message, if its category is on.
-    pub fn say(&self, status: Status, message: &str) {
+    pub fn log_message(&self, status: Status, message: &str) {
         if self.logged.contains(&status.category()) {
             (self.log)(status, status.category(), message);
         }
@@ -178,7 +178,7 @@ impl Instance {
 
     /// Turns categories of messages on or off, all where none is named, as `standard` says: FMI 2.0 logs exactly the categories of
     /// the last call, and none once it is off; FMI 3.0 adds and removes them, and always logs errors.
-    pub fn log_categories(&mut self, standard: Standard, on: bool, categories: &[&str]) -> Outcome {
+    pub fn log_categories(&mut self, standard: Standard, on: bool, categories: &[&str]) -> FmiResult {
         let known = LOG_CATEGORIES.iter().map(|(name, _)| *name);
         if let Some(other) = categories.iter().find(|name| !known.clone().any(|known| known == **name)) {
             return refuse(format!("there is no log category `{other}`"));
@@ -195,18 +195,18 @@ impl Instance {
 
     /// Marks the instance as unusable after a panic.
     pub fn mark_fatal(&mut self) {
-        self.mode = Mode::Fatal;
+        self.mode = InstanceMode::Fatal;
         self.stepper.lent = None;
     }
 
     /// Returns an error unless the instance is in one of these modes.
     #[inline]
-    pub fn require_mode(&self, modes: &[Mode]) -> Outcome {
+    pub fn require_mode(&self, modes: &[InstanceMode]) -> FmiResult {
         if modes.contains(&self.mode) { Ok(()) } else { wrong_mode(self.mode) }
     }
 
     /// Changes to mode `to`, from one of `from` only.
-    pub fn change_mode(&mut self, from: &[Mode], to: Mode) -> Outcome {
+    pub fn change_mode(&mut self, from: &[InstanceMode], to: InstanceMode) -> FmiResult {
         self.require_mode(from)?;
         self.mode = to;
         Ok(())
@@ -214,7 +214,7 @@ impl Instance {
 
     /// True after initialisation. From then on the stepper is not rebuilt.
     fn has_started(&self) -> bool {
-        !matches!(self.mode, Mode::Instantiated | Mode::Configuration | Mode::Initialization)
+        !matches!(self.mode, InstanceMode::Instantiated | InstanceMode::Configuration | InstanceMode::Initialization)
     }
 
     /// The scene with these settings.
@@ -234,7 +234,7 @@ impl Instance {
     }
 
     /// The stepper with all settings and inputs of the host. Nothing changes on error.
-    pub fn ready(&mut self) -> Outcome<&mut Stepper> {
+    pub fn ready(&mut self) -> FmiResult<&mut Stepper> {
         if self.stale {
             self.rebuild()?;
         }
@@ -245,7 +245,7 @@ impl Instance {
     }
 
     /// Builds the stepper with the host's settings and inputs, or changes its tunable parameters after the start.
-    fn rebuild(&mut self) -> Outcome {
+    fn rebuild(&mut self) -> FmiResult {
         let scene = self.configured(&self.settings)?;
         if self.has_started() {
             self.stepper
@@ -262,7 +262,7 @@ impl Instance {
         Ok(())
     }
 
-    pub fn set_experiment(&mut self, experiment: Experiment) -> Outcome {
+    pub fn set_experiment(&mut self, experiment: Experiment) -> FmiResult {
         let Experiment { start, stop } = experiment;
         if !start.is_finite() || stop.is_some_and(|stop| stop.is_nan() || stop < start) {
             return refuse(format!("start {start} s and stop {stop:?} s are no experiment"));
@@ -272,11 +272,11 @@ impl Instance {
     }
 
     /// Sets the tolerance of adaptive internal steps to the host's, or to the scene's own.
-    pub fn set_tolerance(&mut self, tolerance: Option<f64>) -> Outcome {
+    pub fn set_tolerance(&mut self, tolerance: Option<f64>) -> FmiResult {
         if let Some(tolerance) = tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance < 1.0)) {
             return refuse(format!("a relative tolerance of {tolerance}; allowed: between 0 and 1"));
         }
-        let tolerance = tolerance.filter(|_| matches!(self.scene.pace(), StepControl::Adaptive(_)));
+        let tolerance = tolerance.filter(|_| matches!(self.scene.step_control(), StepControl::Adaptive(_)));
         if self.settings.tolerance != tolerance {
             self.settings.tolerance = tolerance;
             self.stale = true;
@@ -285,7 +285,7 @@ impl Instance {
     }
 
     /// Enters initialisation of an experiment, or changes nothing.
-    pub fn enter_initialization_of(&mut self, experiment: Experiment, tolerance: Option<f64>) -> Outcome {
+    pub fn enter_initialization_of(&mut self, experiment: Experiment, tolerance: Option<f64>) -> FmiResult {
         let before = (self.experiment, self.settings.tolerance, self.stale);
         let entered = self
             .set_experiment(experiment)
@@ -297,26 +297,26 @@ impl Instance {
         entered
     }
 
-    pub fn enter_initialization(&mut self) -> Outcome {
+    pub fn enter_initialization(&mut self) -> FmiResult {
         self.ready()?;
-        self.mode = Mode::Initialization;
+        self.mode = InstanceMode::Initialization;
         Ok(())
     }
 
-    pub fn exit_initialization(&mut self) -> Outcome {
+    pub fn exit_initialization(&mut self) -> FmiResult {
         self.ready()?;
-        self.mode = Mode::Step;
+        self.mode = InstanceMode::Step;
         Ok(())
     }
 
-    pub fn reset(&mut self) -> Outcome {
+    pub fn reset(&mut self) -> FmiResult {
         let stepper = Stepper::of(&self.scene)?;
         self.stepper.own = Some(Box::new(stepper));
         self.settings.clone_from(&self.original);
         self.built.clone_from(&self.original);
         self.inputs.clear();
         self.experiment = Experiment { start: 0.0, stop: None };
-        (self.stale, self.host_time, self.mode) = (false, None, Mode::Instantiated);
+        (self.stale, self.host_time, self.mode) = (false, None, InstanceMode::Instantiated);
         self.size();
         Ok(())
     }
@@ -328,6 +328,6 @@ impl Instance {
 }
 
 #[cold]
-fn wrong_mode(mode: Mode) -> Outcome {
+fn wrong_mode(mode: InstanceMode) -> FmiResult {
     refuse(format!("not allowed in mode {mode:?}"))
 }

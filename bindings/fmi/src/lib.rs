@@ -12,14 +12,14 @@ mod status;
 use std::ffi::{CStr, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use instance::{Instance, Mode};
-use status::{Outcome, Refusal, Status, refuse};
+use instance::{Instance, InstanceMode};
+use status::{FmiError, FmiResult, Status, refuse};
 
 /// Runs `work` and turns its outcome into a status; a panic ends the instance.
 ///
 /// # Safety
 /// `instance` is null or an instance that no other thread uses now.
-unsafe fn call(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> Outcome) -> Status {
+unsafe fn call(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> FmiResult) -> Status {
     // SAFETY: the caller's promise.
     unsafe { call_raw(instance, |instance| work(&mut *instance)) }
 }
@@ -28,15 +28,15 @@ unsafe fn call(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> Outcom
 ///
 /// # Safety
 /// Those of [`call`].
-unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Outcome) -> Status {
+unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> FmiResult) -> Status {
     let instance = instance.cast::<Instance>();
     if instance.is_null() {
         return Status::Error;
     }
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         // SAFETY: not null, and the caller's promise.
-        if unsafe { &*instance }.mode == Mode::Fatal {
-            return Err(Refusal { status: Status::Fatal, message: "this instance broke down before".to_string() });
+        if unsafe { &*instance }.mode == InstanceMode::Fatal {
+            return Err(FmiError { status: Status::Fatal, message: "this instance broke down before".to_string() });
         }
         work(instance)
     }));
@@ -48,13 +48,13 @@ unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Ou
             unsafe { &mut *instance }.mark_fatal();
             let text = panic.downcast_ref::<&str>().map(|text| (*text).to_string());
             let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
-            Refusal { status: Status::Fatal, message: format!("internal error: {text}") }
+            FmiError { status: Status::Fatal, message: format!("internal error: {text}") }
         }
     };
     // A logger of ours that panics must not unwind into the host either.
     let _ = catch_unwind(AssertUnwindSafe(|| {
         // SAFETY: as above.
-        unsafe { &*instance }.say(refusal.status, &refusal.message);
+        unsafe { &*instance }.log_message(refusal.status, &refusal.message);
     }));
     refusal.status
 }
@@ -63,7 +63,7 @@ unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Ou
 ///
 /// # Safety
 /// A `start` that is not null points to `len` values that nobody changes meanwhile.
-unsafe fn values<'a, T>(start: *const T, len: usize) -> Outcome<&'a [T]> {
+unsafe fn values<'a, T>(start: *const T, len: usize) -> FmiResult<&'a [T]> {
     match (start.is_null(), len) {
         (_, 0) => Ok(&[]),
         (false, len) if len <= isize::MAX as usize / size_of::<T>() => {
@@ -79,7 +79,7 @@ unsafe fn values<'a, T>(start: *const T, len: usize) -> Outcome<&'a [T]> {
 ///
 /// # Safety
 /// A `start` that is not null points to `len` values that nobody else uses meanwhile.
-unsafe fn values_mut<'a, T>(start: *mut T, len: usize) -> Outcome<&'a mut [T]> {
+unsafe fn values_mut<'a, T>(start: *mut T, len: usize) -> FmiResult<&'a mut [T]> {
     // SAFETY: the caller's promise.
     unsafe { values(start.cast_const(), len) }?;
     // SAFETY: the same; checked by the call above.
@@ -90,7 +90,7 @@ unsafe fn values_mut<'a, T>(start: *mut T, len: usize) -> Outcome<&'a mut [T]> {
 ///
 /// # Safety
 /// A `place` that is not null can be written.
-unsafe fn put<T>(place: *mut T, value: T) -> Outcome {
+unsafe fn put<T>(place: *mut T, value: T) -> FmiResult {
     if place.is_null() {
         return refuse("a null pointer in the place of a result");
     }
@@ -127,7 +127,7 @@ fn instantiate(make: impl FnOnce() -> std::result::Result<Instance, String>, log
 unsafe fn free(instance: *mut c_void) {
     let instance = instance.cast::<Instance>();
     // SAFETY: the caller's promise.
-    if !instance.is_null() && unsafe { &*instance }.mode != Mode::Intermediate {
+    if !instance.is_null() && unsafe { &*instance }.mode != InstanceMode::Intermediate {
         let _ = catch_unwind(AssertUnwindSafe(|| {
             // SAFETY: made by `Box::into_raw` in `instantiate`.
             drop(unsafe { Box::from_raw(instance) });

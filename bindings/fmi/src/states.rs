@@ -2,19 +2,25 @@
 
 use std::ffi::c_void;
 
-use crate::instance::{Instance, Mode, SavedState};
-use crate::status::{Outcome, refuse};
+use crate::instance::{Instance, InstanceMode, SavedState};
+use crate::status::{FmiResult, refuse};
 use crate::{values, values_mut};
 
 /// Modes in which states are saved and restored.
-pub const STATEFUL: [Mode; 6] =
-    [Mode::Instantiated, Mode::Configuration, Mode::Initialization, Mode::Step, Mode::StepFailed, Mode::Terminated];
+pub const STATEFUL: [InstanceMode; 6] = [
+    InstanceMode::Instantiated,
+    InstanceMode::Configuration,
+    InstanceMode::Initialization,
+    InstanceMode::Step,
+    InstanceMode::StepFailed,
+    InstanceMode::Terminated,
+];
 
 /// Saves the state of `instance` in `place`, in a new state where that is null.
 ///
 /// # Safety
 /// `place` is null or points to null or to a state of ours.
-pub unsafe fn save(instance: &mut Instance, place: *mut *mut c_void) -> Outcome {
+pub unsafe fn save(instance: &mut Instance, place: *mut *mut c_void) -> FmiResult {
     instance.require_mode(&STATEFUL)?;
     if place.is_null() {
         return refuse("a null pointer in the place of a state");
@@ -44,7 +50,7 @@ unsafe fn keep(state: SavedState, place: *mut *mut c_void) {
 ///
 /// # Safety
 /// `place` is null or a state of ours.
-pub unsafe fn state<'a>(place: *const c_void) -> Outcome<&'a SavedState> {
+pub unsafe fn state<'a>(place: *const c_void) -> FmiResult<&'a SavedState> {
     // SAFETY: the caller's promise.
     unsafe { place.cast::<SavedState>().as_ref() }.map_or_else(|| refuse("a null pointer in the place of a state"), Ok)
 }
@@ -53,7 +59,7 @@ pub unsafe fn state<'a>(place: *const c_void) -> Outcome<&'a SavedState> {
 ///
 /// # Safety
 /// `place` is null or a state of ours.
-pub unsafe fn restore(instance: &mut Instance, place: *const c_void) -> Outcome {
+pub unsafe fn restore(instance: &mut Instance, place: *const c_void) -> FmiResult {
     instance.require_mode(&STATEFUL)?;
     // SAFETY: the caller's promise.
     instance.restore(unsafe { state(place) }?)
@@ -63,7 +69,7 @@ pub unsafe fn restore(instance: &mut Instance, place: *const c_void) -> Outcome 
 ///
 /// # Safety
 /// `place` is null or points to null or to a state of ours.
-pub unsafe fn forget(place: *mut *mut c_void) -> Outcome {
+pub unsafe fn forget(place: *mut *mut c_void) -> FmiResult {
     // SAFETY: the caller's promise.
     unsafe {
         if !place.is_null() && !(*place).is_null() {
@@ -78,7 +84,7 @@ pub unsafe fn forget(place: *mut *mut c_void) -> Outcome {
 ///
 /// # Safety
 /// `place` is null or a state of ours; `bytes` is null or holds `size` bytes.
-pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u8, size: usize) -> Outcome {
+pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u8, size: usize) -> FmiResult {
     // SAFETY: the caller's promise.
     let content = instance.serialize(unsafe { state(place) }?)?;
     if size < content.len() {
@@ -93,7 +99,7 @@ pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u
 ///
 /// # Safety
 /// `bytes` is null or holds `size` bytes; `place` as for [`save`].
-pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, place: *mut *mut c_void) -> Outcome {
+pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, place: *mut *mut c_void) -> FmiResult {
     if place.is_null() {
         return refuse("a null pointer in the place of a state");
     }

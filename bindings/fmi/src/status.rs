@@ -31,18 +31,18 @@ impl Status {
 
 /// The error of a call.
 #[derive(Debug)]
-pub struct Refusal {
+pub struct FmiError {
     pub status: Status,
     pub message: String,
 }
 
-impl From<Error> for Refusal {
+impl From<Error> for FmiError {
     fn from(error: Error) -> Self {
         Self { status: Status::Error, message: error.to_string() }
     }
 }
 
-impl Refusal {
+impl FmiError {
     /// A step that fails.
     pub fn discard(error: Error) -> Self {
         Self { status: Status::Discard, message: error.to_string() }
@@ -50,8 +50,8 @@ impl Refusal {
 }
 
 /// Returns an error for a call.
-pub fn refuse<T>(message: impl Into<String>) -> Outcome<T> {
-    Err(Refusal { status: Status::Error, message: message.into() })
+pub fn refuse<T>(message: impl Into<String>) -> FmiResult<T> {
+    Err(FmiError { status: Status::Error, message: message.into() })
 }
 
-pub type Outcome<T = ()> = std::result::Result<T, Refusal>;
+pub type FmiResult<T = ()> = std::result::Result<T, FmiError>;

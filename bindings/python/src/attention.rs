@@ -23,8 +23,8 @@ impl Attention {
         Self { next: Instant::now() + INTERVAL, failure: None }
     }
 
-    /// Where it is time: breaks on a signal's exception, and on what `look` says.
-    pub fn pay(&mut self, look: impl FnOnce(Python<'_>) -> PyResult<ControlFlow<()>>) -> ControlFlow<()> {
+    /// If the interval has passed: breaks on the exception of a signal handler, or if `look` breaks.
+    pub fn poll(&mut self, look: impl FnOnce(Python<'_>) -> PyResult<ControlFlow<()>>) -> ControlFlow<()> {
         if Instant::now() < self.next {
             return ControlFlow::Continue(());
         }
@@ -37,7 +37,7 @@ impl Attention {
     }
 }
 
-/// How many parts of how many of a computation are done, which may be told to stop.
+/// The progress of a computation, in finished parts of all, with a flag to stop it.
 #[derive(Default)]
 pub struct Progress {
     /// Raised to stop it.

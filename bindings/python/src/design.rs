@@ -26,7 +26,7 @@ pub fn design<'py>(
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| Design::folder(scene));
     drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
-    let (mut failure, mut tell) = (None, telling(progress));
+    let (mut failure, mut tell) = (None, progress_callback(progress));
     let designed = py.detach(|| {
         let design = Design::resumed(document, &folder, |iteration| tell(iteration, &mut failure))?;
         design.write(&folder)?.complete()?;
@@ -44,7 +44,9 @@ fn raised_before(error: PyErr, failure: &mut Option<PyErr>) -> PyErr {
 }
 
 /// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
-fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(Option<&SearchIteration>, &mut Option<PyErr>) -> ControlFlow<()> {
+fn progress_callback(
+    progress: Option<Py<PyAny>>,
+) -> impl FnMut(Option<&SearchIteration>, &mut Option<PyErr>) -> ControlFlow<()> {
     move |iteration, failure| {
         let told = Python::attach(|py| {
             py.check_signals()?;
@@ -74,7 +76,7 @@ pub fn parts(
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| Design::folder(scene));
     drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
-    let (mut failure, mut tell) = (None, telling(progress));
+    let (mut failure, mut tell) = (None, progress_callback(progress));
     let next = py.detach(|| DistributedDesign::next(document, &folder, |iteration| tell(iteration, &mut failure)));
     let next = next.or_raise(py).map_err(|error| raised_before(error, &mut failure))?;
     match failure {
@@ -91,12 +93,12 @@ pub fn parts(
 #[pyo3(name = "_simulate")]
 pub fn simulate_parts<'py>(
     py: Python<'py>,
-    parcel: &[u8],
+    bundle: &[u8],
     indices: Vec<usize>,
 ) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
     let one = |index: usize| {
         let begun = Instant::now();
-        simulate(parcel, index).map(|line| (line, begun.elapsed().as_secs_f64()))
+        simulate(bundle, index).map(|line| (line, begun.elapsed().as_secs_f64()))
     };
     let made: caudal::Result<Vec<_>> = py.detach(|| indices.into_iter().map(one).collect());
     Ok(lines(py, made.or_raise(py)?))

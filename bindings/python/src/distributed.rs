@@ -62,8 +62,8 @@ impl JobHandle {
         self.with(|parts| Ok(parts.describe(index)), py)
     }
 
-    /// What a worker is sent.
-    fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+    /// The bundle that a worker is sent, as bytes.
+    fn bundle<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         self.with(|parts| parts.bundle(), py).map(|bytes| PyBytes::new(py, &bytes))
     }
 

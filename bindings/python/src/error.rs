@@ -30,7 +30,7 @@ fn raised(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     Ok(PyErr::from_value(exception))
 }
 
-/// What the library says of options of the command, said of the arguments that they are here.
+/// Rewrites messages about options of the command as messages about the arguments of Python.
 fn as_arguments(text: &str) -> String {
     let options = [
         ("--out", "`out=`"),

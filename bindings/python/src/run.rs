@@ -57,7 +57,7 @@ pub fn run<'py>(
     let finished = py.detach(|| {
         let outcome = caudal::run::run(scene, &mut stepper, |stepper| {
             let time = stepper.time();
-            let mut watch = || attention.pay(|py| tell(py, time));
+            let mut watch = || attention.poll(|py| tell(py, time));
             if trajectory.step(stepper, &mut watch)?.is_break() {
                 return Ok(ControlFlow::Break(()));
             }
@@ -173,7 +173,7 @@ pub fn write_film(
     let written = py.detach(|| {
         let motion = RodMotion { name, times: &times, x: &positions[0], y: &positions[1] };
         let film = FilmSettings { per_second, speed, sharpness, window };
-        film.write(&path, &motion, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
+        film.write(&path, &motion, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {
         Some(failure) => Err(failure),

@@ -39,7 +39,7 @@ pub struct Scene {
     path: PathBuf,
 }
 
-/// What errors call a scene that was given as a dictionary.
+/// The name in errors of a scene that was given as a dictionary.
 const UNNAMED: &str = "scene";
 
 #[pymethods]

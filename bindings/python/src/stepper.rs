@@ -272,7 +272,7 @@ impl Stepper {
             true => Err(PyKeyboardInterrupt::new_err("stopped by another thread")),
             false => Ok(ControlFlow::Continue(())),
         };
-        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.pay(look)));
+        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.poll(look)));
         match (outcome, attention.failure) {
             (_, Some(failure)) => return Err(failure),
             (Err(error), None) => return Err(exception(py, &error)),
@@ -360,8 +360,8 @@ impl Stepper {
         let mut changes = Vec::with_capacity(values.len());
         for (name, value) in values {
             let variable = stepper.find(&name.extract::<String>()?).or_raise(py)?;
-            let mut room = Vec::new();
-            let numbers = Numbers::of(&value)?.spread(variable.len(stepper.model()), &mut room)?.to_vec();
+            let mut buffer = Vec::new();
+            let numbers = Numbers::of(&value)?.spread(variable.len(stepper.model()), &mut buffer)?.to_vec();
             changes.push((variable, numbers));
         }
         let changes = changes.iter().map(|(variable, values)| InputChange { variable, order: 0, values });
@@ -454,8 +454,8 @@ impl Stepper {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let variable = stepper.find(name).or_raise(py)?;
-        let (numbers, mut room) = (Numbers::of(value)?, Vec::new());
-        let values = numbers.spread(variable.len(stepper.model()), &mut room)?;
+        let (numbers, mut buffer) = (Numbers::of(value)?, Vec::new());
+        let values = numbers.spread(variable.len(stepper.model()), &mut buffer)?;
         stepper.set_all([InputChange { variable, order, values }].into_iter()).or_raise(py)
     }
 }

@@ -44,10 +44,10 @@ pub fn runs_of(
 #[pyo3(name = "_runs")]
 pub fn runs<'py>(
     py: Python<'py>,
-    parcel: &[u8],
+    bundle: &[u8],
     indices: Vec<usize>,
 ) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
-    Ok(lines(py, py.detach(|| make_runs(parcel, &indices)).or_raise(py)?))
+    Ok(lines(py, py.detach(|| make_runs(bundle, &indices)).or_raise(py)?))
 }
 
 /// Runs a study, `{kind: options}`, and writes its files; returns its findings.

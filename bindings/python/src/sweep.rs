@@ -126,8 +126,8 @@ impl SweepAtWork {
         Ok(self.sweep.describe(&self.sweep.case(index).or_raise(py)?))
     }
 
-    /// What a worker is sent.
-    fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+    /// The bundle that a worker is sent, as bytes.
+    fn bundle<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.sweep.bundle().and_then(|bundle| bundle.bytes()).or_raise(py)?;
         Ok(PyBytes::new(py, &bytes))
     }
@@ -179,7 +179,7 @@ impl SweepAtWork {
             let fresh = std::mem::take(&mut *lock_detached(&self.fresh));
             let results = SweepResults::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
             let mut held = lock_detached(&self.held);
-            held.hold_again()?;
+            held.relock()?;
             let written = results.write(&mut held);
             held.let_others();
             written?.kept.complete()?;
@@ -222,16 +222,16 @@ static UNPACKED: Mutex<Option<(Vec<u8>, Arc<SweepWorker>)>> = Mutex::new(None);
 #[pyo3(name = "_cases")]
 pub fn cases<'py>(
     py: Python<'py>,
-    parcel: &[u8],
+    bundle: &[u8],
     indices: Vec<usize>,
 ) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
     let made: caudal::Result<Vec<_>> = py.detach(|| {
         let known = lock_detached(&UNPACKED).clone();
-        let sweep = match known.filter(|(bytes, _)| bytes == parcel) {
+        let sweep = match known.filter(|(bytes, _)| bytes == bundle) {
             Some((_, sweep)) => sweep,
             None => {
-                let sweep = Arc::new(SweepWorker::read(parcel)?);
-                let known = Some((parcel.to_vec(), sweep.clone()));
+                let sweep = Arc::new(SweepWorker::read(bundle)?);
+                let known = Some((bundle.to_vec(), sweep.clone()));
                 *lock_detached(&UNPACKED) = known;
                 sweep
             }

@@ -11,7 +11,7 @@ pub fn fields<'py>(dictionary: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDic
     Ok(class.call1((dictionary,))?.cast_into()?)
 }
 
-/// Numbers that Python gives: an array in place where it is one of contiguous doubles, else converted.
+/// Numbers from Python: an array of contiguous doubles is used in place, others are converted.
 pub enum Numbers<'py> {
     /// One for all entries.
     One(f64),
@@ -45,13 +45,13 @@ impl<'py> Numbers<'py> {
         Ok(if array.as_slice().is_ok() { Self::Borrowed(array) } else { Self::Copied(array.as_array().to_vec()) })
     }
 
-    /// As many as a variable of `count` entries wants, where that can be told; `room` holds one repeated.
-    pub fn spread<'a>(&'a self, count: usize, room: &'a mut Vec<f64>) -> PyResult<&'a [f64]> {
+    /// As many as a variable of `count` entries wants, where that can be told; `buffer` holds one repeated.
+    pub fn spread<'a>(&'a self, count: usize, buffer: &'a mut Vec<f64>) -> PyResult<&'a [f64]> {
         Ok(match self {
             Self::One(number) => {
-                room.clear();
-                room.resize(count, *number);
-                room
+                buffer.clear();
+                buffer.resize(count, *number);
+                buffer
             }
             Self::Borrowed(array) => array.as_slice()?,
             Self::Copied(values) => values,

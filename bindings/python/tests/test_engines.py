@@ -130,10 +130,10 @@ def test_tables_travel_with_a_sweep_and_no_disk_is_shared(tmp_path):
         '"head.angle_rad.table" = ["a.csv", "b.csv"]\nrod.nodes = [9, 11]\n'
     )
     ours = caudal.sweep(path, out=tmp_path / "ours")
-    parcel = caudal._caudal._Sweep(path, None, tmp_path / "theirs", None, False, False, {}).parcel()
+    bundle = caudal._caudal._Sweep(path, None, tmp_path / "theirs", None, False, False, {}).bundle()
     for file in folder.iterdir():
         file.unlink()
-    lines, _ = caudal._caudal._cases(parcel, [0, 1, 2, 3])
+    lines, _ = caudal._caudal._cases(bundle, [0, 1, 2, 3])
     rows = [json.loads(line[17:])["result"]["quantities"] for line in lines]
     assert all(row["complete"] for row in rows)
     for row, our in zip(rows, ours):
@@ -143,7 +143,7 @@ def test_tables_travel_with_a_sweep_and_no_disk_is_shared(tmp_path):
 
 def test_a_line_that_was_damaged_on_its_way_is_refused_and_a_second_one_is_left_out(sweep, tmp_path):
     at_work = caudal._caudal._Sweep(sweep, None, tmp_path / "out", None, False, False, {})
-    lines, times = caudal._caudal._cases(at_work.parcel(), [3, 4])
+    lines, times = caudal._caudal._cases(at_work.bundle(), [3, 4])
     assert len(times) == 2
     assert at_work.keep(lines) == 2
     assert at_work.keep(lines) == 0
@@ -152,10 +152,10 @@ def test_a_line_that_was_damaged_on_its_way_is_refused_and_a_second_one_is_left_
     damaged[40] ^= 1
     with pytest.raises(caudal.errors.JournalError, match="damaged"):
         at_work.keep([bytes(damaged)])
-    with pytest.raises(caudal.errors.ParcelError, match="no case 20"):
-        caudal._caudal._cases(at_work.parcel(), [20])
-    with pytest.raises(caudal.errors.ParcelError):
-        caudal._caudal._cases(at_work.parcel()[:50], [0])
+    with pytest.raises(caudal.errors.BundleError, match="no case 20"):
+        caudal._caudal._cases(at_work.bundle(), [20])
+    with pytest.raises(caudal.errors.BundleError):
+        caudal._caudal._cases(at_work.bundle()[:50], [0])
 
 
 def test_a_worker_of_another_version_is_refused_by_name(sweep, tmp_path, monkeypatch):
@@ -257,8 +257,8 @@ def is_check(lines):  # which simulates once
 def is_start(lines):
     return not is_check(lines)
 
-def poisoned(parcel, indices):
-    done = whole(parcel, indices)
+def poisoned(bundle, indices):
+    done = whole(bundle, indices)
     lines, _ = done
     if {bad} in indices and {when}:
         os._exit(1)
@@ -384,7 +384,7 @@ def test_starts_and_checks_of_a_design_are_simulated_by_any_executor_to_the_same
     # A start that is known is not searched again, and the rest goes on without an engine.
     starts = caudal._caudal._design_parts(scene, tmp_path / "on", False, None)
     assert starts.noun == "start" and starts.todo() == [0, 1, 2]
-    lines, _ = caudal._caudal._simulate(starts.parcel(), [1])
+    lines, _ = caudal._caudal._simulate(starts.bundle(), [1])
     assert starts.keep(lines) == 1 and starts.keep(lines) == 0 and starts.todo() == [0, 2]
     with pytest.raises(caudal.errors.Error, match="damaged"):
         starts.keep([lines[0][:-9] + b"\n"])
@@ -400,12 +400,12 @@ def test_the_checks_of_a_design_are_parts_of_their_own(tmp_path):
     # As designed, half the step, another method, a finer mesh, and perhaps another law: of two profiles, in two media.
     assert checks.noun == "check" and checks.size == 4 * len(whole.checks)
     assert checks.describe(2) == f"what was before, {whole.checks[0]['simulation']}, case 0"
-    lines, times = caudal._caudal._simulate(checks.parcel(), [0, 1])
+    lines, times = caudal._caudal._simulate(checks.bundle(), [0, 1])
     values = [json.loads(line[17:])["result"][0]["value"]["objective"] for line in lines]
     assert min(values) == whole.checks[0]["designed"] and len(times) == 2
     assert checks.keep(lines) == 2 and checks.todo() == list(range(2, checks.size))
-    with pytest.raises(caudal.errors.ParcelError, match="no check 99"):
-        caudal._caudal._simulate(checks.parcel(), [99])
+    with pytest.raises(caudal.errors.BundleError, match="no check 99"):
+        caudal._caudal._simulate(checks.bundle(), [99])
     checks.close()
     with ThreadPoolExecutor(2) as executor:
         caudal.design(scene, out=tmp_path / "theirs", executor=executor)
@@ -469,10 +469,10 @@ def test_a_start_that_breaks_a_pool_of_processes_is_among_those_named(tmp_path, 
     caudal.design(scene, out=tmp_path / "ours")
     fine = caudal._caudal._simulate
 
-    def poisoned(parcel, indices):
+    def poisoned(bundle, indices):
         if 2 in indices:
             os._exit(1)
-        return fine(parcel, indices)
+        return fine(bundle, indices)
 
     monkeypatch.setattr(caudal._caudal, "_simulate", poisoned)
     with ProcessPoolExecutor(1, mp_context=get_context("fork")) as executor:
@@ -489,10 +489,10 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 import caudal
 
-def slow(parcel, indices, fine=caudal._caudal._cases):
+def slow(bundle, indices, fine=caudal._caudal._cases):
     os.write(1, f"{os.getpid()}\\n".encode())  # a line at once, as there are two of them
     time.sleep(60)
-    return fine(parcel, indices)
+    return fine(bundle, indices)
 
 caudal._caudal._cases = slow
 with ProcessPoolExecutor(2, mp_context=get_context("fork")) as executor:
@@ -579,14 +579,14 @@ def test_a_study_goes_on_with_the_runs_that_an_engine_made(tmp_path):
     caudal.study("stability", scene, out=tmp_path / "ours", **options)
     out = tmp_path / "theirs"
     runs = caudal._caudal._runs_of(scene, {"stability": options}, out, False)
-    lines, times = caudal._caudal._runs(runs.parcel(), [3, 5])
+    lines, times = caudal._caudal._runs(runs.bundle(), [3, 5])
     assert runs.keep(lines) == 2 and runs.keep(lines) == 0 and len(times) == 2
     assert set(range(runs.size)) - set(runs.todo()) == {3, 5}
     assert "step" in runs.describe(3)
     with pytest.raises(caudal.errors.JournalError, match="damaged"):
         runs.keep([lines[0][:-9] + b"\n"])
-    with pytest.raises(caudal.errors.ParcelError, match="no run 99"):
-        caudal._caudal._runs(runs.parcel(), [99])
+    with pytest.raises(caudal.errors.BundleError, match="no run 99"):
+        caudal._caudal._runs(runs.bundle(), [99])
     runs.close()
     told = []
     caudal.study("stability", scene, out=out, progress=lambda *done: told.append(done), **options)

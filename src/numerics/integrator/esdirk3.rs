@@ -12,7 +12,7 @@ use crate::linear::Direction;
 use crate::newton::{ConvergenceRate, Newton};
 use crate::system::{State, System};
 
-/// What is known of it.
+/// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "esdirk3",
     stability: "L-stable, and so is its embedded method: damps what the step does not resolve, hardly what it does",

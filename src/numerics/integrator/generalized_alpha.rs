@@ -3,14 +3,14 @@
 
 use nalgebra::Matrix3;
 
-use super::{MemoryWeights, Method, OneStage, Parameter, StepWeights};
+use super::{MemoryWeights, Method, MethodParameter, OneStage, StepWeights};
 
-/// What is known of it.
+/// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "generalized-alpha",
     stability: "unconditionally stable on linear systems; modes that the step does not resolve lose the factor rho_inf a step",
     source: "J. Chung & G. M. Hulbert, J. Appl. Mech. 60 (1993) 371–375; M. Arnold & O. Brüls, Multibody Syst. Dyn. 18 (2007) 185–202",
-    parameters: &[Parameter {
+    parameters: &[MethodParameter {
         name: "rho_inf",
         default: 0.8,
         range: [0.0, 1.0],

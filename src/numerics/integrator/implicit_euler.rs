@@ -2,7 +2,7 @@
 
 use super::{Method, OneStage, StepWeights, largest_root};
 
-/// What is known of it.
+/// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "implicit-euler",
     stability: "L-stable: damps every mode that the step does not resolve, and a little those it does",

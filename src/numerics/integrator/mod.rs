@@ -30,7 +30,7 @@ pub struct Method {
     /// Where it comes from.
     pub source: &'static str,
     /// Its parameters, each a key of a scene's `[solver]`.
-    pub parameters: &'static [Parameter],
+    pub parameters: &'static [MethodParameter],
     /// True if it estimates the error of its steps, so that a tolerance can choose them.
     pub adaptive: bool,
     /// False if it solves nothing, and so fails where a step does not resolve the fastest mode.
@@ -56,10 +56,10 @@ impl From<f64> for StepControl {
 
 /// A parameter of a method.
 #[derive(Debug)]
-pub struct Parameter {
+pub struct MethodParameter {
     /// Key in a scene.
     pub name: &'static str,
-    /// Value where the scene says nothing.
+    /// Default value.
     pub default: f64,
     /// Smallest and largest value allowed.
     pub range: [f64; 2],
@@ -73,7 +73,7 @@ impl Method {
         METHODS.iter().copied().find(|method| method.name == name)
     }
 
-    /// The values of its parameters where a scene says nothing.
+    /// The default values of its parameters.
     pub fn defaults(&self) -> Vec<f64> {
         self.parameters.iter().map(|parameter| parameter.default).collect()
     }
@@ -151,7 +151,7 @@ pub struct StepError {
     pub velocity: f64,
 }
 
-/// A method that asks for the equation of motion once, at the new time.
+/// A method that evaluates the equation of motion once per step, at the new time.
 pub trait OneStage: std::fmt::Debug + Send + Sync {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
@@ -247,7 +247,7 @@ impl StepWeights {
         move |i| self.explicit_part(h, v[i], a[i], memory.map(|w| w[i]))
     }
 
-    /// What a step of `h` (s) stands on, one unknown of it, with the old velocity, acceleration and memory.
+    /// The explicit part of a step of `h` (s) for one unknown, from the old velocity, acceleration and memory.
     #[inline(always)]
     pub(crate) fn explicit_part<T: Number>(self, h: f64, v: T, a: T, w: Option<T>) -> ExplicitPart<T> {
         let (q_w, v_w) = match (self.memory, w) {
@@ -258,7 +258,7 @@ impl StepWeights {
         ExplicitPart { dq, v: v + v.like(self.v_old) * a + v_w, guess: a }
     }
 
-    /// Remembers what it has to of the step from `from` whose solution is `to`.
+    /// Updates the memory of the accelerations in `to`, after the step from `from` to `to`.
     pub fn remember(self, from: &State, to: &mut State) {
         if let Some(MemoryWeights { new, old, kept, .. }) = self.memory {
             for (i, w) in to.memory.iter_mut().enumerate() {
@@ -278,7 +278,7 @@ pub(crate) struct Stage {
     pub h: f64,
 }
 
-/// What a stage stands on, one unknown of it.
+/// The explicit part of a stage for one unknown.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ExplicitPart<T = f64> {
     /// q* less the old position, m.
@@ -303,7 +303,7 @@ impl<T: Number> ExplicitPart<T> {
     }
 }
 
-/// Where Newton starts.
+/// The initial guess of Newton's method.
 #[derive(Debug, Clone, Copy)]
 enum Guess {
     /// At the u guessed by the method.

@@ -1,15 +1,15 @@
 //! Newmark's method: q = qⁿ + h vⁿ + h²((½−β)aⁿ + βa), v = vⁿ + h((1−γ)aⁿ + γa).
 
-use super::{Method, OneStage, Parameter, StepWeights, largest_root};
+use super::{Method, MethodParameter, OneStage, StepWeights, largest_root};
 
-/// What is known of it.
+/// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "newmark",
     stability: "unconditionally stable on linear systems for 2β ≥ γ ≥ ½; no damping at γ = ½",
     source: "N. M. Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67–94; the source study, section 2.5.2, with (½, ½)",
     parameters: &[
-        Parameter { name: "beta", default: 0.25, range: [1e-6, 1.0], allowed: "a number from 1e-6 to 1" },
-        Parameter { name: "gamma", default: 0.5, range: [0.0, 1.0], allowed: "a number from 0 to 1" },
+        MethodParameter { name: "beta", default: 0.25, range: [1e-6, 1.0], allowed: "a number from 1e-6 to 1" },
+        MethodParameter { name: "gamma", default: 0.5, range: [0.0, 1.0], allowed: "a number from 0 to 1" },
     ],
     adaptive: false,
     implicit: true,

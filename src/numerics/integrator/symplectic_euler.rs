@@ -7,7 +7,7 @@ use crate::linear::Direction;
 use crate::newton::Newton;
 use crate::system::{State, System};
 
-/// What is known of it.
+/// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "symplectic-euler",
     stability: "stable for steps below 2/ω_max only, ω_max the highest natural frequency; energies stay bounded there",

@@ -32,17 +32,17 @@ pub struct BlockBand<T: Real = f64> {
 }
 
 /// [a₀₀, a₀₁, a₁₀, a₁₁].
-type Block<T> = [T; 4];
+type RowMajorBlock<T> = [T; 4];
 
 /// c − A x. The product that is known last is subtracted last: that of x₀.
 #[inline(always)]
-fn less<T: Number>(c: [T; 2], a: Block<T>, x: [T; 2]) -> [T; 2] {
+fn less<T: Number>(c: [T; 2], a: RowMajorBlock<T>, x: [T; 2]) -> [T; 2] {
     [(c[0] - a[1] * x[1]) - a[0] * x[0], (c[1] - a[3] * x[1]) - a[2] * x[0]]
 }
 
 /// C − A B.
 #[inline(always)]
-fn less_product<T: Number>(c: Block<T>, a: Block<T>, b: Block<T>) -> Block<T> {
+fn less_product<T: Number>(c: RowMajorBlock<T>, a: RowMajorBlock<T>, b: RowMajorBlock<T>) -> RowMajorBlock<T> {
     let [c00, c10] = less([c[0], c[2]], a, [b[0], b[2]]);
     let [c01, c11] = less([c[1], c[3]], a, [b[1], b[3]]);
     [c00, c01, c10, c11]
@@ -50,7 +50,7 @@ fn less_product<T: Number>(c: Block<T>, a: Block<T>, b: Block<T>) -> Block<T> {
 
 /// The transpose of a block.
 #[inline(always)]
-fn transpose<T: Number>([a, b, c, d]: Block<T>) -> Block<T> {
+fn transpose<T: Number>([a, b, c, d]: RowMajorBlock<T>) -> RowMajorBlock<T> {
     [a, c, b, d]
 }
 
@@ -70,7 +70,7 @@ struct Pivot<T> {
 impl<T: Number> Pivot<T> {
     /// The two divisions do not wait for each other: u₁₁ is not d₁₁ − d₁₀ w, which has the same rounding error.
     #[inline(always)]
-    fn new([d00, d01, d10, d11]: Block<T>) -> Self {
+    fn new([d00, d01, d10, d11]: RowMajorBlock<T>) -> Self {
         let first = d00.like(1.0) / d00;
         Self { first, below: d10, beside: d01 * first, second: d00 / (d00 * d11 - d01 * d10) }
     }
@@ -85,7 +85,7 @@ impl<T: Number> Pivot<T> {
 
     /// D'⁻¹ B.
     #[inline(always)]
-    fn solve_block(&self, b: Block<T>) -> Block<T> {
+    fn solve_block(&self, b: RowMajorBlock<T>) -> RowMajorBlock<T> {
         let ([x00, x10], [x01, x11]) = (self.solve([b[0], b[2]]), self.solve([b[1], b[3]]));
         [x00, x01, x10, x11]
     }
@@ -101,8 +101,8 @@ impl<T: Number> Pivot<T> {
 /// The lower triangular factor's row of blocks.
 #[derive(Debug, Clone, Copy)]
 struct Lower<T> {
-    e: Block<T>,
-    c: Block<T>,
+    e: RowMajorBlock<T>,
+    c: RowMajorBlock<T>,
     pivot: Pivot<T>,
 }
 
@@ -122,8 +122,8 @@ impl<T: Number> Lower<T> {
 /// The unit upper triangular factor's row of blocks, F̂ and Ĝ.
 #[derive(Debug, Clone, Copy)]
 struct Upper<T> {
-    f: Block<T>,
-    g: Block<T>,
+    f: RowMajorBlock<T>,
+    g: RowMajorBlock<T>,
 }
 
 impl<T: Number> Upper<T> {
@@ -147,13 +147,17 @@ fn end<T: Real>(rows: &Upper<T::Pair>, end: usize) -> Upper<T> {
 
 /// A block of one end of the band.
 #[inline(always)]
-fn part_block<T: Real>([a, b, c, d]: Block<T::Pair>, end: usize) -> Block<T> {
+fn part_block<T: Real>([a, b, c, d]: RowMajorBlock<T::Pair>, end: usize) -> RowMajorBlock<T> {
     [a.to_array()[end], b.to_array()[end], c.to_array()[end], d.to_array()[end]]
 }
 
 /// One row of the elimination, from the rows before it.
 #[inline(always)]
-fn eliminate<T: Number>([e, c, d, f, g]: [Block<T>; 5], near: &Upper<T>, far: &Upper<T>) -> (Lower<T>, Upper<T>) {
+fn eliminate<T: Number>(
+    [e, c, d, f, g]: [RowMajorBlock<T>; 5],
+    near: &Upper<T>,
+    far: &Upper<T>,
+) -> (Lower<T>, Upper<T>) {
     let c = less_product(c, e, far.f);
     let d = less_product(less_product(d, e, far.g), c, near.f);
     let f = less_product(f, c, near.g);
@@ -168,7 +172,7 @@ struct Middle<T> {
     upper: [Upper<T>; 3],
     /// What ties the last of them to the last rows eliminated from below, the nearest and the one after, and then the
     /// last but one of them to the nearest.
-    below: [Block<T>; 3],
+    below: [RowMajorBlock<T>; 3],
 }
 
 impl<T: Real> Middle<T> {
@@ -270,7 +274,7 @@ fn part<T: Real>([first, second]: [T::Pair; 2]) -> [[T; 2]; 2] {
 
 /// A top row and a bottom one, the latter back to front, in lanes.
 #[inline(always)]
-fn pair_rows<T: Real>(top: &BlockRow<T>, bottom: &BlockRow<T>) -> [Block<T::Pair>; 5] {
+fn pair_rows<T: Real>(top: &BlockRow<T>, bottom: &BlockRow<T>) -> [RowMajorBlock<T::Pair>; 5] {
     let ([e, c, d, f, g], [below_g, below_f, below_d, below_c, below_e]) = (top, bottom);
     [
         pair_block(e, below_e),
@@ -283,7 +287,7 @@ fn pair_rows<T: Real>(top: &BlockRow<T>, bottom: &BlockRow<T>) -> [Block<T::Pair
 
 /// A block of a top row and one of a bottom row.
 #[inline(always)]
-fn pair_block<T: Real>(top: &Block<T>, bottom: &Block<T>) -> Block<T::Pair> {
+fn pair_block<T: Real>(top: &RowMajorBlock<T>, bottom: &RowMajorBlock<T>) -> RowMajorBlock<T::Pair> {
     let ([a, b, c, d], [e, f, g, h]) = (*top, *bottom);
     [T::Pair::new([a, e]), T::Pair::new([b, f]), T::Pair::new([c, g]), T::Pair::new([d, h])]
 }
@@ -337,7 +341,7 @@ impl<T: Real> BlockBand<T> {
             [*x_t, *x_b] = part(x);
         }
         let of_middle = &mut self.middle;
-        let inner = T::apart(
+        let inner = T::out_of_line(
             #[inline(always)]
             || {
                 of_middle.factor(middle, &near, &far);
@@ -418,11 +422,13 @@ impl LinearSolver for BlockBand {
         let (count, below) = (middle.len(), self.middle.below);
         let [mut near, mut far] = self.middle.solve_transposed(middle, next, after);
         // The blocks C' and E that tie the rows passed to the next row: those of the middle, to begin with.
-        let lanes = |top: Block<f64>, bottom: Block<f64>| std::array::from_fn(|i| f64x2::new([top[i], bottom[i]]));
+        let lanes = |top: RowMajorBlock<f64>, bottom: RowMajorBlock<f64>| {
+            std::array::from_fn(|i| f64x2::new([top[i], bottom[i]]))
+        };
         let rows = &self.middle.lower;
-        let mut c: Block<f64x2> = lanes(rows[0].c, below[0]);
-        let mut e_near: Block<f64x2> = lanes(rows[0].e, below[1]);
-        let mut e_far: Block<f64x2> = lanes(rows[1.min(count - 1)].e, below[2]);
+        let mut c: RowMajorBlock<f64x2> = lanes(rows[0].c, below[0]);
+        let mut e_near: RowMajorBlock<f64x2> = lanes(rows[0].e, below[1]);
+        let mut e_far: RowMajorBlock<f64x2> = lanes(rows[1.min(count - 1)].e, below[2]);
         let outwards = top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.lower).rev();
         for ((t, b), lower) in outwards {
             let x = less(less(pair(*t, *b), transpose(e_far), far), transpose(c), near);

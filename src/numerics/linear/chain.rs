@@ -65,11 +65,11 @@ impl ChainRow {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChainMatrix {
     rows: Vec<ChainRow>,
-    /// What stays the same along the rod.
+    /// The terms that are constant along the rod.
     pub terms: ChainTerms,
 }
 
-/// What a [`ChainMatrix`] has once.
+/// The terms of a [`ChainMatrix`] that are constant along the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainTerms {
     /// c, what a position moves by.
@@ -196,7 +196,7 @@ impl Affine {
 
     /// The same of the start of an edge that is rigid: its end moves by the lever times θ, less the gap.
     #[inline(always)]
-    fn carried(self, edge: &Edge) -> Self {
+    fn at_rigid_start(self, edge: &ChainEdge) -> Self {
         self + Self([0.0, 0.0, self.along(edge.lever), -self.along(edge.gap)])
     }
 }
@@ -218,7 +218,7 @@ struct CondensedEdge {
 
 /// An edge for one elimination: x_{k+1} = x_k + `lever` θ_k + `compliance` t tᵀ F_k − `gap` and
 /// M_{k+1} = M_k − g·F_k − h θ_k + `couple`.
-struct Edge {
+struct ChainEdge {
     t: Vector2<f64>,
     lever: Vector2<f64>,
     compliance: f64,
@@ -227,12 +227,12 @@ struct Edge {
 }
 
 /// A joint for one elimination: θ_k = θ_{k−1} + `flexibility` M_k + `turn`.
-struct Joint {
+struct ChainJoint {
     flexibility: f64,
     turn: f64,
 }
 
-/// What takes the equations' common factors away.
+/// The factors that undo the scaling of the equations.
 #[derive(Clone, Copy)]
 struct RowCoefficients {
     per_move: f64,
@@ -247,8 +247,8 @@ impl RowCoefficients {
     }
 
     #[inline(always)]
-    fn edge(self, row: &ChainRow, rhs: &[f64; UNKNOWNS_PER_NODE]) -> Edge {
-        Edge {
+    fn edge(self, row: &ChainRow, rhs: &[f64; UNKNOWNS_PER_NODE]) -> ChainEdge {
+        ChainEdge {
             t: row.t.into(),
             lever: row.lever() * self.per_move,
             compliance: row.compliance * self.per_move,
@@ -258,9 +258,9 @@ impl RowCoefficients {
     }
 
     #[inline(always)]
-    fn joint(self, row: &ChainRow, rhs: &[f64; UNKNOWNS_PER_NODE]) -> Joint {
+    fn joint(self, row: &ChainRow, rhs: &[f64; UNKNOWNS_PER_NODE]) -> ChainJoint {
         let per_slope = 1.0 / row.slope;
-        Joint { flexibility: row.flexibility * per_slope, turn: rhs[2] * (self.joint * per_slope) }
+        ChainJoint { flexibility: row.flexibility * per_slope, turn: rhs[2] * (self.joint * per_slope) }
     }
 
     /// The moment where there is no joint.
@@ -294,14 +294,14 @@ impl CondensedRod {
 
     /// Carried over an edge, from its end to its start.
     #[inline(always)]
-    fn carried(&self, row: &ChainRow, edge: &Edge) -> CondensedEdge {
+    fn condense_edge(&self, row: &ChainRow, edge: &ChainEdge) -> CondensedEdge {
         let (t, [slip, length]) = (edge.t, row.lever);
         let [x, y] = self.force;
-        let [along, across] = [x * t.x + y * t.y, y * t.x - x * t.y].map(|force| force.carried(edge));
+        let [along, across] = [x * t.x + y * t.y, y * t.x - x * t.y].map(|force| force.at_rigid_start(edge));
         // Under the force along it the edge gives way.
         let along = along * (1.0 / (1.0 + edge.compliance * along.along(t)));
         let across = across - along * (edge.compliance * across.along(t));
-        let moment = self.moment.carried(edge) - along * (edge.compliance * self.moment.along(t));
+        let moment = self.moment.at_rigid_start(edge) - along * (edge.compliance * self.moment.along(t));
         let moment = moment + Affine([0.0, 0.0, -row.by_angle, edge.couple]) + along * slip + across * length;
         CondensedEdge { along, across, moment }
     }
@@ -310,14 +310,14 @@ impl CondensedRod {
 impl CondensedEdge {
     /// The moment with the joint before it.
     #[inline(always)]
-    fn jointed(&self, joint: &Joint) -> Affine {
+    fn jointed(&self, joint: &ChainJoint) -> Affine {
         let tt = self.moment.0[2];
         (self.moment + Affine([0.0, 0.0, 0.0, tt * joint.turn])) * (1.0 / (1.0 + joint.flexibility * tt))
     }
 
     /// With its first node, and the joint there.
     #[inline(always)]
-    fn joined(&self, row: &ChainRow, joint: &Joint, rhs: &[f64; UNKNOWNS_PER_NODE]) -> CondensedRod {
+    fn joined(&self, row: &ChainRow, joint: &ChainJoint, rhs: &[f64; UNKNOWNS_PER_NODE]) -> CondensedRod {
         let moment = self.jointed(joint);
         let theta = Affine([0.0, 0.0, 1.0, joint.turn]) - moment * joint.flexibility; // of the edge beyond
         let [tx, ty] = row.t;
@@ -381,7 +381,7 @@ impl Riccati {
         let mut part = CondensedRod::tip(tip, rhs_tip, plain);
         let mut first = CondensedEdge::default();
         for ((row, rhs), beyond) in rows.iter().zip(rhs).zip(&mut self.beyond).rev() {
-            first = part.carried(row, &plain.edge(row, rhs));
+            first = part.condense_edge(row, &plain.edge(row, rhs));
             *beyond = CondensedEdge { moment: part.moment, ..first };
             part = first.joined(row, &plain.joint(row, rhs), rhs);
         }
@@ -395,7 +395,7 @@ impl Riccati {
         } else {
             moment = plain.moment(head, rhs_head);
             // A joint that lets the moment through, and no edge before it.
-            let through = Joint { flexibility: 0.0, turn: 0.0 };
+            let through = ChainJoint { flexibility: 0.0, turn: 0.0 };
             let CondensedRod { force: [Affine(x), Affine(y)], moment: Affine(m) } =
                 first.joined(head, &through, rhs_head);
             let whole = Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], m[0], m[1], m[2]);

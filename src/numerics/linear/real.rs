@@ -1,7 +1,7 @@
-//! The number that the equations of motion are written in: one, or those of several cases, each in a lane.
+//! The number type of the equations of motion: one number, or the numbers of several cases in SIMD lanes.
 //!
-//! The step of one case and that of several have one source: edges, joints, drag, assembly and elimination are generic over
-//! [`Real`]. No product is contracted with a sum, so a case has the same bits alone and beside others.
+//! The step of one case and that of several have one source: edges, joints, drag, assembly and elimination are generic
+//! over [`Real`]. Multiplications and additions are not fused, so a case is bit-identical alone and in a batch.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
@@ -9,7 +9,7 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 use nalgebra::Scalar;
 use wide::f64x2;
 
-/// What can be reckoned with: a [`Real`], or a [`Pair`] of them.
+/// The arithmetic that a [`Real`] and a [`Pair`] of them have in common.
 pub trait Number:
     Copy
     + Debug
@@ -45,10 +45,10 @@ pub trait Real: Number + Scalar {
     /// Two of them.
     type Pair: Pair<Self>;
 
-    /// Does what is no part of a loop beside it, whose registers it would take (a tenth of an elimination's instructions). In lanes
-    /// everything has to be in one function, the one that is compiled for them.
+    /// Runs `work` outside of a loop, whose registers it would occupy (a tenth of the instructions of an elimination).
+    /// In lanes everything has to be in one function, the one that is compiled for them.
     #[inline(always)]
-    fn apart<R>(work: impl FnOnce() -> R) -> R {
+    fn out_of_line<R>(work: impl FnOnce() -> R) -> R {
         work()
     }
 }
@@ -112,7 +112,7 @@ impl Real for f64 {
     type Pair = f64x2;
 
     #[inline(never)]
-    fn apart<R>(work: impl FnOnce() -> R) -> R {
+    fn out_of_line<R>(work: impl FnOnce() -> R) -> R {
         work()
     }
 }

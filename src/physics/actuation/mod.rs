@@ -9,16 +9,16 @@ pub mod travelling_wave;
 
 pub use travelling_wave::TravellingWave;
 
-/// All kinds; adding one is its file and its line here.
+/// All kinds of actuation. To add one, write its file and list it here.
 pub static KINDS: &[&ActuationKind] = &[&travelling_wave::KIND, &standing_wave::KIND, &sine_wave::KIND];
 
-/// What is known of a kind, and how to make it.
+/// An entry in the list of kinds: its name and keys, and its constructor.
 pub struct ActuationKind {
     /// Name in a scene.
     pub name: &'static str,
-    /// The keys of `[actuation]` that it takes beside those of every kind.
+    /// The keys of `[actuation]` that it accepts in addition to those of every kind.
     pub keys: &'static [&'static str],
-    /// Those of them that it cannot do without; `moment_amp_n_m` stands for `kappa_amp`.
+    /// Those of them that are required; `moment_amp_n_m` may replace `kappa_amp`.
     pub needs: &'static [&'static str],
     /// The actuation.
     pub build: fn(&ActuationInputs<'_>) -> Box<dyn Actuation>,
@@ -44,7 +44,7 @@ impl ActuationKind {
     }
 }
 
-/// What kinds are made from. What a kind needs is there, by its [`ActuationKind::needs`].
+/// The inputs from which actuations are built. Those that a kind lists in [`ActuationKind::needs`] are present.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActuationInputs<'a> {
     /// Number of nodes.
@@ -105,8 +105,9 @@ pub(crate) fn fastest(harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> f6
 
 /// A kind of actuation.
 pub trait Actuation: std::fmt::Debug + Send + Sync {
-    /// Adds what each joint is given, the dimensionless natural curvature κ̄_k or the active moment M_k (N m), to `given` and its rate
-    /// (per s) to `rate`, one entry per node; a whole joint's worth at every node, the caller halves a curvature where a joint is half.
+    /// Adds the dimensionless natural curvature κ̄_k or the active moment M_k (N m) of each joint to `given`, and its
+    /// rate (per s) to `rate`, one entry per node. The values are those of full joints; the caller halves a curvature
+    /// at a half-cell joint.
     fn add(&self, wave: Wave, given: &mut [f64], rate: &mut [f64]);
 
     /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry per node.

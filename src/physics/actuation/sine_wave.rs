@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use super::{ActuationKind, TravellingWave};
 
-/// This kind.
+/// The entry of this kind in the list of kinds.
 pub static KIND: ActuationKind = ActuationKind {
     name: "sine-wave",
     keys: &["wavelength_m", "slope"],

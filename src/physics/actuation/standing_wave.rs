@@ -3,7 +3,7 @@
 
 use super::{ActuationInputs, ActuationKind, TravellingWave};
 
-/// This kind.
+/// The entry of this kind in the list of kinds.
 pub static KIND: ActuationKind = ActuationKind {
     name: "standing-wave",
     keys: &["kappa_amp", "moment_amp_n_m", "kappa_reference_length_m", "harmonics"],

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use super::{Actuation, ActuationInputs, ActuationKind, Wave, fastest};
 
-/// This kind.
+/// The entry of this kind in the list of kinds.
 pub static KIND: ActuationKind = ActuationKind {
     name: "travelling-wave",
     keys: &["kappa_amp", "moment_amp_n_m", "kappa_reference_length_m", "wavelength_m", "harmonics"],

@@ -1,4 +1,4 @@
-//! What a force says of itself, held against what it does: for the tests of forces that are one's own.
+//! Checks of a force against finite differences, for the tests of your own forces.
 
 use nalgebra::Vector2;
 
@@ -6,18 +6,18 @@ use super::force::{Force, Kinematics, PowerKind, StateDerivatives, add_change, p
 use super::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::rod::{Edge, Rod, node};
 
-/// Relative error above which a statement is wrong: differences are good to some 1e-9.
+/// Relative error above which a statement is reported. Differences are accurate to about 1e-9.
 const TOLERANCE: f64 = 1e-6;
 
-/// Random motions that a force is looked at in.
+/// Number of random motions in which a force is checked.
 const MOTIONS: usize = 8;
 
 /// A statement of a force that its own values contradict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contradiction {
-    /// The statement: a method of [`Force`], and what of it.
+    /// The statement: a method of [`Force`], and which part of it.
     pub statement: String,
-    /// By how much, over the largest value; infinite where a value is not finite.
+    /// The error relative to the largest value; infinite if a value is not finite.
     pub error: f64,
 }
 
@@ -27,11 +27,12 @@ impl std::fmt::Display for Contradiction {
     }
 }
 
-/// Looks at `force` on `rod` in random motions through `fluid`, of a length of the rod a second, and returns each of its statements
-/// that differences contradict: the slopes of [`evaluate`](Force::evaluate) by positions, velocities, accelerations and flow,
-/// [`is_of_fluid`](Force::is_of_fluid), [`is_the_same_everywhere`](Force::is_the_same_everywhere),
-/// [`is_linear`](Force::is_linear), the slopes of its [`energy`](Force::energy), that the energy of a force that takes nothing grows by
-/// its power, and the derivatives by viscosity and density. Empty of a force that is right.
+/// Checks `force` on `rod` in random motions through `fluid`, with speeds of about one rod length per second, and
+/// returns the statements that finite differences contradict: the slopes of [`evaluate`](Force::evaluate) by positions,
+/// velocities, accelerations and flow, [`is_of_fluid`](Force::is_of_fluid),
+/// [`is_the_same_everywhere`](Force::is_the_same_everywhere), [`is_linear`](Force::is_linear), the slopes of its
+/// [`energy`](Force::energy), that the energy of a force that dissipates nothing grows by its power, and the
+/// derivatives by viscosity and density. Empty for a correct force.
 ///
 /// Its own parameters: [`audit_parameter`].
 pub fn audit(force: &dyn Force, rod: &Rod, fluid: Fluid) -> Vec<Contradiction> {
@@ -54,7 +55,7 @@ pub fn audit(force: &dyn Force, rod: &Rod, fluid: Fluid) -> Vec<Contradiction> {
     found.0
 }
 
-/// The same for the parameter `key` of a force of one's own, `build` making the force of a value of it.
+/// The same for the parameter `key` of your own force, which `build` makes from a value of that parameter.
 pub fn audit_parameter<F: Force>(
     key: Key,
     value: f64,
@@ -94,7 +95,7 @@ impl Found {
     }
 }
 
-/// Numbers that look random (xorshift64*).
+/// Pseudorandom numbers (xorshift64*).
 struct Dice(u64);
 
 impl Dice {
@@ -146,7 +147,7 @@ impl TrialMotion {
         look(&Kinematics { t: self.t, ..Kinematics::within(self.fluid, &edges, [q, v, a]) })
     }
 
-    /// What `force` opposes every node with.
+    /// The opposing force on every node.
     fn force(&self, force: &dyn Force) -> Vec<f64> {
         let mut sum = vec![0.0; self.parts[0].len()];
         self.with(|rod| visit_alone(force, rod, |k, f| (0..2).for_each(|i| sum[2 * k + i] += f[i])));
@@ -189,7 +190,7 @@ impl TrialMotion {
             let mut exact = vec![0.0; count];
             self.with(|rod| add_change(force, rod, change, flow, &mut exact));
             let differences = difference(|by| self.moved(change, flow, by).force(force));
-            found.add(&format!("evaluate(): its slope by {by}"), apart(&exact, &differences, own));
+            found.add(&format!("evaluate(): its slope by {by}"), relative_difference(&exact, &differences, own));
         }
     }
 
@@ -199,21 +200,21 @@ impl TrialMotion {
         let by = Vector2::new(0.6, -0.8) * (3.0 * self.sizes[1]);
         if force.is_the_same_everywhere() {
             let elsewhere = self.shifted(0, by);
-            found.add("is_the_same_everywhere()", apart(&elsewhere.force(force), &own, largest(&own)));
+            found.add("is_the_same_everywhere()", relative_difference(&elsewhere.force(force), &own, largest(&own)));
         }
         if force.is_of_fluid() {
             let mut carried = self.shifted(1, by);
             carried.fluid.flow += by;
-            found.add("is_of_fluid()", apart(&carried.force(force), &own, largest(&own)));
+            found.add("is_of_fluid()", relative_difference(&carried.force(force), &own, largest(&own)));
         } else {
             let mut otherwise = self.clone();
             otherwise.fluid.flow += by;
-            found.add("is_of_fluid() = false", apart(&otherwise.force(force), &own, largest(&own)));
+            found.add("is_of_fluid() = false", relative_difference(&otherwise.force(force), &own, largest(&own)));
         }
         if force.is_linear() {
             let [one, two] = [1.0, 2.0].map(|times| self.shifted(1, by * times).force(force));
             let straight: Vec<f64> = own.iter().zip(&two).map(|(a, b)| 0.5 * (a + b)).collect();
-            found.add("is_linear()", apart(&one, &straight, largest(&two)));
+            found.add("is_linear()", relative_difference(&one, &straight, largest(&two)));
         }
     }
 
@@ -227,7 +228,7 @@ impl TrialMotion {
         let [dq, dv, da] = &change;
         let at = |h: f64| vec![self.moved([dq, dv, da], Vector2::zeros(), h).stored(force)];
         let exact: f64 = by.iter().zip(&change).map(|(by, d)| dot(by, d)).sum();
-        found.add("energy(): its slopes", apart(&[exact], &difference(at), stored.abs()));
+        found.add("energy(): its slopes", relative_difference(&[exact], &difference(at), stored.abs()));
         if !matches!(force.power_kind(), None | Some(PowerKind::Load)) {
             return;
         }
@@ -240,7 +241,10 @@ impl TrialMotion {
             later.fluid.flow += self.fluid.acceleration * h;
             vec![later.stored(force)]
         });
-        found.add("energy(): its rate, by the power and energy_by_time()", apart(&[power + given], &rate, scale));
+        found.add(
+            "energy(): its rate, by the power and energy_by_time()",
+            relative_difference(&[power + given], &rate, scale),
+        );
     }
 
     /// The derivatives by a parameter of a `value`; `at` says force and energy where it is changed.
@@ -258,9 +262,12 @@ impl TrialMotion {
         exact.iter_mut().for_each(|x| *x *= size);
         let differences = difference(|by| at(by * size).0);
         let statement = format!("add_by_parameter(): {key}");
-        found.add(&statement, apart(&exact, &differences, largest(&self.force(force))));
+        found.add(&statement, relative_difference(&exact, &differences, largest(&self.force(force))));
         let stored = difference(|by| vec![at(by * size).1]);
-        found.add(&format!("{statement}, of the energy"), apart(&[energy * size], &stored, self.stored(force).abs()));
+        found.add(
+            &format!("{statement}, of the energy"),
+            relative_difference(&[energy * size], &stored, self.stored(force).abs()),
+        );
     }
 }
 
@@ -271,7 +278,7 @@ fn difference(f: impl Fn(f64) -> Vec<f64>) -> Vec<f64> {
 }
 
 /// How far `a` is from `b`, over the largest of `b` and `scale`.
-fn apart(a: &[f64], b: &[f64], scale: f64) -> f64 {
+fn relative_difference(a: &[f64], b: &[f64], scale: f64) -> f64 {
     let far = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     let not_finite = a.iter().chain(b).any(|x| !x.is_finite());
     match (not_finite, largest(b).max(scale)) {

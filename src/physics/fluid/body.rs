@@ -227,7 +227,7 @@ impl Force for BodyDrag {
             Bound::at_least(DimensionlessNumber::BodyHeight, 1.0),
         ];
         Validity {
-            range: "a spheroid; beside a wall it moves parallel to that; form drag is that of its coefficients",
+            range: "a spheroid; near a wall for motion parallel to it; form drag by the given coefficients",
             bounds: if self.form.iter().all(|form| *form >= LEAST_FORM) { &CREEPS[1..] } else { CREEPS },
             source: "A. T. Chwang & T. Y.-T. Wu, J. Fluid Mech. 67 (1975); H. Faxén (1923) and G. B. Jeffery (1915) for walls",
         }

@@ -1,20 +1,21 @@
-//! The fluid along a rod: runs of edges that are all in one fluid, or along all of which it changes.
+//! The fluid along a rod: ranges of edges in one uniform fluid, and ranges along which the fluid changes.
 
 use std::ops::Range;
 use std::{iter, slice};
 
 use super::medium::{Fluid, Layers, LocalFluid};
 
-/// Edges that follow each other, in one fluid or in fluids that change along each of them.
+/// Consecutive edges in one uniform fluid, or in a fluid that changes along each of them.
 #[derive(Debug)]
 struct FluidRun {
     edges: Range<usize>,
     changes: bool,
-    /// The place of what is found at its first node; the only one where nothing changes, else one per node from there on.
+    /// The index of the fluid at its first node. It is the only entry in a uniform range; otherwise there is one entry
+    /// per node from there on.
     first: usize,
 }
 
-/// What is found along a rod, with room to find it again.
+/// The fluid along a rod, with buffers that are reused.
 #[derive(Debug, Default)]
 pub struct FluidRuns {
     runs: Vec<FluidRun>,
@@ -22,8 +23,8 @@ pub struct FluidRuns {
 }
 
 impl FluidRuns {
-    /// Nothing yet, with room for a rod of `nodes` nodes.
-    pub fn with_room(nodes: usize) -> Self {
+    /// Empty, with buffers for a rod of `nodes` nodes.
+    pub fn with_capacity(nodes: usize) -> Self {
         // At most a run per edge, and an entry per edge and one for the last node of every run that changes.
         Self { runs: Vec::with_capacity(nodes), found: Vec::with_capacity(2 * nodes) }
     }
@@ -66,7 +67,7 @@ impl FluidRuns {
     }
 }
 
-/// What was found along a rod, or a part of it; nothing where nobody has looked yet.
+/// The fluid along a rod or a part of it; empty until it has been computed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FluidAlong<'a> {
     runs: &'a [FluidRun],
@@ -80,7 +81,7 @@ impl<'a> From<&'a FluidRuns> for FluidAlong<'a> {
 }
 
 impl<'a> FluidAlong<'a> {
-    /// True where nobody has looked yet.
+    /// True if it has not been computed.
     #[inline(always)]
     pub fn is_unknown(self) -> bool {
         self.runs.is_empty()
@@ -92,7 +93,7 @@ impl<'a> FluidAlong<'a> {
         self.runs.len() == 1
     }
 
-    /// The fluid where it is known to be the same at every node.
+    /// The fluid, if it is known to be the same at every node.
     #[inline(always)]
     pub fn everywhere(self) -> Option<&'a Fluid> {
         match self.runs {
@@ -101,14 +102,14 @@ impl<'a> FluidAlong<'a> {
         }
     }
 
-    /// What was found at node `k`, if anybody has looked there.
+    /// The fluid at node `k`, if it has been computed.
     #[inline(always)]
     pub fn at(self, k: usize) -> Option<&'a LocalFluid> {
         let run = self.runs.iter().find(|run| run.edges.start <= k && k <= run.edges.end)?;
         Some(&self.found[run.first + if run.changes { k - run.edges.start } else { 0 }])
     }
 
-    /// What was found at the nodes of `edges`, which are of one run along which the fluid changes.
+    /// The fluid at the nodes of `edges`, which lie in one range along which it changes.
     #[inline(always)]
     pub fn along(self, edges: Range<usize>) -> &'a [LocalFluid] {
         match self.runs {
@@ -119,7 +120,7 @@ impl<'a> FluidAlong<'a> {
         }
     }
 
-    /// The runs of `edges`, each as if there were no other; all of them where nobody has looked yet.
+    /// The ranges of `edges`, each by itself; a single range if the fluid has not been computed.
     #[inline(always)]
     pub fn over(self, edges: Range<usize>) -> impl Iterator<Item = (Range<usize>, Self)> {
         let (mut next, mut ahead) = (edges.start, self.runs.iter());

@@ -1,4 +1,4 @@
-//! What acts on the rod from outside: a list of forces, each with exact derivatives, its energy and what it takes.
+//! External forces on the rod: a list of forces, each with exact derivatives, stored energy and dissipated power.
 //!
 //! A force acts on the two ends of every edge. It is written as what *opposes* the motion, M a + ∇E + ΣF = W, and may depend
 //! on positions, velocities and accelerations of both nodes, on the edge between them, and on time. Its derivatives are given
@@ -21,7 +21,7 @@ pub use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
 
-/// How the rod lies and moves, and in which fluid.
+/// Positions, velocities and accelerations of the rod, and the fluid around it.
 #[derive(Debug, Clone, Copy)]
 pub struct Kinematics<'a> {
     /// Time, s.
@@ -34,11 +34,11 @@ pub struct Kinematics<'a> {
     pub v: &'a [f64],
     /// Accelerations, m/s², two entries per node.
     pub a: &'a [f64],
-    /// The fluid; where there are layers, that before the first interface.
+    /// The fluid; in layers, the one before the first interface.
     pub fluid: Fluid,
-    /// What lies beyond it; `None` where the medium is uniform.
+    /// The layers beyond the first interface; `None` in a uniform medium.
     pub layers: Option<&'a Layers>,
-    /// The fluid found along it; nothing where nobody has looked yet.
+    /// The fluid along the rod; empty until it has been computed.
     pub around: FluidAlong<'a>,
 }
 
@@ -48,7 +48,7 @@ impl<'a> Kinematics<'a> {
         Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: FluidAlong::default() }
     }
 
-    /// The fluid at node `k`, and how it changes from there.
+    /// The fluid at node `k`, with its slope.
     #[inline(always)]
     pub fn here(&self, k: usize) -> LocalFluid {
         match (self.layers, self.around.at(k)) {
@@ -64,7 +64,7 @@ impl<'a> Kinematics<'a> {
         self.here(k).fluid.flow
     }
 
-    /// The flow (m/s) where it is known to be the same along the whole rod.
+    /// The flow (m/s), if it is known to be uniform along the rod.
     pub fn flow_everywhere(&self) -> Option<Vector2<f64>> {
         let one = self.everywhere().map(|fluid| fluid.flow);
         one.or_else(|| self.layers.is_none_or(Layers::flow_together).then_some(self.fluid.flow))
@@ -76,7 +76,7 @@ impl<'a> Kinematics<'a> {
         node(self.v, k) - self.flow(k)
     }
 
-    /// The fluid where it is known to be the same along the whole rod.
+    /// The fluid, if it is known to be uniform along the rod.
     #[inline(always)]
     pub fn everywhere(&self) -> Option<Fluid> {
         match self.layers {
@@ -91,14 +91,14 @@ impl<'a> Kinematics<'a> {
         self.layers.is_none() || self.around.is_one()
     }
 
-    /// The runs of `edges` along each of which the fluid is the same, or changes along every edge, with the rod as it is to be looked
-    /// at there: in one fluid [`everywhere`](Self::everywhere), or not.
+    /// The ranges of `edges` in which the fluid is uniform, or changes along every edge, each with the kinematics to
+    /// use there: in one fluid [`everywhere`](Self::everywhere), or not.
     #[inline(always)]
     pub fn runs(self, edges: Range<usize>) -> impl Iterator<Item = (Range<usize>, Self)> {
         self.around.over(edges).map(move |(run, around)| (run, Self { around, ..self }))
     }
 
-    /// The same with the fluid along it found, in `runs` where nobody has looked yet.
+    /// The same with the fluid along the rod, computed into `runs` if it is not known yet.
     pub fn found<'b>(&self, runs: &'b mut FluidRuns) -> Kinematics<'b>
     where
         'a: 'b,
@@ -133,7 +133,7 @@ impl<'a> Kinematics<'a> {
     }
 }
 
-/// What a force opposes the last node with beyond its last edge: it may know the last two edges.
+/// A force on the last node in addition to that of its edge. It may depend on the last two edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipForce {
     /// The force, N.
@@ -156,15 +156,15 @@ impl TipForce {
 #[derive(Debug)]
 pub struct ForceAccumulator<'a> {
     sums: &'a mut [EdgeForce],
-    /// Nothing has been summed yet.
+    /// True until the first force has been added.
     fresh: bool,
-    /// Derivatives are wanted too; else they are not touched.
+    /// True if derivatives are summed as well; otherwise they are left unchanged.
     slopes: bool,
 }
 
 impl ForceAccumulator<'_> {
-    /// Adds what `on` says of each of `items`, one for every edge that the force was asked for: the edges' numbers, or
-    /// whatever is known of them.
+    /// Adds the force that `on` returns for each of `items`. There is one item per requested edge: its index, or data
+    /// about it.
     #[inline(always)]
     pub fn each<T>(&mut self, items: impl IntoIterator<Item = T>, mut on: impl FnMut(T) -> EdgeForce) {
         for (sum, item) in self.sums.iter_mut().zip(items) {
@@ -181,8 +181,8 @@ impl ForceAccumulator<'_> {
 }
 
 impl ForceAccumulator<'_> {
-    /// Adds what `on` says of the `i`-th edge that the force was asked for, and nothing of the others. Where there is no such edge
-    /// nothing can be known: the sums are NaN then, which ends the step with [`Error::NotFinite`](crate::Error::NotFinite).
+    /// Adds the force `on` to the `i`-th requested edge only. If there is no such edge, the sums become NaN, which ends
+    /// the step with [`Error::NotFinite`](crate::Error::NotFinite).
     pub fn one(&mut self, i: usize, on: &EdgeForce) {
         if self.fresh {
             self.sums.fill(EdgeForce::ZERO);
@@ -196,18 +196,18 @@ impl ForceAccumulator<'_> {
     }
 }
 
-/// Where the power that a force takes goes.
+/// The destination of the power that a force dissipates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PowerKind {
     /// Into the fluid's friction and eddies: drag.
     Drag,
     /// Into the wake that leaves the tail.
     Wake,
-    /// Nowhere: the flow itself puts it in.
+    /// None: the flow itself supplies it.
     Flow,
     /// Into the spray where the rod meets a denser fluid.
     Spray,
-    /// Nowhere: it is a load, whose work is that of gravity; it stores an energy, and [`energy`](Force::energy) says how much.
+    /// None: the force is a load such as gravity, which stores the energy that [`energy`](Force::energy) returns.
     Load,
     /// Elsewhere.
     Other,
@@ -224,11 +224,11 @@ pub struct StateDerivatives<'a> {
     pub a: &'a mut [f64],
 }
 
-/// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled
-/// for it.
+/// A force whose edges are independent of each other. A linear one is computed together with the rod's own forces, in a
+/// pass that is compiled for it.
 pub trait FusedForce {
-    /// Assembles `rod`, of a `damped` or of an elastic material, which moves through `fluid`, the same along all of it, with this force
-    /// and with what `others` say, see [`Deformed::assemble`].
+    /// Assembles `rod`, of a `damped` or of an elastic material, in the uniform `fluid`, with this force and the
+    /// `others`; see [`Deformed::assemble`].
     fn assemble(
         &self,
         rod: Deformed<'_>,
@@ -239,8 +239,8 @@ pub trait FusedForce {
         jacobian: Option<(&mut [BlockRow], Direction)>,
     );
 
-    /// Of a force in proportion to the velocity of each half of an edge: the lengths (m) of the halves of edge `e`, and its
-    /// coefficients along and across them in `fluid`, N s/m². None of any other.
+    /// For a force proportional to the velocity of each half of an edge: the lengths (m) of the halves of edge `e`, and
+    /// the coefficients along and across them in `fluid`, N s/m². `None` for any other force.
     fn coefficients(&self, _fluid: Fluid, _e: usize) -> Option<[f64x2; 3]> {
         None
     }
@@ -249,32 +249,34 @@ pub trait FusedForce {
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers;
 }
 
-/// A force on each node that depends on the motion of all of them. As [`Coupling`] it is what it adds to Newton's matrix beside
-/// the derivatives that [`evaluate`](Force::evaluate) gives, at the motion last evaluated.
+/// A force on each node that depends on the motion of all nodes. Its [`Coupling`] is the part of Newton's matrix that
+/// [`evaluate`](Force::evaluate) does not give, at the motion last evaluated.
 pub trait GlobalForce: Coupling {
-    /// Adds to `out` how much more it opposes every node with where positions and velocities change by `change`, the flow by
-    /// `flow` (m/s).
+    /// Adds the differential of the opposing force on every node to `out`, for a `change` of positions and velocities
+    /// and of the flow by `flow` (m/s).
     fn add_change(&self, rod: &Kinematics<'_>, change: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]);
 }
 
-/// A force on the rod. What an implementation says of itself is held against what it does by [`audit`](super::audit::audit).
+/// A force on the rod. [`audit`](super::audit::audit) compares what an implementation states about itself with finite
+/// differences.
 pub trait Force: std::fmt::Debug + Send + Sync + Any {
     /// Its name.
     fn name(&self) -> &'static str;
 
-    /// Where it holds, and its source.
+    /// Its range of validity, and the source.
     fn validity(&self) -> Validity;
 
-    /// True where it is a fluid's: it depends on velocities against the flow, whose power is booked apart. A spring or a damper that is
-    /// fixed to the ground is none.
+    /// True for a force of the fluid. It depends on velocities relative to the flow, and the power of the flow is
+    /// counted separately. False for a spring or a damper that is fixed to the ground.
     fn is_of_fluid(&self) -> bool;
 
-    /// True where it is the same wherever the rod lies, in one fluid. Sensitivities and the shape model count on it: a spring to a point
-    /// that says so has wrong derivatives.
+    /// True if it does not depend on where the rod lies in a uniform fluid. Sensitivities and the shape model rely on
+    /// this: a spring to a fixed point that returns true gets wrong derivatives.
     fn is_the_same_everywhere(&self) -> bool;
 
-    /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one. The fluid
-    /// is known: the same [`everywhere`](Kinematics::everywhere), or what was found [`along`](FluidAlong::along) `edges`.
+    /// Adds the forces that oppose the motion of `edges` to `sums`, with derivatives along the direction `along` if
+    /// there is one. The fluid is either uniform ([`everywhere`](Kinematics::everywhere)), or the one found
+    /// [`along`](FluidAlong::along) `edges`.
     fn evaluate(
         &self,
         rod: &Kinematics<'_>,
@@ -283,28 +285,29 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         sums: &mut ForceAccumulator<'_>,
     );
 
-    /// The same compiled into the pass over the rod, of a force that most scenes have.
+    /// The form that is compiled into the pass over the rod, for forces that most scenes have.
     fn fused(&self) -> Option<&dyn FusedForce> {
         None
     }
 
-    /// False where it does nothing on any edge of `rod`.
+    /// False if it is zero on every edge of `rod`.
     fn is_on_edges(&self, _rod: &Kinematics<'_>) -> bool {
         true
     }
 
-    /// What opposes the last node beyond that.
+    /// The additional opposing force on the last node.
     fn tip(&self, _rod: &Kinematics<'_>, _along: Option<Direction>) -> Option<TipForce> {
         None
     }
 
-    /// True where it depends on accelerations: it adds to the inertia. Slopes by accelerations are asked for only where it says so.
+    /// True if it depends on accelerations, as an added mass does. Derivatives by accelerations are requested only in
+    /// that case.
     fn is_inertial(&self) -> bool {
         false
     }
 
-    /// What is known of a force on each node that depends on the motion of them all; [`evaluate`](Self::evaluate) gives only those
-    /// of its derivatives that are an edge's own.
+    /// The nonlocal part of a force that depends on the motion of all nodes; [`evaluate`](Self::evaluate) gives only
+    /// the derivatives by the edge itself.
     fn global(&self) -> Option<&dyn GlobalForce> {
         None
     }
@@ -319,8 +322,8 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         0.0
     }
 
-    /// Momentum (N s) along the unit vector `axis` that it stores: what it opposes the whole rod with is the rate of that; adds
-    /// `factor` times its derivatives to `by`.
+    /// The stored momentum (N s) along the unit vector `axis`, whose rate is the total opposing force. Adds `factor`
+    /// times its derivatives to `by`.
     fn momentum(
         &self,
         _rod: &Kinematics<'_>,
@@ -331,14 +334,14 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         0.0
     }
 
-    /// Its [`energy`](Self::energy) and its [`momentum`](Self::momentum), of a force that finds both in one pass.
+    /// Its [`energy`](Self::energy) and [`momentum`](Self::momentum), for a force that computes both in one pass.
     fn stored(&self, rod: &Kinematics<'_>) -> (f64, Vector2<f64>) {
         let along = |axis| self.momentum(rod, axis, 0.0, None);
         (self.energy(rod, 0.0, None), Vector2::new(along(Vector2::x()), along(Vector2::y())))
     }
 
-    /// What it gives to its momentum and the rod's together (N), beside being the rate of that: where the medium changes from
-    /// place to place.
+    /// The force (N) on the momentum of rod and fluid together in a medium that changes with the position, in addition
+    /// to the rate of the stored momentum.
     fn pull(&self, _rod: &Kinematics<'_>) -> Vector2<f64> {
         Vector2::zeros()
     }
@@ -356,12 +359,14 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         )
     }
 
-    /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.
+    /// ∂(energy)/∂t at a fixed position of the rod, W: the power that the force supplies by itself. Adds `factor` times
+    /// its derivatives to `by`.
     fn energy_by_time(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<StateDerivatives<'_>>) -> f64 {
         0.0
     }
 
-    /// Where what it takes for good goes: all of its power where it stores no energy. `None`: it takes nothing.
+    /// The destination of the power that it dissipates, which is all of its power if it stores no energy. `None` if it
+    /// dissipates nothing.
     fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Drag)
     }
@@ -381,15 +386,15 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
 /// Powers (W) of a force, and its sum over the rod.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Powers {
-    /// ΣF: what it opposes the whole rod with, N.
+    /// ΣF, the total opposing force, N.
     pub opposing: Vector2<f64>,
-    /// F·(v − u): what it takes, and what its energy gains.
+    /// F·(v − u): the power that it dissipates or stores.
     pub against_fluid: f64,
-    /// −F·u: what the flow puts in.
+    /// −F·u: the power that the flow supplies.
     pub of_flow: f64,
 }
 
-/// What powers are summed up from, where one flow is all around.
+/// The sums from which powers follow in a uniform flow.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PowerSums<T: Real = f64> {
     /// ΣF, N.
@@ -399,14 +404,14 @@ pub(crate) struct PowerSums<T: Real = f64> {
 }
 
 impl<T: Real> PowerSums<T> {
-    /// None yet, in numbers like `zero`.
+    /// Zero sums, in numbers like `zero`.
     #[inline(always)]
     pub fn none(zero: T) -> Self {
         let none = T::Pair::new([zero; 2]);
         Self { opposing: none, against_fluid: none }
     }
 
-    /// Adds what opposes a node that moves at `velocity` (m/s) against the flow.
+    /// Adds the force on a node that moves at `velocity` (m/s) relative to the flow.
     #[inline(always)]
     pub fn add(&mut self, opposing: T::Pair, velocity: T::Pair) {
         self.opposing += opposing;
@@ -437,7 +442,7 @@ impl Forces {
         self.0.iter().map(|force| &**force)
     }
 
-    /// The one that is compiled into the pass over a rod in one fluid, and its place.
+    /// The force that is compiled into the pass over a rod in a uniform fluid, with its index.
     pub fn in_pass(&self) -> Option<(usize, &dyn FusedForce)> {
         // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
         // short: such a law takes its turn among the others.
@@ -445,12 +450,12 @@ impl Forces {
         linear.find_map(|(i, force)| Some((i, force.fused()?)))
     }
 
-    /// True if there is one that is neither of a fluid nor a load that stores an energy.
+    /// True if any force is neither one of the fluid nor a load that stores energy.
     pub fn are_others(&self) -> bool {
         self.iter().any(|force| !force.is_of_fluid() && force.power_kind() != Some(PowerKind::Load))
     }
 
-    /// True where one of them adds to the inertia.
+    /// True if any of them depends on accelerations.
     pub fn are_inertial(&self) -> bool {
         self.iter().any(Force::is_inertial)
     }
@@ -460,7 +465,7 @@ impl Forces {
         self.iter().find(|force| force.global().is_some())
     }
 
-    /// Visits what acts on each of `edges`.
+    /// Visits the force on each of `edges`.
     pub fn on_edges(
         &self,
         rod: &Kinematics<'_>,
@@ -473,19 +478,19 @@ impl Forces {
         }
     }
 
-    /// What acts on the tip beyond its last edge.
+    /// The forces on the tip in addition to those of its edge.
     pub fn on_tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> impl Iterator<Item = TipForce> {
         self.0.iter().filter_map(move |force| force.tip(rod, along))
     }
 
     /// Assembles `rod`, of a `damped` or of an elastic material, which moves as `moving` says, with all forces, see
-    /// [`Deformed::assemble`]; `room` has room for [`EDGES_PER_BLOCK`] edges.
+    /// [`Deformed::assemble`]; `workspace` has room for [`EDGES_PER_BLOCK`] edges.
     pub fn assemble(
         &self,
         rod: Deformed<'_>,
         damped: Option<KelvinVoigt<'_>>,
         moving: Kinematics<'_>,
-        room: &mut [EdgeForce],
+        workspace: &mut [EdgeForce],
         residual: &mut [[f64; 2]],
         mut jacobian: Option<(&mut [BlockRow], Direction)>,
     ) {
@@ -500,7 +505,7 @@ impl Forces {
         let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
         let in_pass = moving.everywhere().and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, ..)| [&self.0[..i], &self.0[i + 1..]]);
-        let mut others = ExternalForces { forces, rod: moving, along, room };
+        let mut others = ExternalForces { forces, rod: moving, along, workspace };
         let around = (0..moving.edges.len()).map(|e| Some(others.on(e)));
         match (in_pass, damped) {
             (Some((_, force, fluid)), _) => force.assemble(rod, damped, fluid, others, residual, part),
@@ -564,28 +569,28 @@ impl Forces {
         self.drags().next().map(|_| found)
     }
 
-    /// The drag (N) of `rod` lying straight, towed along itself at `speed` (m/s) through `fluid` at rest, head first.
+    /// The drag (N) of the straight `rod`, towed head first along itself at `speed` (m/s) through `fluid` at rest.
     pub fn towing(&self, rod: &Rod, fluid: Fluid, speed: f64) -> f64 {
         straight(rod, fluid, [-speed, 0.0], |towed| -self.drags().map(|force| resultant(force, towed).x).sum::<f64>())
     }
 
-    /// Those of a fluid that drag takes power by.
+    /// The drag forces of the fluid.
     fn drags(&self) -> impl Iterator<Item = &dyn Force> + Clone {
         self.iter().filter(|force| force.power_kind() == Some(PowerKind::Drag) && force.is_of_fluid())
     }
 }
 
-/// Forces that act around a rod; their sum is in `room`, which has room for [`EDGES_PER_BLOCK`] edges.
+/// Forces on a rod, summed in the buffer `workspace` of [`EDGES_PER_BLOCK`] edges.
 #[derive(Debug)]
 pub struct ExternalForces<'a> {
     /// The forces: those before one that is compiled into the pass, and those after it.
     pub forces: [&'a [Box<dyn Force>]; 2],
     /// How the rod moves.
     pub rod: Kinematics<'a>,
-    /// The direction of the derivatives, if any are wanted.
+    /// The direction of the derivatives, if they are requested.
     pub along: Option<Direction>,
     /// Where sums are.
-    pub room: &'a mut [EdgeForce],
+    pub workspace: &'a mut [EdgeForce],
 }
 
 impl ExternalForces<'_> {
@@ -594,28 +599,28 @@ impl ExternalForces<'_> {
         self.forces[0].is_empty() && self.forces[1].is_empty()
     }
 
-    /// What they do on edge `e`; edges are asked for in their order.
+    /// Their sum on edge `e`. Edges must be requested in order.
     #[inline(always)]
     pub fn on(&mut self, e: usize) -> EdgeForce {
         let place = e % EDGES_PER_BLOCK;
         if place == 0 {
             self.look_ahead(e);
         }
-        self.room[place]
+        self.workspace[place]
     }
 
-    /// Sums what they do on the edges from `e` on.
+    /// Sums the forces on the edges from `e` on.
     #[inline(never)] // where edges are assembled there are no registers to spare
     fn look_ahead(&mut self, e: usize) {
         let forces = self.forces[0].iter().chain(self.forces[1]).map(|force| &**force);
         let edges = e..self.rod.edges.len().min(e + EDGES_PER_BLOCK);
-        if !sum(forces, &self.rod, self.along, edges, self.room) {
-            self.room.fill(EdgeForce::ZERO);
+        if !sum(forces, &self.rod, self.along, edges, self.workspace) {
+            self.workspace.fill(EdgeForce::ZERO);
         }
     }
 }
 
-/// Looks at `rod` lying straight, unstretched, and moving as a whole with `velocity` (m/s) through `fluid` at rest.
+/// Calls `look` with the straight, unstretched `rod` that translates with `velocity` (m/s) through `fluid` at rest.
 pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: impl FnOnce(&Kinematics<'_>) -> T) -> T {
     let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
     let q: Vec<f64> = (0..rod.nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
@@ -624,14 +629,14 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
     look(&Kinematics::within(fluid, &edges, [&q, &v, &a]))
 }
 
-/// Sums what `forces` do on `edges` in `room`. False where they do nothing; there may be anything in `room` then.
+/// Sums `forces` on `edges` in `workspace`. Returns false if they are zero; the content of `workspace` is then unspecified.
 #[inline(always)]
 fn sum<'a>(
     forces: impl Iterator<Item = &'a dyn Force> + Clone,
     rod: &Kinematics<'_>,
     along: Option<Direction>,
     edges: Range<usize>,
-    room: &mut [EdgeForce],
+    workspace: &mut [EdgeForce],
 ) -> bool {
     let on_run = |rod: &Kinematics<'_>, run: Range<usize>, sums: &mut [EdgeForce]| {
         let mut tally = ForceAccumulator { sums, fresh: true, slopes: along.is_some() };
@@ -642,12 +647,12 @@ fn sum<'a>(
     };
     // One run, without what it takes to look for more (2 % of a step).
     if rod.is_one_run() {
-        return on_run(rod, edges.clone(), &mut room[..edges.len()]);
+        return on_run(rod, edges.clone(), &mut workspace[..edges.len()]);
     }
     let (mut any, mut runs) = (false, FluidRuns::default());
     for (run, rod) in rod.found(&mut runs).runs(edges.clone()) {
         let place = run.start - edges.start..run.end - edges.start;
-        let sums = &mut room[place];
+        let sums = &mut workspace[place];
         if on_run(&rod, run, sums) {
             any = true;
         } else {
@@ -665,13 +670,13 @@ fn on_edges<'a>(
     edges: Range<usize>,
     mut visit: impl FnMut(usize, &EdgeForce),
 ) {
-    let mut room = [EdgeForce::ZERO; 8];
+    let mut workspace = [EdgeForce::ZERO; 8];
     let mut first = edges.start;
     while first < edges.end {
-        let some = first..edges.end.min(first + room.len());
+        let some = first..edges.end.min(first + workspace.len());
         first = some.end;
-        if sum(forces.clone(), rod, along, some.clone(), &mut room) {
-            some.zip(&room).for_each(|(e, on)| visit(e, on));
+        if sum(forces.clone(), rod, along, some.clone(), &mut workspace) {
+            some.zip(&workspace).for_each(|(e, on)| visit(e, on));
         }
     }
 }

@@ -1,7 +1,9 @@
-//! Local drag: the force on a length of rod depends on its own tangent and its own velocity against the fluid.
+//! Local drag: the force on a piece of the rod depends only on its own tangent and its own velocity relative to the
+//! fluid.
 //!
-//! Every half of an edge loads its own node with its length times the traction of the law there: second order in the mesh. A law
-//! is asked for both halves of an edge at once, a half a lane: roots and quotients of both then take the time of one.
+//! Each half of an edge acts on its own node with its length times the traction of the law there, which is of second
+//! order in the mesh. A law is evaluated for both halves of an edge at once, one per SIMD lane, so that roots and
+//! quotients of both take the time of one.
 
 use std::ops::Range;
 
@@ -54,9 +56,9 @@ impl<T: Real> Traction<T> {
 
 /// A local drag law.
 pub trait Law: std::fmt::Debug + Send + Sync + 'static {
-    /// What it knows of both halves of an edge.
+    /// The data of the law for both halves of an edge.
     type Halves: std::fmt::Debug + Copy + Default + PartialEq + Send + Sync;
-    /// What it makes of the fluids at both ends of an edge, once for all edges where there is only one.
+    /// The data of the law for the fluids at both ends of an edge, computed once for all edges in a uniform fluid.
     type Fluids: Copy;
 
     /// Its name in a scene.
@@ -71,7 +73,7 @@ pub trait Law: std::fmt::Debug + Send + Sync + 'static {
     /// The law for the fluids at both ends of an edge.
     fn in_fluids(&self, fluids: [&Fluid; 2]) -> Self::Fluids;
 
-    /// The traction where the velocities against the fluid are `along` and `across` (m/s) the rod.
+    /// The traction at the velocities `along` and `across` the rod (m/s), relative to the fluid.
     fn traction(&self, halves: &Self::Halves, fluids: Self::Fluids, along: f64x2, across: f64x2) -> Traction;
 
     /// The same, with its derivatives.
@@ -108,7 +110,7 @@ pub fn both<T>(halves: &[T; 2], of: impl Fn(&T) -> f64) -> f64x2 {
     f64x2::new([of(&halves[0]), of(&halves[1])])
 }
 
-/// How the drag on the head differs from that on the rest: `weight` times it up to arc length `length` (m).
+/// The factor `weight` on the drag of the head, up to the arc length `length` (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadWeight {
     /// The factor.
@@ -128,13 +130,13 @@ pub struct LocalDrag<L: Law> {
     law: L,
     /// Whether the law depends on viscosity and density.
     depends: [bool; 2],
-    /// For both halves of every edge: their weighted lengths, m, and what the law knows of them.
+    /// The weighted lengths (m) of both halves of each edge, and the data of the law for them.
     halves: EdgeValues<(f64x2, L::Halves)>,
 }
 
 impl<L: Law> LocalDrag<L> {
-    /// Spreads `law` over `rod`; `of` tells the law of both halves of an edge. Each half takes the exact mean of the weight
-    /// over itself.
+    /// Applies `law` to each edge of `rod`; `of` returns the data of the law for both halves of an edge. Each half has
+    /// the exact mean of the weight over itself.
     pub fn new(law: L, rod: &Rod, head: HeadWeight, of: impl Fn(&[HalfEdge; 2]) -> L::Halves) -> Self {
         let weighted = |h: &HalfEdge| {
             let inside = (head.length - (h.middle - 0.5 * h.length)).clamp(0.0, h.length);
@@ -150,13 +152,13 @@ impl<L: Law> LocalDrag<L> {
         &self.law
     }
 
-    /// The weighted lengths of both halves of edge `e`, m, and what the law knows of them.
+    /// The weighted lengths (m) of both halves of edge `e`, and the data of the law for them.
     pub fn on_halves(&self, e: usize) -> &(f64x2, L::Halves) {
         &self.halves[e]
     }
 
-    /// The change (N) of what opposes the ends of an edge that move at `w` (m/s) against `fluids`, where those change by
-    /// `changes`.
+    /// The change (N) of the opposing forces on the ends of an edge that move at `w` (m/s) relative to `fluids`, if
+    /// these change by `changes`.
     #[inline(always)]
     fn by_fluids(
         &self,
@@ -187,7 +189,7 @@ impl<L: Law> LocalDrag<L> {
         edge.vectors(along * *lengths, across * *lengths)
     }
 
-    /// What opposes `edges` in `fluid`, the same along all of them.
+    /// The opposing forces on `edges` in the uniform `fluid`.
     #[inline(always)]
     fn evaluate_in(
         &self,
@@ -246,7 +248,7 @@ impl<L: Law> LocalDrag<L> {
     }
 }
 
-/// What a law opposes the ends of `edge` with that move at `w` (m/s) against the fluid, N.
+/// The opposing forces (N) of a law on the ends of `edge`, which move at `w` (m/s) relative to the fluid.
 #[inline(always)]
 fn push<L: Law>(
     law: &L,

@@ -54,11 +54,11 @@ pub const VISCOSITY: Key = "medium.viscosity_pa_s";
 pub const DENSITY: Key = "medium.density_kg_m3";
 
 /// The most interfaces that a medium may have.
-pub const MOST: usize = 4;
+pub const MAX_LAYERS: usize = 4;
 
 /// The keys of viscosity (Pa s), density (kg/m³) and offset (m) of what lies beyond every interface; those of the first go by
 /// `medium.beyond` too.
-pub const BEYOND: [[Key; 3]; MOST] = [
+pub const LAYER_KEYS: [[Key; 3]; MAX_LAYERS] = [
     ["medium.layers.0.viscosity_pa_s", "medium.layers.0.density_kg_m3", "medium.layers.0.offset_m"],
     ["medium.layers.1.viscosity_pa_s", "medium.layers.1.density_kg_m3", "medium.layers.1.offset_m"],
     ["medium.layers.2.viscosity_pa_s", "medium.layers.2.density_kg_m3", "medium.layers.2.offset_m"],
@@ -85,7 +85,7 @@ impl Property {
             "medium.beyond.viscosity_pa_s" => Some(Self::Viscosity(1)),
             "medium.beyond.density_kg_m3" => Some(Self::Density(1)),
             "medium.beyond.offset_m" => Some(Self::Offset(0)),
-            _ => BEYOND.iter().enumerate().find_map(|(j, keys)| match keys.iter().position(|own| *own == key)? {
+            _ => LAYER_KEYS.iter().enumerate().find_map(|(j, keys)| match keys.iter().position(|own| *own == key)? {
                 0 => Some(Self::Viscosity(j + 1)),
                 1 => Some(Self::Density(j + 1)),
                 _ => Some(Self::Offset(j)),
@@ -122,7 +122,7 @@ pub struct Layers {
     /// Shear rate γ, 1/s: the flow gains γh along ν turned by −90°.
     pub shear: f64,
     count: usize,
-    layers: [Layer; MOST],
+    layers: [Layer; MAX_LAYERS],
 }
 
 /// The fluid at a place, and how it changes from there along the normal.
@@ -156,7 +156,7 @@ impl From<Fluid> for LocalFluid {
 /// Changes of viscosities, densities and offsets, by their keys.
 pub(crate) fn by_key<'a>(fluid: &Fluid, layers: Option<&'a Layers>) -> impl Iterator<Item = (Key, f64)> + use<'a> {
     let beyond =
-        layers.into_iter().flat_map(Layers::iter).zip(BEYOND).flat_map(|(layer, [viscosity, density, offset])| {
+        layers.into_iter().flat_map(Layers::iter).zip(LAYER_KEYS).flat_map(|(layer, [viscosity, density, offset])| {
             [(viscosity, layer.fluid.viscosity), (density, layer.fluid.density), (offset, layer.offset)]
         });
     [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)].into_iter().chain(beyond)
@@ -179,9 +179,9 @@ fn blended(z: f64) -> f64 {
 impl Layers {
     const NOTHING: Layer = Layer { offset: 0.0, thickness: 0.0, fluid: Fluid::NONE };
 
-    /// Those beyond the interfaces of `layers`, from the first on, at most [`MOST`]; further ones are left out.
+    /// Those beyond the interfaces of `layers`, from the first on, at most [`MAX_LAYERS`]; further ones are left out.
     pub fn new(normal: Vector2<f64>, shear: f64, layers: impl IntoIterator<Item = Layer>) -> Self {
-        let mut all = Self { normal, shear, count: 0, layers: [Self::NOTHING; MOST] };
+        let mut all = Self { normal, shear, count: 0, layers: [Self::NOTHING; MAX_LAYERS] };
         for (to, layer) in all.layers.iter_mut().zip(layers) {
             *to = layer;
             all.count += 1;

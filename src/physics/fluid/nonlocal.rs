@@ -52,12 +52,12 @@ pub struct Nonlocal {
     /// Height above a wall, m.
     height: Option<f64>,
     /// What follows from the motion last looked at, which all that reads a step asks for.
-    flow: Mutex<Flow>,
+    flow: Mutex<InducedFlow>,
 }
 
 /// The flow that a motion makes, for viscosity one; what is of the centre of a body plays no part in it.
 #[derive(Debug)]
-struct Flow {
+struct InducedFlow {
     /// Positions (m) that the mobility is of.
     q: Vec<f64>,
     /// 8πM by columns, two rows and columns per node.
@@ -76,12 +76,12 @@ struct Flow {
     /// Newton's matrix without that, for M⁻¹ times the unknowns.
     jacobian: DenseLu,
     // Room to work in.
-    room: Vec<f64>,
+    workspace: Vec<f64>,
     first: Vec<f64>,
     term: Vec<f64>,
 }
 
-impl Flow {
+impl InducedFlow {
     /// Factors J₀ of that `band`, where velocities move by `by_velocity`.
     fn factor(&mut self, band: &BandMatrix, by_velocity: f64) {
         let Self { mobility, viscosity, lengths, jacobian, .. } = self;
@@ -109,8 +109,8 @@ impl Flow {
     /// Replaces `rhs` by J₀⁻¹ rhs; the unknowns of node 0 stay zero where it is `held`, to the bit.
     fn solve(&mut self, rhs: &mut [f64], held: bool) {
         self.jacobian.solve(rhs);
-        multiply(&self.mobility, rhs, &mut self.room);
-        rhs.copy_from_slice(&self.room);
+        multiply(&self.mobility, rhs, &mut self.workspace);
+        rhs.copy_from_slice(&self.workspace);
         if held {
             rhs[..2].fill(0.0);
         }
@@ -118,11 +118,11 @@ impl Flow {
 
     /// Replaces `x` by `factor` G M⁻¹ D x, none on node 0 where it is `held`.
     fn by_positions(&mut self, factor: f64, x: &mut [f64], held: bool) {
-        multiply(&self.slopes, x, &mut self.room);
-        self.factors.solve(&mut self.room);
+        multiply(&self.slopes, x, &mut self.workspace);
+        self.factors.solve(&mut self.workspace);
         x.fill(0.0);
         for (e, length) in self.lengths.iter().enumerate() {
-            let ends = on_ends(&self.room, e, factor * self.viscosity * length);
+            let ends = on_ends(&self.workspace, e, factor * self.viscosity * length);
             (0..2).for_each(|i| add(x, e + i, ends[i]));
         }
         if held {
@@ -150,7 +150,7 @@ impl Nonlocal {
         let Rod { nodes, front, .. } = *inputs.rod;
         let size = 2 * nodes;
         let radius = |[first, second]: [crate::rod::HalfEdge; 2]| 0.5 * (first.radius + second.radius);
-        let flow = Flow {
+        let flow = InducedFlow {
             q: vec![f64::NAN; size],
             mobility: vec![0.0; size * size],
             factors: DenseLu::new(size),
@@ -161,7 +161,7 @@ impl Nonlocal {
             slopes: vec![0.0; size * size],
             sloped: false,
             jacobian: DenseLu::new(size),
-            room: vec![0.0; size],
+            workspace: vec![0.0; size],
             first: vec![0.0; size],
             term: vec![0.0; size],
         };
@@ -175,7 +175,7 @@ impl Nonlocal {
     }
 
     /// The flow that the motion `rod` makes.
-    fn flow(&self, rod: &Kinematics<'_>) -> MutexGuard<'_, Flow> {
+    fn flow(&self, rod: &Kinematics<'_>) -> MutexGuard<'_, InducedFlow> {
         let mut guard = self.last();
         let flow = &mut *guard;
         if flow.q != rod.q {
@@ -205,7 +205,7 @@ impl Nonlocal {
     }
 
     /// The flow that was last looked at.
-    fn last(&self) -> MutexGuard<'_, Flow> {
+    fn last(&self) -> MutexGuard<'_, InducedFlow> {
         self.flow.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -235,8 +235,8 @@ impl Nonlocal {
     }
 
     /// Writes how the velocities that the density makes change with the positions, unless that is known.
-    fn slope(&self, flow: &mut Flow) {
-        let Flow { q, density, slopes, sloped, .. } = flow;
+    fn slope(&self, flow: &mut InducedFlow) {
+        let InducedFlow { q, density, slopes, sloped, .. } = flow;
         if std::mem::replace(sloped, true) {
             return;
         }
@@ -260,7 +260,7 @@ impl Nonlocal {
     }
 
     /// What opposes the ends of edge `e`, N.
-    fn on_edge(flow: &Flow, e: usize) -> [Vector2<f64>; 2] {
+    fn on_edge(flow: &InducedFlow, e: usize) -> [Vector2<f64>; 2] {
         on_ends(&flow.density, e, flow.viscosity * flow.lengths[e])
     }
 }
@@ -484,9 +484,9 @@ impl Coupling for Nonlocal {
     /// series of J₀⁻¹ c_q G M⁻¹ D gains two to three digits a term, each a few products with vectors.
     fn solve(&self, band: &BandMatrix, along: Direction, rhs: &mut [f64]) {
         /// The last term over the solution: Newton's method gains no more than four digits an iteration.
-        const ENOUGH: f64 = 1e-5;
+        const SERIES_TOLERANCE: f64 = 1e-5;
         /// Beyond, the series is none and its first term, which is all that moves velocities alone, has to do.
-        const MOST_TERMS: u32 = 8;
+        const MAX_TERMS: u32 = 8;
         let mut guard = self.last();
         let flow = &mut *guard;
         flow.factor(band, along.v);
@@ -495,7 +495,7 @@ impl Coupling for Nonlocal {
         flow.solve(rhs, held);
         if along.q != 0.0 && flow.density.iter().any(|f| *f != 0.0) {
             self.slope(flow);
-            let Flow { first, .. } = flow;
+            let InducedFlow { first, .. } = flow;
             first.copy_from_slice(rhs);
             term.copy_from_slice(rhs);
             let mut last = largest(rhs);
@@ -504,12 +504,12 @@ impl Coupling for Nonlocal {
                 flow.solve(&mut term, held);
                 let size = largest(&term);
                 let shrinks = size < 0.5 * last; // and is a number
-                if terms > MOST_TERMS || !shrinks {
+                if terms > MAX_TERMS || !shrinks {
                     rhs.copy_from_slice(&flow.first);
                     break;
                 }
                 rhs.iter_mut().zip(&term).for_each(|(x, term)| *x += term);
-                if size <= ENOUGH * largest(rhs) {
+                if size <= SERIES_TOLERANCE * largest(rhs) {
                     break;
                 }
                 last = size;

@@ -139,7 +139,7 @@ impl Reactive {
             *edge_nn += turned[1] * nu_n + (w * nu_n - rising) * u * by_place;
             along_twice = Some([moved[0] * nu_t, turned[0] * nu_t + shape[0] * by_place]);
         }
-        put_together(edge, force, slopes, along_twice)
+        assemble_in_plane(edge, force, slopes, along_twice)
     }
 
     /// c of both halves of edge `k` where the fluid has these densities.
@@ -246,7 +246,7 @@ impl<T: Real> Accelerating<T> {
     #[inline(always)]
     pub fn on_edge(&self, edge: &Edge<T>, direction: Direction) -> EdgeForce<T> {
         let parts = self.parts_on(edge);
-        put_together(edge, self.force(&parts), self.slopes(edge, &parts, direction), None)
+        assemble_in_plane(edge, self.force(&parts), self.slopes(edge, &parts, direction), None)
     }
 
     #[inline(always)]
@@ -287,7 +287,7 @@ impl<T: Real> Accelerating<T> {
 
 /// The force and its derivatives in the plane; `along_twice` are those of the component t tᵀ, where there is one.
 #[inline(always)]
-fn put_together<T: Real>(
+fn assemble_in_plane<T: Real>(
     edge: &Edge<T>,
     force: [T::Pair; 2],
     slopes: Derivatives<T::Pair>,

@@ -1,11 +1,11 @@
-//! How far results are published to be from the truth, by Reynolds number.
+//! Published uncertainties of results, by Reynolds number.
 
-/// What is known of how far results are from the truth.
+/// The published uncertainty of results under a law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Published {
-    /// At rising Reynolds numbers; empty where nothing is known.
+    /// Entries at increasing Reynolds numbers; empty if the uncertainty is unknown.
     pub table: &'static [Uncertainty],
-    /// Who says so, or what it was found by.
+    /// The publication, or the comparison that it comes from.
     pub source: &'static str,
 }
 
@@ -13,7 +13,7 @@ impl Published {
     /// Nothing.
     pub const NOTHING: Self = Self { table: &[], source: "" };
 
-    /// What it says at a Reynolds number, linear in its logarithm; beyond the ends of the table that of the end.
+    /// The uncertainty at a Reynolds number: linear in its logarithm, and constant beyond the ends of the table.
     pub fn at(&self, reynolds: f64) -> Option<Uncertainty> {
         let after = self.table.partition_point(|entry| entry.reynolds <= reynolds);
         let (before, next) = (self.table.get(after.wrapping_sub(1)), self.table.get(after));

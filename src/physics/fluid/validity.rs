@@ -1,7 +1,7 @@
-//! Where forces hold: bounds on numbers of the motion, one table for what is printed and for what is judged.
+//! The ranges of validity of forces: bounds on dimensionless numbers. The same table is printed and used for warnings.
 //!
-//! Every force says in its [`Validity`] between which [`Bound`]s it holds. What `check` foresees and what a run has measured are
-//! judged by those same bounds.
+//! The [`Validity`] of each force has its [`Bound`]s. The predictions of `check` and the measurements of a run are
+//! compared with the same bounds.
 
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2, TAU};
 use std::fmt;
@@ -11,8 +11,8 @@ use nalgebra::Complex;
 use super::medium::Fluid;
 use crate::rod::Rod;
 
-/// The part of the velocity along a rod that its Reynolds numbers count as across it, if it is the larger: no rod lies along a flow
-/// exactly.
+/// The fraction of the velocity along a rod that its Reynolds numbers count as across it, if that is larger than the
+/// velocity across. No rod is aligned with a flow exactly.
 pub(crate) const MISALIGNED: f64 = 0.1;
 
 /// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
@@ -39,7 +39,7 @@ impl TransverseMotion {
     }
 }
 
-/// What the numbers of a motion are made from.
+/// The quantities from which the dimensionless numbers of a motion are computed.
 #[derive(Debug, Clone, Copy)]
 pub struct FlowConditions<'a> {
     /// The rod.
@@ -54,7 +54,7 @@ pub struct FlowConditions<'a> {
     pub height: Option<f64>,
 }
 
-/// A number of the motion that a range is given in.
+/// A dimensionless number that bounds refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DimensionlessNumber {
     /// wD/ν by the mean depth D and the velocity w across the rod, or a tenth of that along it if that is larger.
@@ -112,7 +112,7 @@ impl DimensionlessNumber {
         }
     }
 
-    /// It of a motion; none of one that lacks what it is made from, or is at rest.
+    /// The value for a motion; `None` if a quantity that it needs is missing, or if there is no motion.
     pub fn of(self, motion: &FlowConditions<'_>) -> Option<f64> {
         let FlowConditions { rod, across: TransverseMotion { fluid, .. }, frequency, wavelength, height } = *motion;
         let (length, radius) = (rod.length, rod.sections.largest_radius());
@@ -186,7 +186,7 @@ const FORM: f64 = 1.1;
 /// Up to which [`DimensionlessNumber::Unsteady`] laws of steady drag hold.
 pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 
-/// Between which values of a number of the motion a force holds.
+/// The interval of a dimensionless number in which a force is valid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// The number.
@@ -213,7 +213,7 @@ impl Bound {
         Self { number, least, most }
     }
 
-    /// The values between which it holds, in words.
+    /// A description of the interval.
     pub fn limits(&self) -> String {
         let Self { least, most, .. } = *self;
         match (least > 0.0, most < f64::INFINITY) {
@@ -223,7 +223,7 @@ impl Bound {
         }
     }
 
-    /// The number of a motion that is beyond it.
+    /// The value for a motion, if it is outside the interval.
     pub fn value_outside(&self, motion: &FlowConditions<'_>) -> Option<f64> {
         // Numbers at the bound itself are rounded.
         let most = self.most * (1.0 + 1e-9);
@@ -237,7 +237,7 @@ impl fmt::Display for Bound {
     }
 }
 
-/// A number as short as it is.
+/// A number in its shortest form.
 fn short(x: f64) -> String {
     if (1e-2..1e4).contains(&x) {
         format!("{:.3}", x).trim_end_matches('0').trim_end_matches('.').into()
@@ -246,19 +246,19 @@ fn short(x: f64) -> String {
     }
 }
 
-/// What is known of how far a force may be believed.
+/// The range of validity of a force, with its source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Validity {
-    /// Where it holds, so far as no number says it.
+    /// A description of the range, as far as the bounds do not express it.
     pub range: &'static str,
-    /// The numbers of the motion between which it holds.
+    /// The bounds on dimensionless numbers.
     pub bounds: &'static [Bound],
-    /// Who says so.
+    /// The publications that state it.
     pub source: &'static str,
 }
 
 impl Validity {
-    /// Where the force holds, in words.
+    /// A description of the range and its bounds.
     pub fn in_words(&self) -> String {
         let bounds = self.bounds.iter().map(Bound::to_string);
         [self.range.to_string()]
@@ -269,12 +269,12 @@ impl Validity {
             .join("; ")
     }
 
-    /// True where no bound is left by a motion.
+    /// True if a motion is within all bounds.
     pub fn holds(&self, motion: &FlowConditions<'_>) -> bool {
         self.bounds.iter().all(|bound| bound.value_outside(motion).is_none())
     }
 
-    /// The bounds that a motion leaves, in words; none where it leaves none.
+    /// A description of the bounds that a motion exceeds; `None` if it exceeds none.
     pub fn beyond(&self, motion: &FlowConditions<'_>) -> Option<String> {
         let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.value_outside(motion)?)));
         let in_words = left

@@ -1,11 +1,11 @@
-//! What to say of forces that a motion takes out of their range, and which laws of drag hold there.
+//! Warnings of forces that are outside their range of validity, with the drag laws that would be valid.
 
 use super::force::Forces;
 use super::laws::{DragLaw, LAWS};
 use super::validity::{Bound, DimensionlessNumber, FlowConditions};
 
-/// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
-/// change where another law is taken; nothing where it cannot be.
+/// Warnings for those of `forces` that are outside their range of validity, one per shared range. `without` returns
+/// what else must change if another law is chosen, or `None` if that law cannot be chosen.
 pub fn out_of_range(
     forces: &Forces,
     motion: &FlowConditions<'_>,
@@ -28,7 +28,7 @@ pub fn out_of_range(
     said.into_iter().map(in_words).collect()
 }
 
-/// What would hold in place of a force: laws of drag, or form drag on the head body.
+/// The alternatives to a force that would be valid: drag laws, or form drag on the head body.
 fn others(
     name: &str,
     bounds: &[Bound],

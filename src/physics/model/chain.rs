@@ -41,7 +41,7 @@ pub const ACCURACY: f64 = 1e-3;
 const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
 
 /// Below this half-turning its tangent is summed from its series, the next term of which is below ε/8.
-const SMALL: f64 = 0.01;
+const MAX_SERIES_HALF_TURNING: f64 = 0.01;
 
 /// The length λ = min((EI Δt²/ρA)^¼, L/2) (m) that a step of `time_step` (s) bends.
 pub fn bent_length(rod: &Rod, time_step: f64) -> f64 {
@@ -91,7 +91,7 @@ pub fn form(rod: &Rod, time_step: f64) -> Form {
 #[inline]
 fn curvature(turning: f64) -> f64 {
     let half = 0.5 * turning;
-    if half.abs() < SMALL {
+    if half.abs() < MAX_SERIES_HALF_TURNING {
         let square = half * half;
         turning * (1.0 + square * (1.0 / 3.0 + square * (2.0 / 15.0 + square * (17.0 / 315.0))))
     } else {
@@ -134,7 +134,7 @@ impl Dynamics {
         let (rod, t) = (&model.rod, state.t);
         let mut damped = rod.damping.as_ref().zip(rates.as_mut());
         if let Some((_, rates)) = &mut damped {
-            rates.wall = held.map_or(0.0, |[_, _, angle]| angle.rate);
+            rates.clamp_spin = held.map_or(0.0, |[_, _, angle]| angle.rate);
         }
         let per_move =
             direction.filter(|direction| direction.q != 0.0).map_or(0.0, |direction| direction.v / direction.q);
@@ -192,7 +192,7 @@ impl Dynamics {
     ) -> Result<()> {
         let links = &state.links;
         self.shape_edges_of(state, Some(direction))?;
-        self.look_around(&state.q);
+        self.locate_fluid(&state.q);
         let rod = &self.model.rod;
         let (nodes, joints) = (rod.nodes, rod.joints());
         let (per_radian, per_metre) = (rod.ei / rod.length.powi(2), rod.ei / rod.length.powi(3));
@@ -314,7 +314,7 @@ impl Dynamics {
             let (sin, cos) = links[e].angle.sin_cos();
             (node(v, e + 1) - node(v, e)).dot(&Vector2::new(-sin, cos)) * self.edges[e].per_length
         };
-        let mut before = self.damped().map_or(0.0, |damped| damped.rates.wall);
+        let mut before = self.damped().map_or(0.0, |damped| damped.rates.clamp_spin);
         for k in rod.joints() {
             let guess = curvature(self.turning(links, k));
             let mut resisting = 0.0;

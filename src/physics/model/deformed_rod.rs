@@ -60,8 +60,8 @@ impl<'a> DeformedRod<'a> {
 
     /// The rate Ω (rad/s) of the turning at the joint of node `k`.
     pub fn spin(&self, k: usize) -> f64 {
-        let wall = self.dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
-        self.edge_rate(k).spin - if k == 0 { wall } else { self.edge_rate(k - 1).spin }
+        let clamp_spin = self.dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
+        self.edge_rate(k).spin - if k == 0 { clamp_spin } else { self.edge_rate(k - 1).spin }
     }
 
     /// How edge `e` stretches and turns.
@@ -117,7 +117,7 @@ impl<'a> DeformedRod<'a> {
     }
 
     /// The force (N) that its first edge carries.
-    pub fn carried(&self) -> Vector2<f64> {
+    pub fn first_edge_force(&self) -> Vector2<f64> {
         match self.state.links.first() {
             Some(link) => link.force.into(),
             None => elastic::force(&self.edges()[0], self.tension(0), &self.joint(0), &self.joint(1)),
@@ -127,7 +127,7 @@ impl<'a> DeformedRod<'a> {
     /// M a − F at node 0: the force (N) that a held head must exert.
     pub fn reaction(&self) -> Vector2<f64> {
         let model = &self.dynamics.model;
-        let mut force = node(&self.state.a, 0) * model.rod.mass[0] - self.dynamics.load(0) - self.carried();
+        let mut force = node(&self.state.a, 0) * model.rod.mass[0] - self.dynamics.load(0) - self.first_edge_force();
         model.forces.on_edges(&self.kinematics(), None, 0..1, |_, on| force += on.force(0));
         force
     }

@@ -1,4 +1,4 @@
-//! Inputs that go on by themselves between a host's words: Taylor polynomials in the time since the last one.
+//! Extrapolation of inputs between communication points: Taylor polynomials in the time since the input was set.
 
 use std::f64::consts::TAU;
 
@@ -10,21 +10,22 @@ use crate::fluid::{Fluid, Layers};
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
 
-/// u(t) = Σ_k u_k (t − t₀)^k/k!, k ≤ [`HIGHEST_ORDER`], for every input u. The phase of the actuation follows the integral
-/// of its frequency. Viscosity, density and frequency are zero where that would be negative, and their rates are zero there. A
-/// head goes its own way, see [`host`](crate::head::host).
+/// u(t) = Σ_k u_k (t − t₀)^k/k!, k ≤ [`HIGHEST_ORDER`], for every input u. The phase of the actuation follows the
+/// integral of its frequency. Viscosity, density and frequency are zero where that would be negative, and their rates
+/// are zero there. The pose of a driven head is extrapolated separately, see
+/// [`pose_extrapolation`](crate::head::pose_extrapolation).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct InputExtrapolation {
     /// t₀, s.
     since: f64,
     /// u₀, u₁, u₂, u₃.
     jet: [Inputs; HIGHEST_ORDER + 1],
-    /// The first derivative at the time last asked for.
+    /// The first derivative at the time of the last evaluation.
     rate: Inputs,
 }
 
 impl InputExtrapolation {
-    /// Inputs that stay as they are.
+    /// Constant inputs.
     pub fn resting(model: &Model, values: &Inputs, since: f64) -> Self {
         let none = || Inputs::none(model);
         let jet = std::array::from_fn(|k| if k == 0 { values.clone() } else { none() });
@@ -45,7 +46,7 @@ impl InputExtrapolation {
         self.jet.iter().chain([&self.rate])
     }
 
-    /// True where it has the flow.
+    /// True if it contains the flow.
     pub fn takes_flow(&self) -> bool {
         self.jet[1..].iter().any(|rates| rates.flow_taken)
     }

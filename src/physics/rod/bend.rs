@@ -40,11 +40,12 @@ pub fn beyond_fold<T: Real>(e: Vector2<T>, f: Vector2<T>) -> T {
     e.x.like(1.0) + (e.x * f.x + e.y * f.y)
 }
 
-/// Writes the joints at the start of every one of `edges`, of `stiffness` and `natural` curvature, and their curvatures `kappa`; `wall` is
-/// the tangent before the first joint, where there is one. `look` sees each joint with 1 + cos θ.
+/// Writes the joints at the start of every one of `edges`, of `stiffness` and `natural` curvature, and their curvatures
+/// `kappa`; `clamp_tangent` is the tangent before the first joint, where there is one. `look` sees each joint with 1 +
+/// cos θ.
 #[inline(always)]
 pub fn joints<T: Real>(
-    wall: Option<Vector2<T>>,
+    clamp_tangent: Option<Vector2<T>>,
     edges: &[Edge<T>],
     stiffness: &[T],
     natural: &[T],
@@ -52,7 +53,7 @@ pub fn joints<T: Real>(
     kappa: &mut [T],
     mut look: impl FnMut(usize, T),
 ) {
-    let mut before = wall;
+    let mut before = clamp_tangent;
     let parts = edges.iter().zip(stiffness).zip(natural).zip(joints).zip(kappa);
     for (k, ((((after, stiffness), natural), joint), kappa)) in parts.enumerate() {
         if let Some(before) = before {

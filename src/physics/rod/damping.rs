@@ -22,14 +22,14 @@ use crate::linear::{Block, Direction, Real, pair};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum DampedRate {
-    /// That of the whole curvature: passive material lies beside what drives the rod.
+    /// The rate of the total curvature: the passive material is parallel to the drive.
     #[default]
     Whole,
-    /// That of the curvature beyond the natural one: the material itself grows or swells.
+    /// The rate of the curvature relative to the natural one: the material itself grows or swells.
     Elastic,
 }
 
-/// How a material resists the rates of its strains, along a rod.
+/// The damping of a material along a rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MaterialDamping {
     /// τ of stretching, s.
@@ -64,7 +64,7 @@ pub struct Damping<T = f64> {
     pub rate: DampedRate,
 }
 
-/// How an edge moves.
+/// The rates of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EdgeRate<T = f64> {
     /// Rate ℓ̇ of its length, m/s.
@@ -105,7 +105,7 @@ pub struct StrainRates<T = f64> {
     /// Of every edge.
     pub edges: Vec<EdgeRate<T>>,
     /// Angular velocity (rad/s) of what holds the first edge; zero where nothing does.
-    pub wall: T,
+    pub clamp_spin: T,
     /// The rate r (1/s) that each joint resists, one entry per node; zero where there is no joint.
     pub joints: Vec<T>,
     /// The change of a joint's couple with Ω, B τ s² (N m s), one entry per node.
@@ -114,10 +114,10 @@ pub struct StrainRates<T = f64> {
 
 impl<T: Real> StrainRates<T> {
     /// Room for a rod of `nodes` nodes, in numbers like `zero`.
-    pub fn with_room(nodes: usize, zero: T) -> Self {
+    pub fn zeros(nodes: usize, zero: T) -> Self {
         Self {
             edges: vec![EdgeRate { stretching: zero, spin: zero }; nodes - 1],
-            wall: zero,
+            clamp_spin: zero,
             joints: vec![zero; nodes],
             viscosity: vec![zero; nodes],
         }
@@ -135,7 +135,7 @@ impl<T: Real> StrainRates<T> {
     /// The rate Ω (rad/s) of the turning at the joint of node `k`.
     #[inline(always)]
     pub fn turning(&self, k: usize) -> T {
-        self.edges[k].spin - if k == 0 { self.wall } else { self.edges[k - 1].spin }
+        self.edges[k].spin - if k == 0 { self.clamp_spin } else { self.edges[k - 1].spin }
     }
 
     /// Reads the rates of the `joints` of a rod of bending `stiffness` (N m), of curvatures `kappa` and natural curvatures that change at
@@ -246,7 +246,7 @@ impl Damping {
         rod.cells[e].axial * self.stretching[e] * stretching
     }
 
-    /// The power (W) that the material of `rod` takes where it is strained at `rates`.
+    /// The power (W) that the material of `rod` dissipates at these strain `rates`.
     pub fn power(&self, rod: &Rod, rates: &StrainRates) -> f64 {
         let stretching = |(e, rate): (usize, &EdgeRate)| self.tension(rod, e, rate.stretching) * rate.stretching;
         let bending = |k: usize| self.moment(rod, k, rates.joints[k]) * rates.joints[k];

@@ -1,5 +1,5 @@
-//! Inertia and elasticity of the whole rod, and what else acts on its edges: M a + ∇E + ΣF and its linearisation, one
-//! pass over the edges in which every block is written once.
+//! Inertia and elasticity of the whole rod, and the other forces on its edges: M a + ∇E + ΣF and its linearisation, in
+//! one pass over the edges that writes every block once.
 //!
 //! The energy depends on edge vectors only, and every edge i carries a tension N (stretching) and the shear that balances
 //! the couples M of the joints at its ends, so ∂E/∂(edge i) = N t + ((M_i − M_{i+1})/ℓ) n: the equilibrium of a beam. The
@@ -46,7 +46,7 @@ pub fn coupling<T: Real>(before: &Edge<T>, after: &Edge<T>, joint: &Joint<T>, fa
     Block::outer(before.n(), pair(after.n()) * size)
 }
 
-/// A rod as it is at one time.
+/// The state of a rod at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Deformed<'a, T = f64> {
     /// How each edge resists stretching.

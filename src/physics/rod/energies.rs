@@ -1,4 +1,5 @@
-//! What is summed over a rod in motion: energies, momentum, the power of its actuation. One source for one case and for several.
+//! Sums over a rod in motion: energies, momentum, the power of its actuation. Generic over one case and several SIMD
+//! lanes.
 
 use super::{Cell, Edge, EdgeValues};
 use crate::linear::{Pair, Real};

@@ -1,5 +1,5 @@
-//! Edges on their way through a step: what keeps their lengths in a guess, and how far they turn. One source for one case and for
-//! several.
+//! Edges during a step: initial guesses that keep their lengths, and the angles by which they turn. Generic over one
+//! case and several SIMD lanes.
 
 use nalgebra::Vector2;
 
@@ -77,12 +77,17 @@ fn stretch<T: Real>(
 }
 
 /// The least cosine, times a positive number, of the angles by which edges turn from `old` to `new` positions, and from each to the next
-/// at both; `walls` are the tangents before the first of both, where there are any.
+/// at both; `clamp_tangents` are the tangents before the first of both, where there are any.
 #[inline(always)]
-pub(crate) fn least_turn<T: Real>(walls: Option<[Vector2<T>; 2]>, old: &[[T; 2]], new: &[[T; 2]]) -> Option<T> {
+pub(crate) fn least_turn<T: Real>(
+    clamp_tangents: Option<[Vector2<T>; 2]>,
+    old: &[[T; 2]],
+    new: &[[T; 2]],
+) -> Option<T> {
     let ([old_first, ..], [first, ..]) = (old, new) else { return None };
     let (mut old_node, mut node) = (T::Pair::new(*old_first), T::Pair::new(*first));
-    let [mut old_before, mut before] = walls.map_or([node.like(0.0); 2], |walls| walls.map(pair));
+    let [mut old_before, mut before] =
+        clamp_tangents.map_or([node.like(0.0); 2], |clamp_tangents| clamp_tangents.map(pair));
     let mut most = -first[0].like(f64::INFINITY);
     for (old, new) in old.iter().zip(new).skip(1) {
         let (old, new) = (T::Pair::new(*old), T::Pair::new(*new));

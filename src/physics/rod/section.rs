@@ -193,7 +193,9 @@ impl Section {
     pub fn form_drag(&self) -> f64 {
         match self.shape {
             Shape::Round | Shape::Ellipse => 2.0 - self.slim() * 0.9,
-            Shape::Rectangle => Profile(SHARP.map(|[aspect, drag]| [aspect.ln(), drag]).into()).at(self.aspect().ln()),
+            Shape::Rectangle => {
+                Profile(RECTANGLE_FORM_DRAG.map(|[aspect, drag]| [aspect.ln(), drag]).into()).at(self.aspect().ln())
+            }
         }
     }
 
@@ -204,7 +206,7 @@ impl Section {
 }
 
 /// Form drag of rectangles over thickness by depth.
-const SHARP: [[f64; 2]; 4] = [[0.2, 2.0], [0.7, 2.4], [5.0, 1.0], [10.0, 0.9]];
+const RECTANGLE_FORM_DRAG: [[f64; 2]; 4] = [[0.2, 2.0], [0.7, 2.4], [5.0, 1.0], [10.0, 0.9]];
 
 /// Riemann's ζ(5).
 const ZETA_5: f64 = 1.036_927_755_143_37;
@@ -342,7 +344,7 @@ pub struct HalfEdge {
     pub outer: f64,
     /// Radius of the round rod that slow flow far away is around, m, see [`Section::slender_radius`].
     pub radius: f64,
-    /// What slow flow across adds to the logarithm of that radius, see [`Section::slender_across`].
+    /// The term of slow flow across the section beside the logarithm of that radius, see [`Section::slender_across`].
     pub slender_across: f64,
     /// Radius √(A/π) of the disc of the material's area, m.
     pub equivalent_radius: f64,

@@ -16,9 +16,9 @@ use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{StepWeights, changes};
 use crate::linear::{Block, BlockBand, BlockRow, Direction, Number, Pair, ResidualSizes, prescribe};
-use crate::metrics::Measured;
+use crate::metrics::BatchedMeasurements;
 use crate::model::{Dynamics, Model, lengths_allowed};
-use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, Progress};
+use crate::newton::{Convergence, Iteration, MAX_ITERATIONS, SolveProgress};
 use crate::rod::bend::{self, Joint};
 use crate::rod::damping::{EdgeRate, Elastic, KelvinVoigt, MaterialLaw, StrainRates};
 use crate::rod::edge_force::EdgeForce;
@@ -42,7 +42,7 @@ pub struct Kernel {
     at: TimeDependent,
     before: StepStart,
     motion: NodalMotion,
-    room: Workspace,
+    workspace: Workspace,
 }
 
 /// Constant properties of the rods.
@@ -73,11 +73,11 @@ struct TimeDependent {
     natural: Vec<Lanes>,
     natural_rate: Vec<Lanes>,
     /// The tangent before the first joint of a held head.
-    wall: Option<Vector2<Lanes>>,
+    clamp_tangent: Option<Vector2<Lanes>>,
     /// The same at the start of the step.
-    wall_before: Option<Vector2<Lanes>>,
+    clamp_tangent_before: Option<Vector2<Lanes>>,
     /// Angular velocity of a held head, rad/s.
-    wall_rate: Lanes,
+    clamp_spin: Lanes,
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
@@ -208,9 +208,9 @@ impl Kernel {
             at: TimeDependent {
                 natural: vec![zero; nodes],
                 natural_rate: vec![zero; nodes],
-                wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
-                wall_before: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
-                wall_rate: zero,
+                clamp_tangent: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
+                clamp_tangent_before: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
+                clamp_spin: zero,
                 flow: Vector2::new(zero, zero),
                 fluids: [Fluid::NONE; WIDTH],
                 loads: vec![vectors(); loads],
@@ -218,13 +218,13 @@ impl Kernel {
             },
             before: StepStart { motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
             motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() },
-            room: Workspace {
+            workspace: Workspace {
                 edges: vec![edge; nodes - 1],
                 around: vec![nothing; around],
                 wholes: vec![ForceTotals::none(zero); first.model().forces.0.len()],
                 tips: vec![tip; others.tips()],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
-                rates: first.model().rod.damping.as_ref().map(|_| StrainRates::with_room(nodes, zero)),
+                rates: first.model().rod.damping.as_ref().map(|_| StrainRates::zeros(nodes, zero)),
                 kappa: vec![zero; nodes],
                 moment: vec![zero; nodes],
                 rows: vec![[[zero; 4]; 5]; nodes],
@@ -250,7 +250,7 @@ impl Kernel {
         }
         let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some());
         let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return 0 };
-        let mut progress: [Option<Progress>; WIDTH] = [None; WIDTH]; // of those that go on
+        let mut progress: [Option<SolveProgress>; WIDTH] = [None; WIDTH]; // of those that go on
         for lane in 0..WIDTH {
             let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| steps[lane].is_some());
             let Some(case) = own.or(steppers[first].as_deref()) else { continue };
@@ -309,39 +309,40 @@ impl Kernel {
 
     /// Evaluates the geometry of the rods at the end of their steps.
     fn end(&mut self) -> StepChecks {
-        let Self { simd, rods, at, before, motion, room, .. } = self;
+        let Self { simd, rods, at, before, motion, workspace, .. } = self;
         simd.vectorize(
             #[inline(always)]
             || StepChecks {
-                least: bend(rods, at, motion, room),
+                least: bend(rods, at, motion, workspace),
                 least_turn: {
-                    let walls = at.wall_before.zip(at.wall).map(|(before, after)| [before, after]);
-                    lengths::least_turn(walls, &before.motion.q, &motion.q).unwrap_or(at.flow.x.like(0.0))
+                    let clamp_tangents =
+                        at.clamp_tangent_before.zip(at.clamp_tangent).map(|(before, after)| [before, after]);
+                    lengths::least_turn(clamp_tangents, &before.motion.q, &motion.q).unwrap_or(at.flow.x.like(0.0))
                 },
             },
         )
     }
 
     /// Measures the rods at the end of their steps.
-    fn measure(&mut self) -> Measured<Lanes> {
-        let Self { simd, rods, others, at, motion, room, .. } = self;
+    fn measure(&mut self) -> BatchedMeasurements<Lanes> {
+        let Self { simd, rods, others, at, motion, workspace, .. } = self;
         let sums = simd.vectorize(
             #[inline(always)]
-            || measure(rods, at, motion, room),
+            || measure(rods, at, motion, workspace),
         );
-        others.measure(*simd, &motions(motion, &room.edges, at), &mut room.wholes);
+        others.measure(*simd, &motions(motion, &workspace.edges, at), &mut workspace.wholes);
         let held = simd.vectorize(
             #[inline(always)]
-            || held(rods, at, motion, room),
+            || held(rods, at, motion, workspace),
         );
-        Measured { sums, held }
+        BatchedMeasurements { sums, held }
     }
 
     /// Powers of force `i` on the case in `lane`, and the energy (J) and momentum (N s) that it stores.
     fn of_force(&self, lane: usize, i: usize, force: &dyn Force) -> (Powers, (f64, Vector2<f64>)) {
-        let Self { others, at, motion, room, .. } = self;
-        let motions = motions(motion, &room.edges, at);
-        others.of_case((i, force), lane, &motions, at.fluids[lane], &room.wholes)
+        let Self { others, at, motion, workspace, .. } = self;
+        let motions = motions(motion, &workspace.edges, at);
+        others.of_case((i, force), lane, &motions, at.fluids[lane], &workspace.wholes)
     }
 
     /// Loads the start of a case's step, and what depends on the time of its end.
@@ -358,12 +359,12 @@ impl Kernel {
         }
         write_vector(&mut at.flow, lane, dynamics.inputs.fluid.flow);
         at.fluids[lane] = dynamics.inputs.fluid;
-        if let (Some(to), Some(wall)) = (&mut at.wall, dynamics.wall()) {
-            write_vector(to, lane, wall);
+        if let (Some(to), Some(clamp_tangent)) = (&mut at.clamp_tangent, dynamics.clamp_tangent()) {
+            write_vector(to, lane, clamp_tangent);
         }
-        at.wall_rate.set(lane, dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate));
-        if let (Some(to), Some(wall)) = (&mut at.wall_before, dynamics.wall_before(from.t)) {
-            write_vector(to, lane, wall);
+        at.clamp_spin.set(lane, dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate));
+        if let (Some(to), Some(clamp_tangent)) = (&mut at.clamp_tangent_before, dynamics.clamp_tangent_before(from.t)) {
+            write_vector(to, lane, clamp_tangent);
         }
         for (to, (force, factor)) in at.loads.iter_mut().zip(dynamics.loads()) {
             write(to, lane, force, factor);
@@ -382,11 +383,11 @@ impl Kernel {
 
     /// Writes the rates of strain of a case of a damped material.
     fn unload_rates(&self, lane: usize, to: &mut StrainRates) {
-        let Some(from) = &self.room.rates else { return };
+        let Some(from) = &self.workspace.rates else { return };
         for (to, from) in to.edges.iter_mut().zip(&from.edges) {
             *to = EdgeRate { stretching: from.stretching.get(lane), spin: from.spin.get(lane) };
         }
-        to.wall = from.wall.get(lane);
+        to.clamp_spin = from.clamp_spin.get(lane);
         for (to, from) in [(&mut to.joints, &from.joints), (&mut to.viscosity, &from.viscosity)] {
             to.iter_mut().zip(from).for_each(|(to, from)| *to = from.get(lane));
         }
@@ -394,10 +395,10 @@ impl Kernel {
 
     /// Writes the curvatures, moments and tangents of a case.
     fn unload_shape(&self, lane: usize, kappa: &mut [f64], moment: &mut [f64], tangent: &mut [Vector2<f64>]) {
-        for (from, to) in [(&self.room.kappa, kappa), (&self.room.moment, moment)] {
+        for (from, to) in [(&self.workspace.kappa, kappa), (&self.workspace.moment, moment)] {
             from.iter().zip(to).for_each(|(from, to)| *to = from.get(lane));
         }
-        for (edge, tangent) in self.room.edges.iter().zip(tangent) {
+        for (edge, tangent) in self.workspace.edges.iter().zip(tangent) {
             *tangent = Vector2::new(edge.t.x.get(lane), edge.t.y.get(lane));
         }
     }
@@ -405,16 +406,16 @@ impl Kernel {
     /// One Newton iteration, applied to the cases that are `going`. `None` for a case whose rod is invalid (folded, or an edge without
     /// length) or whose linear system is not solved to rounding.
     fn iterate(&mut self, direction: Direction, going: [bool; WIDTH]) -> [Option<Iteration>; WIDTH] {
-        let Self { simd, models, rods, others, at, motion, room, .. } = self;
+        let Self { simd, models, rods, others, at, motion, workspace, .. } = self;
         let least = simd.vectorize(
             #[inline(always)]
-            || bend(rods, at, motion, room),
+            || bend(rods, at, motion, workspace),
         );
         if !others.are_none() {
-            let motions = motions(motion, &room.edges, at);
-            others.on_edges(*simd, &motions, direction, &mut room.around);
+            let motions = motions(motion, &workspace.edges, at);
+            others.on_edges(*simd, &motions, direction, &mut workspace.around);
             for (lane, model) in models.iter().enumerate() {
-                let mut tips = room.tips.iter_mut();
+                let mut tips = workspace.tips.iter_mut();
                 others.on_tip(&model.forces, lane, &motions, at.fluids[lane], direction, |tip| {
                     if let Some(to) = tips.next() {
                         to.set(lane, &tip);
@@ -425,7 +426,7 @@ impl Kernel {
         let going = mask64x4::simd_from(*simd, going.map(|going| if going { -1 } else { 0 }));
         let sizes = simd.vectorize(
             #[inline(always)]
-            || solve(rods, at, motion, room, direction, going),
+            || solve(rods, at, motion, workspace, direction, going),
         );
         let fine = least.map(Lanes::to_array);
         let checked = sizes.in_lanes(Lanes::to_array);
@@ -471,13 +472,13 @@ impl StepChecks {
     }
 }
 
-impl Measured<Lanes> {
+impl BatchedMeasurements<Lanes> {
     /// The measurements of one case.
-    fn of(&self, lane: usize) -> Measured {
+    fn of(&self, lane: usize) -> BatchedMeasurements {
         let one = |number: Lanes| number.get(lane);
         let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
         let Self { sums, held } = self;
-        Measured {
+        BatchedMeasurements {
             sums: RodSums {
                 bending: one(sums.bending),
                 stretching: one(sums.stretching),
@@ -495,8 +496,8 @@ impl Measured<Lanes> {
 /// Evaluates the geometry of the rods, and how damped materials are strained; returns the distances of edges and joints from invalid
 /// states.
 #[inline(always)]
-fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut Workspace) -> [Lanes; 3] {
-    let (NodalMotion { q, v, .. }, Workspace { edges, joints, kappa, rates, .. }) = (motion, room);
+fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, workspace: &mut Workspace) -> [Lanes; 3] {
+    let (NodalMotion { q, v, .. }, Workspace { edges, joints, kappa, rates, .. }) = (motion, workspace);
     let zero = at.flow.x.like(0.0);
     let [mut short, mut long, mut folded] = [-zero.like(f64::INFINITY); 3];
     for (edge, ends) in edges.iter_mut().zip(q.windows(2)) {
@@ -504,7 +505,7 @@ fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut
         (short, long) = (short.larger(-edge.length), long.larger(edge.length));
     }
     bend::joints(
-        at.wall,
+        at.clamp_tangent,
         edges,
         &rods.stiffness,
         &at.natural,
@@ -514,7 +515,7 @@ fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut
         |_, beyond_fold| folded = folded.larger(-beyond_fold),
     );
     if let Some((damping, rates)) = rods.damping.as_ref().zip(rates.as_mut()) {
-        rates.wall = at.wall_rate;
+        rates.clamp_spin = at.clamp_spin;
         rates.read_edges(edges, v);
         rates.read_joints(rods.joints.clone(), &rods.stiffness, damping, kappa, &at.natural_rate);
         damping.resist(rods.joints.clone(), &rods.stiffness, rates, [kappa, &at.natural_rate], joints);
@@ -567,8 +568,8 @@ fn motions<'a>(
 
 /// Measures the rods, and the drag on them.
 #[inline(always)]
-fn measure(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut Workspace) -> RodSums<Lanes> {
-    let (Workspace { edges, kappa, moment, wholes, .. }, NodalMotion { q, v, .. }) = (room, motion);
+fn measure(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, workspace: &mut Workspace) -> RodSums<Lanes> {
+    let (Workspace { edges, kappa, moment, wholes, .. }, NodalMotion { q, v, .. }) = (workspace, motion);
     let zero = at.flow.x.like(0.0);
     bend::moments(&rods.stiffness, kappa, &at.natural, moment);
     let moving = MovingRod {
@@ -603,9 +604,9 @@ fn held(
     rods: &BatchedRods,
     at: &TimeDependent,
     NodalMotion { a, .. }: &NodalMotion,
-    room: &Workspace,
+    workspace: &Workspace,
 ) -> Vector2<Lanes> {
-    let (Workspace { edges, joints, wholes, rates, .. }, zero) = (room, at.flow.x.like(0.0));
+    let (Workspace { edges, joints, wholes, rates, .. }, zero) = (workspace, at.flow.x.like(0.0));
     if !rods.held {
         return Vector2::new(zero, zero);
     }

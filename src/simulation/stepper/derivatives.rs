@@ -16,7 +16,7 @@ use crate::fluid::{Fluid, Layers, PowerKind};
 use crate::linear::Direction;
 use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{ActiveMoments, DeformedRod, Dynamics, Inputs, Mechanics};
-use crate::newton::Work;
+use crate::newton::SolverWork;
 use crate::rod::damping::KelvinVoigt;
 use crate::rod::{DampedRate, bend, node};
 use crate::system::{State, System};
@@ -360,7 +360,7 @@ impl StateTangent {
                 after += t * tension_change + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
             }
-            let held = node(&state.a, 0) * mass(0) - bent.carried() - dynamics.load(0) + on_head[0];
+            let held = node(&state.a, 0) * mass(0) - bent.first_edge_force() - dynamics.load(0) + on_head[0];
             let held_change = node(&d.a, 0) * mass(0) - after - node(force, 0) + on_head[1];
             let s = bend::curvature_per_turning(kappa[0]);
             let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]) + bent.damping_moment(0);
@@ -419,7 +419,7 @@ impl Stepper {
         let half = TIME_DIFFERENCE * self.now.time_step.min(longest).min(MAX_DIFFERENCED_STEP);
         let accelerations = |dynamics: &Dynamics| dynamics.held.map(|pose| pose.map(|sample| sample.acceleration));
         let [later, sooner] = [t + half, t - half].map(|t| {
-            self.dynamics.look_at(t);
+            self.dynamics.evaluate_at(t);
             accelerations(&self.dynamics)
         });
         self.dynamics.move_to(t, &mut self.now.state);
@@ -468,8 +468,8 @@ impl Stepper {
             }
             self.dynamics.move_to(t, &mut self.now.state);
         }
-        if let Some(course) = &self.dynamics.course {
-            let rate = course.rate();
+        if let Some(extrapolation) = &self.dynamics.extrapolation {
+            let rate = extrapolation.rate();
             if let Some(force) = &rate.force {
                 tangent.force.copy_from_slice(force);
             }
@@ -479,8 +479,8 @@ impl Stepper {
         tangent.fluid.flow = self.dynamics.inputs.fluid.acceleration;
         tangent.inputs.fluid.flow = tangent.fluid.flow;
         tangent.read(&self.dynamics.shape(&self.now.state)?, &self.now.metrics.now, true);
-        if self.dynamics.course.is_some() && self.dynamics.model.forces.are_inertial() {
-            let [later, sooner] = [self.brought_after(half)?, self.brought_after(-half)?];
+        if self.dynamics.extrapolation.is_some() && self.dynamics.model.forces.are_inertial() {
+            let [later, sooner] = [self.medium_change_rates_after(half)?, self.medium_change_rates_after(-half)?];
             tangent.metrics.now.power.flow += (later.0 - sooner.0) / (2.0 * half);
             tangent.metrics.now.resultants.flow += (later.1 - sooner.1) / (2.0 * half);
             self.dynamics.move_to(t, &mut self.now.state);
@@ -496,8 +496,8 @@ impl Stepper {
         Ok(self.put_tangent(tangent))
     }
 
-    /// What inputs that change by a rate bring with them, see `Dynamics::brought`, `h` (s) from now.
-    fn brought_after(&mut self, h: f64) -> Result<(f64, Vector2<f64>)> {
+    /// The power and force of inputs that change at a rate, see `Dynamics::medium_change_rates`, at `h` (s) from now.
+    fn medium_change_rates_after(&mut self, h: f64) -> Result<(f64, Vector2<f64>)> {
         let mut state = self.now.state.clone();
         for i in 0..state.q.len() {
             state.q[i] += h * (state.v[i] + 0.5 * h * state.a[i]);
@@ -505,9 +505,9 @@ impl Stepper {
         }
         state.links.clear();
         self.dynamics.move_to(self.now.state.t + h, &mut state);
-        let mut room = vec![0.0; state.q.len()];
+        let mut workspace = vec![0.0; state.q.len()];
         let bent = self.dynamics.shape(&state)?;
-        Ok(bent.dynamics.brought(&bent.kinematics(), &mut room))
+        Ok(bent.dynamics.medium_change_rates(&bent.kinematics(), &mut workspace))
     }
 
     /// The directional derivatives of all variables with respect to inputs. `seed` sets the direction by [`Seed::set`]. Targets of
@@ -522,7 +522,7 @@ impl Stepper {
         tangent.follow_inputs(&bent);
         tangent.metrics.totals.max_lateral = 0.0;
         tangent.read(&bent, &self.now.metrics.now, false);
-        let (power, force) = self.brought_change(&tangent.inputs)?;
+        let (power, force) = self.medium_change_rates_derivative(&tangent.inputs)?;
         tangent.metrics.now.power.flow += power;
         tangent.metrics.now.resultants.flow += force;
         tangent.metrics.totals.work.flow = tangent.metrics.now.energy.fluid;
@@ -531,12 +531,13 @@ impl Stepper {
         Ok(self.put_tangent(tangent))
     }
 
-    /// The change of what inputs that go on by a rate bring with them, see `Dynamics::brought`, when the inputs change by `change` and
-    /// their rates do not. It is linear in densities and quadratic in the flow, so that central differences are exact there.
-    fn brought_change(&mut self, change: &Inputs) -> Result<(f64, Vector2<f64>)> {
+    /// The change of the power and force of inputs that change at a rate, see `Dynamics::medium_change_rates`, when the
+    /// inputs change by `change` at constant rates. It is linear in densities and quadratic in the flow, so that
+    /// central differences are exact there.
+    fn medium_change_rates_derivative(&mut self, change: &Inputs) -> Result<(f64, Vector2<f64>)> {
         let nothing = (0.0, Vector2::zeros());
         let Inputs { fluid, layers, .. } = &self.dynamics.inputs;
-        if self.dynamics.course.is_none() || !self.dynamics.model.forces.are_inertial() {
+        if self.dynamics.extrapolation.is_none() || !self.dynamics.model.forces.are_inertial() {
             return Ok(nothing);
         }
         let length = self.dynamics.length();
@@ -559,12 +560,12 @@ impl Stepper {
             if let (Some(to), Some(by)) = (layers, &change.layers) {
                 to.add(by, step);
             }
-            let brought = self.dynamics.shape(&self.now.state).map(|bent| {
-                let mut room = vec![0.0; bent.state.q.len()];
-                bent.dynamics.brought(&bent.kinematics(), &mut room)
+            let rates = self.dynamics.shape(&self.now.state).map(|bent| {
+                let mut workspace = vec![0.0; bent.state.q.len()];
+                bent.dynamics.medium_change_rates(&bent.kinematics(), &mut workspace)
             });
             (self.dynamics.inputs.fluid, self.dynamics.inputs.layers) = kept;
-            brought
+            rates
         };
         let [more, less] = [at(step)?, at(-step)?];
         self.dynamics.shape(&self.now.state)?;
@@ -595,7 +596,7 @@ impl Stepper {
             inputs: &tangent.inputs,
             state: &tangent.state,
             metrics: &tangent.metrics,
-            work: Work::default(),
+            work: SolverWork::default(),
             ..now
         };
         VariableDerivatives { now, change }

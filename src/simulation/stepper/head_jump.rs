@@ -24,7 +24,7 @@ pub struct HeadJump {
 }
 
 impl std::fmt::Display for HeadJump {
-    /// What a host's user is told of it, the same by every face.
+    /// The message about it, the same in every interface.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { time, coordinate, order, distance } = *self;
         let (what, unit) = [

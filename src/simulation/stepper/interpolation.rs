@@ -123,7 +123,7 @@ struct StepEnd {
 
 impl StepEnd {
     fn read(&mut self, dynamics: &mut Dynamics, state: &State, applied: &mut Vec<f64>) -> Result<()> {
-        dynamics.look_at(state.t);
+        dynamics.evaluate_at(state.t);
         let bent = dynamics.shape(state)?;
         let (dynamics, kappa) = (bent.dynamics, bent.kappa());
         let Self { rod, forces } = self;
@@ -213,9 +213,9 @@ impl StepInterpolation {
         let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));
         let [pull, couple] = [pulls, couples].map(|[a, b]| a.max(b));
         if let Some(damping) = &rod.damping {
-            let rates = now.rates.get_or_insert_with(|| StrainRates::with_room(rod.nodes, 0.0));
+            let rates = now.rates.get_or_insert_with(|| StrainRates::zeros(rod.nodes, 0.0));
             rates.read_edges(&now.edges, out.v.as_chunks().0);
-            rates.wall = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
+            rates.clamp_spin = dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
             rates.read_joints(rod.joints(), &rod.joint, damping, &now.bent, &dynamics.natural_rate);
         }
         let damped = || KelvinVoigt::of(rod.damping.as_ref(), now.rates.as_ref());

@@ -21,7 +21,7 @@ impl Stepper {
     /// [`Error::Fmu`] in the chain form. Nothing is changed then.
     pub fn change_parameters(&mut self, scene: &Scene) -> Result<()> {
         let Some(own) = &self.source_scene else {
-            let problem = "the stepper was made with a model of its own, which no scene says; allowed: another stepper";
+            let problem = "the stepper was made with its own model, which no scene describes; allowed: another stepper";
             return Err(scene.error("", problem.to_string()));
         };
         if !self.can_change_parameters() {

@@ -6,8 +6,8 @@ use super::Stepper;
 use crate::fluid::force::Powers;
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{StepControl, StepWeights};
-use crate::metrics::Measured;
-use crate::newton::Progress;
+use crate::metrics::BatchedMeasurements;
+use crate::newton::SolveProgress;
 use crate::rod::DampedRate;
 use crate::rod::damping::StrainRates;
 use crate::system::{State, System};
@@ -49,7 +49,7 @@ impl Stepper {
     /// The properties that steppers must share to be solved in one batch, or `None` if this one cannot be batched.
     pub(crate) fn batch_key(&self) -> Option<BatchKey> {
         let (dynamics, model) = (&self.dynamics, self.model());
-        let StepControl::Fixed(step) = self.pace else { return None };
+        let StepControl::Fixed(step) = self.step_control else { return None };
         let same = self.model_stepper.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
@@ -67,12 +67,12 @@ impl Stepper {
     /// Prepares the next internal step, if nothing but the time has changed since the last one. Quantities that depend on time alone are
     /// evaluated at its end.
     pub(crate) fn presolve_next(&mut self) -> Option<PresolvedStep> {
-        let StepControl::Fixed(h) = self.pace else { return None };
+        let StepControl::Fixed(h) = self.step_control else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
         let told = self.now.needs_reinitialisation
             || self.now.inputs_changed
             || self.now.pending_time.is_some()
-            || self.dynamics.course.is_some();
+            || self.dynamics.extrapolation.is_some();
         let fluid = |fluid: &Fluid| [fluid.viscosity, fluid.density];
         let hosts = inputs.head.is_some() || inputs.force.is_some() || fluid(&inputs.fluid) != fluid(&scenes);
         let t = self.now.state.t;
@@ -89,7 +89,7 @@ impl Stepper {
 
     /// The states at the start and at the end of the prepared step, the latter known only where it depends on time alone, and the initial
     /// progress of Newton's method.
-    pub(crate) fn presolve_inputs(&self) -> ([&State; 2], Progress) {
+    pub(crate) fn presolve_inputs(&self) -> ([&State; 2], SolveProgress) {
         ([&self.now.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
@@ -109,7 +109,7 @@ impl Stepper {
     /// Stores the measurements of the presolved step, see [`Measurements::measure_presolved`](crate::metrics::Measurements::measure_presolved).
     pub(crate) fn store_presolved_measurements(
         &mut self,
-        measured: &Measured,
+        measured: &BatchedMeasurements,
         read_rates: impl FnOnce(&mut StrainRates),
         of_force: impl Fn(usize, &dyn Force) -> (Powers, (f64, Vector2<f64>)),
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),

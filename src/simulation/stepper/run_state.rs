@@ -6,7 +6,7 @@ use super::{Clock, Stepper};
 use crate::cycle::Cycles;
 use crate::metrics::RunMetrics;
 use crate::model::{Dynamics, InputExtrapolation, Inputs};
-use crate::newton::Work;
+use crate::newton::SolverWork;
 use crate::system::State;
 
 /// All that changes during a run, other than the inputs.
@@ -57,32 +57,37 @@ impl RunState {
 pub(super) struct SavedRun {
     pub now: RunState,
     pub inputs: Inputs,
-    pub course: Option<Box<InputExtrapolation>>,
-    work: Work,
+    pub extrapolation: Option<Box<InputExtrapolation>>,
+    work: SolverWork,
 }
 
 impl Stepper {
     /// A copy of everything that changes.
     pub(super) fn saved(&self) -> SavedRun {
-        let Dynamics { inputs, course, .. } = &self.dynamics;
-        SavedRun { now: self.now.clone(), inputs: inputs.clone(), course: course.clone(), work: self.newton.work }
+        let Dynamics { inputs, extrapolation, .. } = &self.dynamics;
+        SavedRun {
+            now: self.now.clone(),
+            inputs: inputs.clone(),
+            extrapolation: extrapolation.clone(),
+            work: self.newton.work,
+        }
     }
 
     /// The same into `saved`, without allocating if capacities suffice.
     pub(super) fn copy_to(&self, saved: &mut SavedRun) {
-        let SavedRun { now, inputs, course, work } = saved;
+        let SavedRun { now, inputs, extrapolation, work } = saved;
         now.copy_from(&self.now);
         inputs.clone_from(&self.dynamics.inputs);
-        course.clone_from(&self.dynamics.course);
+        extrapolation.clone_from(&self.dynamics.extrapolation);
         *work = self.newton.work;
     }
 
     /// Goes back to `saved`.
     pub(super) fn restore_saved(&mut self, saved: &SavedRun) {
-        let SavedRun { now, inputs, course, work } = saved;
+        let SavedRun { now, inputs, extrapolation, work } = saved;
         self.now.copy_from(now);
         self.dynamics.restore(inputs);
-        self.dynamics.course.clone_from(course);
+        self.dynamics.extrapolation.clone_from(extrapolation);
         self.newton.work = *work;
         self.discard_step();
     }

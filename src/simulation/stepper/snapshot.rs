@@ -25,7 +25,7 @@ pub struct Snapshot {
 /// The error of a snapshot of another scene.
 const WRONG_SCENE: &str = "it was saved from another scene or model, or from this one with other parameters";
 
-/// What stands before a serialised snapshot.
+/// The header of a serialised snapshot.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Header {
     magic: [u8; 8],
@@ -119,7 +119,7 @@ impl Stepper {
 
     /// True if every array of `snapshot` has the length it has here.
     fn fits(&self, other: &Snapshot) -> bool {
-        let SavedRun { now, inputs: given, course, .. } = &other.saved;
+        let SavedRun { now, inputs: given, extrapolation, .. } = &other.saved;
         let (nodes, unknowns, here) = (self.dynamics.nodes(), self.now.state.q.len(), &self.now.state);
         let State { t: _, q, v, a, links, memory } = &now.state;
         let lengths = [q.len(), v.len(), a.len(), now.metrics.first_positions.len()];
@@ -131,7 +131,7 @@ impl Stepper {
             && (links.len(), memory.len()) == (here.links.len(), here.memory.len())
             && now.metrics.now.nodes() == nodes
             && inputs(given)
-            && course.as_ref().is_none_or(|course| course.parts().all(inputs))
+            && extrapolation.as_ref().is_none_or(|extrapolation| extrapolation.parts().all(inputs))
     }
 }
 

@@ -7,10 +7,10 @@ use super::run_state::SavedRun;
 /// before a halved one, or before inputs jump.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
-    /// `room` holds the state before this step.
+    /// `saved` holds the state before this step.
     kept: bool,
     /// Allocated by the first step that needs it.
-    room: Option<Box<SavedRun>>,
+    saved: Option<Box<SavedRun>>,
 }
 
 impl Undo {
@@ -27,24 +27,24 @@ impl Stepper {
             return;
         }
         self.undo.kept = true;
-        match self.undo.room.take() {
-            Some(mut room) => {
-                self.copy_to(&mut room);
-                self.undo.room = Some(room);
+        match self.undo.saved.take() {
+            Some(mut saved) => {
+                self.copy_to(&mut saved);
+                self.undo.saved = Some(saved);
             }
-            None => self.undo.room = Some(Box::new(self.saved())),
+            None => self.undo.saved = Some(Box::new(self.saved())),
         }
     }
 
     /// Restores the state saved in this step. If none was saved, the step has changed nothing but counts.
     pub(super) fn undo_step(&mut self) {
-        match self.undo.room.take() {
-            Some(room) if self.undo.kept => {
-                self.restore_saved(&room);
-                self.undo.room = Some(room);
+        match self.undo.saved.take() {
+            Some(saved) if self.undo.kept => {
+                self.restore_saved(&saved);
+                self.undo.saved = Some(saved);
             }
-            room => {
-                self.undo.room = room;
+            saved => {
+                self.undo.saved = saved;
                 self.discard_step();
             }
         }

@@ -64,12 +64,12 @@ pub(super) fn scene_with(
 /// The changes that give a scene fixed steps and a one-stage method, if it has none.
 pub(super) fn fixed_steps(scene: &Scene) -> Vec<String> {
     let one_stage = |step: f64| scene.integrator().is_ok_and(|integrator| integrator.rule(step).is_some());
-    if let StepControl::Fixed(step) = scene.pace()
+    if let StepControl::Fixed(step) = scene.step_control()
         && one_stage(step)
     {
         return Vec::new();
     }
-    let step = match (scene.pace(), scene.spectrum().fastest()) {
+    let step = match (scene.step_control(), scene.spectrum().fastest()) {
         (StepControl::Fixed(step), _) => step,
         (_, Some(frequency)) => 1.0 / frequency / STEPS[0],
         (_, None) => scene.solver.duration_s.get() / STEPS[1],

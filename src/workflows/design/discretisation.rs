@@ -1,4 +1,4 @@
-//! What mesh and steps of the simulation do to what is identified with them: data know no mesh.
+//! The effect of mesh and step errors of the simulation on identified numbers: the data have no mesh.
 //!
 //! With half the spacing, and with half the step, the markers' nodes move by Δ. The unknowns that make up for the whole error of either
 //! move by δ = −J⁺cΔ, with the Jacobian J of the coordinates by the unknowns and c = 2ᵖ/(2ᵖ − 1) for an error of order p (Richardson). The

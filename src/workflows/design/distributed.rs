@@ -127,12 +127,12 @@ impl DistributableJob for DistributedDesign {
     }
 
     fn store(&mut self, line: &[u8]) -> Result<bool> {
-        let damaged = || Error::Parcel { problem: format!("a {} that came back is damaged", self.noun()) };
+        let damaged = || Error::Bundle { problem: format!("a {} that came back is damaged", self.noun()) };
         let (index, simulated) = jobs::read_line::<Vec<AnyResult>>(line).ok_or_else(damaged)?;
         let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
         let new = self.checkpoint.store_part(asked, simulated);
         if !self.checkpoint.has(asked) {
-            let reason = "what came back cannot be kept; make room on the disk".to_string();
+            let reason = "results cannot be stored; free some disk space".to_string();
             return Err(Error::Write { path: self.journal.clone(), reason });
         }
         Ok(new)
@@ -149,7 +149,7 @@ pub fn simulate(bundle: &[u8], index: usize) -> Result<Vec<u8>> {
     let scene = asked.scene()?;
     let table = DesignTable::of(&scene).map_err(|fault| asked.error_at(&fault))?;
     let document = with_fixed_fluid(&asked, &scene);
-    let refused = |what: &str| Error::Parcel { problem: format!("{what} {index}") };
+    let refused = |what: &str| Error::Bundle { problem: format!("{what} {index}") };
     let mut checkpoint = Checkpoint::recorded();
     match task {
         Task::Starts => {

@@ -46,11 +46,10 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     let kept = count(Identifiability::Unobservable);
     if kept > 0 {
         lines.push(format!(
-            "the {kept} unobservable joints keep the stiffness that the scene has, in all tables and in the designed scene: these data \
-             say nothing of it"
+            "the {kept} unobservable joints keep the stiffness that the scene has, in all tables and in the designed scene: these data do not determine it"
         ));
     }
-    if found.joints.iter().all(|joint| joint.drowns()) {
+    if found.joints.iter().all(|joint| joint.is_below_noise()) {
         lines.push(
             "stiffness cannot be identified from these data: what the rod bends beyond its natural curvature drowns in the \
              noise of the positions"
@@ -215,7 +214,10 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     for names in &found.confused {
         lines.push(match &names[..] {
             [name] => format!("the data do not know {name}"),
-            several => format!("the data do not tell {} apart: they know them only together", several.join(" and ")),
+            several => format!(
+                "the data cannot distinguish {}: they determine only a combination of them",
+                several.join(" and ")
+            ),
         });
     }
     lines.extend(found.limits.iter().map(|limit| format!("limit: {}: {}", limit.limit, limit.words())));
@@ -280,7 +282,7 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
     if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
         return Some(format!(
-            "no unknown costs 1 % of the objective, alone and whatever the limits, within a factor of {:.0}",
+            "no unknown alone costs 1 % of the objective, limits ignored, within a factor of {:.0}",
             MAX_REPORTED_TOLERANCE.exp()
         ));
     }
@@ -293,12 +295,12 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     };
     let loosest = if tolerances.len() > 1 { format!("; the loosest: {}", words(loose)) } else { String::new() };
     Some(format!(
-        "what costs 1 % of the objective, alone and whatever the limits: {}, the tightest{loosest}",
+        "tolerance for a 1 % loss, one unknown at a time, limits ignored: {}, the tightest{loosest}",
         words(tight)
     ))
 }
 
-/// How well a fit of positions knows the stiffness of joint `i`, which may be at a `bound`.
+/// How well a fit of positions determines the stiffness of joint `i`, which may be at a `bound`.
 pub(super) fn joint_verdict(
     found: &SearchResult,
     table: &DesignTable,
@@ -319,7 +321,7 @@ pub(super) fn joint_verdict(
     })
 }
 
-/// How many joints an identification by the whole motion knows, bounds being over `reference`, N m².
+/// How many joints an identification by the whole motion determines; bounds are relative to `reference`, N m².
 pub(super) fn explain_joints(found: &SearchResult, table: &DesignTable, reference: f64) -> Option<String> {
     let stiffness = &found.profile.stiffness_n_m2;
     if table.goal != Goal::Identify || stiffness.is_empty() {
@@ -356,7 +358,7 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
             return "; mesh and steps err by more than its own size: the data hardly say what it is".to_string();
         }
         let part = signed(100.0 * moved / value.abs(), 2);
-        format!("; a mesh and steps without error would move it by {part} %, which the deviation contains: take more nodes or smaller steps")
+        format!("; without errors of mesh and steps it would change by {part} %, which the deviation includes: take more nodes or smaller steps")
     });
     format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}{moved}", value / own)
 }

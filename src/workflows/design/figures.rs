@@ -617,7 +617,7 @@ impl Design {
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
         let shown = format!("In grey: the same with {BASELINE}.");
-        Some((Animation::of(&frames(after)).beside("", &frames(before)), shown))
+        Some((Animation::of(&frames(after)).with_companion("", &frames(before)), shown))
     }
 }
 

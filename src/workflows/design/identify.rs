@@ -106,7 +106,7 @@ pub struct JointEstimate {
 
 impl JointEstimate {
     /// True if its curvature beyond the natural one is below the noise.
-    pub fn drowns(&self) -> bool {
+    pub fn is_below_noise(&self) -> bool {
         self.signal_to_noise <= MIN_SIGNAL_TO_NOISE
     }
 }
@@ -524,7 +524,7 @@ fn identify_in(
     let (entries, reference) = (2 * rod.nodes, rod.ei);
     let sigma = table.noise_m.unwrap_or(motion.noise);
     if table.actuation_gain && all.iter().all(|series| series.driven.iter().all(|x| *x == 0.0)) {
-        return Err(Error::Design { reason: "actuation_gain is asked for where nothing is actuated".to_string() });
+        return Err(Error::Design { reason: "actuation_gain is given, but nothing is actuated".to_string() });
     }
     let (gain, at_edge) = if table.actuation_gain { best_gain(&all) } else { (1.0, false) };
     let basis = Basis::of(table, rod);

@@ -146,9 +146,9 @@ impl LimitUse {
         }
     }
 
-    /// Its description if more than it and the `room` beside it, relative, is used.
-    pub(super) fn broken(&self, room: f64) -> Option<String> {
-        (self.used > 1.0 + room).then(|| format!("{}, {}", self.limit, self.words()))
+    /// Its description if more than it and the `tolerance` beside it, relative, is used.
+    pub(super) fn broken(&self, tolerance: f64) -> Option<String> {
+        (self.used > 1.0 + tolerance).then(|| format!("{}, {}", self.limit, self.words()))
     }
 }
 

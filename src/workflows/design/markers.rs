@@ -158,7 +158,7 @@ impl Markers {
             let found = format!("found {} complete samples", markers.times.len());
             return Err(refuse(1, format!("{found}; allowed: at least {least}")));
         }
-        let impossible = if tip { markers.strayed(rod.length) } else { markers.impossible(rod) };
+        let impossible = if tip { markers.stray_tip(rod.length) } else { markers.impossible(rod) };
         match impossible {
             Some((sample, entry, problem)) => {
                 let column = header.get(1 + entry).unwrap_or_default();
@@ -243,7 +243,7 @@ impl Markers {
     }
 
     /// The first sample and entry of a tip that is further than the rod's `length` from its neighbours in time.
-    fn strayed(&self, length: f64) -> Option<(usize, usize, String)> {
+    fn stray_tip(&self, length: f64) -> Option<(usize, usize, String)> {
         let step = |i: usize| {
             let [a, b] = [self.positions.get(i)?, self.positions.get(i + 1)?];
             Some((a[0] - b[0]).hypot(a[1] - b[1]))

@@ -11,7 +11,7 @@ use crate::cycle::{CycleMeasure, MEASURES};
 use crate::error::{Error, Result};
 use crate::scene::{Document, Scene};
 use crate::sensitivity::scene_parameter::{SceneParameter, finite_differences};
-use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
+use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, WorkKind};
 
 /// A target is reached if the root mean square distance from it is below this fraction of the length.
 pub(super) const TARGET_TOLERANCE: f64 = 1e-9;
@@ -93,7 +93,7 @@ impl Objective {
         let along = Output::from(Quantity::CentreOfMass(0)).since_start();
         let fits = table.fits_positions();
         if held && matches!(table.goal, Goal::Distance | Goal::Efficiency) {
-            let reason = "a held head goes nowhere: distance and efficiency need a free one".to_string();
+            let reason = "a held head does not swim: distance and efficiency need a free one".to_string();
             return Err(Error::Design { reason });
         }
         let outputs = match table.goal {
@@ -104,7 +104,7 @@ impl Objective {
             }
             Goal::Distance => vec![along],
             Goal::Cycle(_) => Vec::new(),
-            _ => vec![along, Work::Actuation.into()],
+            _ => vec![along, WorkKind::Actuation.into()],
         };
         let times = problem.times();
         let step = |time: f64| {

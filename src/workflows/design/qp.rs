@@ -198,11 +198,7 @@ impl QuadraticProgram {
                 }
             }
         }
-<<<<<<< HEAD
         let size = largest(duals.iter().copied());
-=======
-        let size = duals.iter().fold(0.0, |max: f64, dual| max.max(dual.abs()));
->>>>>>> main
         let named = self.constraints.iter().zip(&duals).filter(|(_, dual)| dual.abs() > CONFLICT_DUAL * size);
         let kind = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
         let mut kinds: Vec<(String, Vec<&str>)> = Vec::new();

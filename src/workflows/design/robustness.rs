@@ -21,7 +21,7 @@ use crate::sensitivity::Problem;
 
 /// A limit that the design keeps to the last digit is taken to be kept in another simulation that finds this much more, relative: other steps,
 /// methods and meshes find another peak.
-const ROOM: f64 = 0.02;
+const LIMIT_TOLERANCE: f64 = 0.02;
 
 /// The check simulations of a design.
 pub(super) struct RobustnessChecks<'a> {
@@ -207,10 +207,11 @@ impl Robustness {
         let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
         let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
         let least = others.iter().filter(says).min_by(|a, b| size(a).total_cmp(&size(b)))?;
-        let broken = |limit: &Option<LimitUse>, room: f64| limit.as_ref().and_then(|limit| limit.broken(room));
+        let broken =
+            |limit: &Option<LimitUse>, tolerance: f64| limit.as_ref().and_then(|limit| limit.broken(tolerance));
         let used = |check: &&Check| check.limit.as_ref().map_or(0.0, |limit| limit.used);
         let most = others.iter().max_by(|a, b| used(a).total_cmp(&used(b)));
-        let broken_in = most.and_then(|check| Some([broken(&check.limit, ROOM)?, check.simulation.clone()]));
+        let broken_in = most.and_then(|check| Some([broken(&check.limit, LIMIT_TOLERANCE)?, check.simulation.clone()]));
         let broken_before = broken(&first.limit_before, FEASIBILITY_TOLERANCE);
         let gains = [first, least].into_iter().all(|check| size(check) > 0.0);
         let simulated = others.iter().filter(says).all(|check| check.designed.is_some());
@@ -234,7 +235,7 @@ impl Robustness {
                 format!("the limits do not hold in other simulations: {limit} with {simulation}")
             }
             (true, Some(_)) if let Some(limit) = &self.broken_before => format!(
-                "what was before breaks a limit ({limit}), and the design keeps all, in the other simulations too: what is gained is that, beside {gain:+.2} % of the goal"
+                "the original exceeds a limit ({limit}), and the design keeps all limits, in the other simulations too: that is the gain, along with {gain:+.2} % of the goal"
             ),
             (true, Some(least)) => {
                 format!(
@@ -285,7 +286,7 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Check, LimitUse, ROOM, Robustness};
+    use super::{Check, LIMIT_TOLERANCE, LimitUse, Robustness};
 
     #[test]
     fn a_gain_survives_where_limits_are_kept_and_no_simulation_fails_of_the_design_alone() {
@@ -308,7 +309,7 @@ mod tests {
         assert!(broken.is_some_and(|trust| !trust.survives && trust.words().contains("does not keep its limits")));
         let limit = |used: f64| Some(LimitUse { limit: "power at most 6 W".to_string(), used });
         let at = |used: f64| trust(Check { limit: limit(used), ..check("cross-flow", Some(1.2), Some(1.0)) });
-        assert!(at(1.0 + 0.9 * ROOM).is_some_and(|trust| trust.survives));
+        assert!(at(1.0 + 0.9 * LIMIT_TOLERANCE).is_some_and(|trust| trust.survives));
         let beyond = at(1.66).unwrap_or_else(|| unreachable!());
         assert!(
             !beyond.survives

@@ -93,7 +93,7 @@ const SUFFICIENT_DECREASE: f64 = 1e-4;
 /// (logarithms, or rad).
 pub(super) const SAME_OPTIMUM: [f64; 2] = [1e-4, 1e-2];
 
-/// Designs that are looked at for each start but the first.
+/// Number of designs that are evaluated for each start except the first.
 const SAMPLES_PER_START: usize = 12;
 
 /// Restarts, with a higher penalty, of a start that ends with a violated limit.
@@ -414,13 +414,15 @@ impl<'a> Search<'a> {
             }
             let x = match &from {
                 Some(x) => unknowns.kept(x.clone()),
-                None if sampled && start > 0 => match self.promising((&unknowns, &limits), start, || tell(None)) {
-                    ControlFlow::Continue(x) => x,
-                    ControlFlow::Break(()) => {
-                        interrupted = true;
-                        break;
+                None if sampled && start > 0 => {
+                    match self.best_sampled_start((&unknowns, &limits), start, || tell(None)) {
+                        ControlFlow::Continue(x) => x,
+                        ControlFlow::Break(()) => {
+                            interrupted = true;
+                            break;
+                        }
                     }
-                },
+                }
                 None => unknowns.first(start),
             };
             let Some(first) = self.point(&unknowns, &limits, x) else { continue };
@@ -577,7 +579,7 @@ impl<'a> Search<'a> {
     /// Where `start` begins, which is not the first, of a design with limits on what a simulation gives: at the best of several designs.
     /// Designs that keep such limits may lie in several places apart, and a search that begins outside of all ends in the nearest. It stops
     /// where it no longer `goes_on`.
-    fn promising(
+    fn best_sampled_start(
         &mut self,
         (unknowns, limits): (&Unknowns, &Limits),
         start: usize,

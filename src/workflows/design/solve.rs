@@ -28,7 +28,7 @@ use super::table::{DesignTable, DesignVariable, Goal};
 use crate::assessment::Assessment;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
-use crate::linear_stability::{REST_TOLERANCE, SteadyState, come_to_rest, grows};
+use crate::linear_stability::{REST_TOLERANCE, SteadyState, continue_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::report::{Claim, Folder, Owner};
@@ -196,7 +196,7 @@ impl Design {
                     .and_then(|scene| simulated(&scene, &profile))
                 {
                     Ok(motions) => evidence.motions = motions.into(),
-                    Err(error) => lines.push(format!("no simulation beside the data: {error}")),
+                    Err(error) => lines.push(format!("no simulation to compare with the data: {error}")),
                 }
                 evidence.checks = replay(document, &scene, &table, &markers, &profile);
                 lines.extend(found.refit.as_ref().and_then(explain_refit));
@@ -567,12 +567,12 @@ fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Op
     let mut newton = Newton::new(dynamics.nodes(), REST_TOLERANCE).ok()?;
     let mut state = dynamics.first_state();
     state.q.copy_from_slice(positions);
-    come_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
+    continue_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
     let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
 }
 
-/// What the motion of `scene` takes out of its range.
+/// Warnings of ranges that the motion of `scene` exceeds.
 fn ranges_left(scene: &Scene) -> Vec<String> {
     let (Ok(model), Ok(regime)) = (scene.model(), scene.regime()) else { return Vec::new() };
     scene.range_notes(&model.forces, &model.rod, regime.across)

@@ -387,7 +387,7 @@ impl DesignTable {
                 return Err(fault("design.better", problem));
             }
             (Some(_), _) => {
-                let problem = "found with a goal that says it itself; allowed: with means over cycles, \"cycle_…\"";
+                let problem = "found with a goal that implies it; allowed: with means over cycles, \"cycle_…\"";
                 return Err(fault("design.better", problem.to_string()));
             }
         }
@@ -399,7 +399,7 @@ impl DesignTable {
                 Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the way that counts".to_string()))
             }
             (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip | Goal::Cycle(_)) => {
-                let problem = "found with a goal that has none; allowed: with \"distance\" and \"efficiency\"";
+                let problem = "found with a goal without direction; allowed: with \"distance\" and \"efficiency\"";
                 Err(fault("design.direction", problem.to_string()))
             }
             _ => Ok(table),
@@ -521,7 +521,7 @@ impl DesignTable {
                 let allowed = "with means over cycles, \"cycle_…\"; design.direction says which way counts";
                 Err((
                     "design.front.better",
-                    format!("found {better:?} with a goal that says it itself; allowed: {allowed}"),
+                    format!("found {better:?} with a goal that implies it; allowed: {allowed}"),
                 ))
             }
             None | Some("larger" | "smaller") => Ok(()),

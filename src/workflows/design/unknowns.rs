@@ -380,15 +380,15 @@ impl Unknowns {
             for (i, x) in (first..).zip(part) {
                 if block.is_fixed() {
                     // Two bounds in one place would leave no room inside them.
-                    let room = block.unknown(block.bounds[0]) - x;
-                    constraints.push(Constraint::equal(FIXED_UNKNOWN, vec![(i, 1.0)], room));
+                    let slack = block.unknown(block.bounds[0]) - x;
+                    constraints.push(Constraint::equal(FIXED_UNKNOWN, vec![(i, 1.0)], slack));
                     continue;
                 }
                 let place = block.place(i - first);
                 for (words, bound, sign) in [("at least", block.bounds[0], -sense), ("at most", block.bounds[1], sense)]
                 {
-                    let room = sign * (block.unknown(bound) - x);
-                    constraints.push(Constraint::at_most(format!("{place} {words} {bound}"), vec![(i, sign)], room));
+                    let slack = sign * (block.unknown(bound) - x);
+                    constraints.push(Constraint::at_most(format!("{place} {words} {bound}"), vec![(i, sign)], slack));
                 }
             }
             for i in (1..part.len()).filter(|_| self.is_ordered(block) && !block.is_fixed()) {

@@ -52,11 +52,11 @@ impl Summary {
             fluid_uncertainty: scene.fluid_choice().and_then(|choice| choice.uncertainty).map(FluidError::from),
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
-            time_step_s: match stepper.pace() {
+            time_step_s: match stepper.step_control() {
                 StepControl::Fixed(step) => step,
                 StepControl::Adaptive(_) => elapsed / metrics.totals.steps.max(1) as f64,
             },
-            tolerance: match stepper.pace() {
+            tolerance: match stepper.step_control() {
                 StepControl::Fixed(_) => None,
                 StepControl::Adaptive(tolerance) => Some(tolerance),
             },
@@ -118,7 +118,7 @@ impl Summary {
             spray_impulse_n_s: metrics.totals.impulse.spray.into(),
             other_impulse_n_s: metrics.totals.impulse.other.into(),
             momentum_defect_n_s: metrics.momentum_defect().into(),
-            notes: notes(scene, model, metrics, &stepper.state().q, stepper.pace(), warnings),
+            notes: notes(scene, model, metrics, &stepper.state().q, stepper.step_control(), warnings),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: match &model.head {
                 Some(_) => held(&cycle::EFFICIENCY),

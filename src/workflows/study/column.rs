@@ -1,5 +1,6 @@
-//! `caudal study stability --vary load`: flutter and divergence of a held tail under its point loads, over their size and the damping
-//! of its material. A little damping may take most of what an undamped tail bears under a load that follows it.
+//! `caudal study stability --vary load`: flutter and divergence of a held tail under its point loads, over their size
+//! and the damping of its material. A small damping may reduce the critical follower load of an undamped tail
+//! considerably.
 //!
 //! Source: H. Ziegler, Ingenieur-Archiv 20 (1952) 49–56.
 
@@ -95,7 +96,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
         && least.value < 0.99 * none.value
     {
         findings.answers.push(format!(
-            "With a damping time of {time:.3e} s it bears {:.4} times them only: damping takes {:.0} % of what it bears.",
+            "With a damping time of {time:.3e} s it carries only {:.4} times them: damping lowers the limit by {:.0} %.",
             least.value,
             100.0 * (1.0 - least.value / none.value)
         ));

@@ -1,7 +1,7 @@
 //! Distributed studies: workers execute the runs of a study, whose results are stored in the study's folder.
 //!
-//! A study asks for the same runs each time. So a worker starts the same study, takes the results of earlier runs from its bundle, and
-//! executes those that it is asked for.
+//! A study requests the same runs each time. A worker therefore starts the same study, takes the results of earlier
+//! runs from its bundle, and executes the requested ones.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -82,6 +82,6 @@ pub fn make_runs(bundle: &[u8], indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>
     let runner = StudyRunner::for_request(&request, &interrupted, &progress);
     match study.run(&document.scene()?, runner)? {
         StudyOutcome::Interrupted(..) => Ok(std::mem::take(&mut *locked(&request.made))),
-        StudyOutcome::Complete(_) => Err(Error::Parcel { problem: "the study needs no runs".to_string() }),
+        StudyOutcome::Complete(_) => Err(Error::Bundle { problem: "the study needs no runs".to_string() }),
     }
 }

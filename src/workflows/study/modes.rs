@@ -79,12 +79,12 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     if let Some(drive) = drive {
         let ratio = TAU * drive / first.frequency;
         let says = if ratio < 0.1 {
-            "far below it: the rod takes the curvature that the actuation asks for, and the fluid decides where it goes"
+            "far below it: the rod takes the curvature of the actuation, and the fluid determines its motion"
         } else if ratio < 0.7 {
             "below it: inertia adds to that curvature, by about the square of the ratio"
         } else {
             match (ratio < 1.5, scene.has_active_moments()) {
-                (true, _) => "near it: the rod resonates, and bends otherwise than the actuation asks for",
+                (true, _) => "near it: the rod resonates, and its curvature differs from that of the actuation",
                 (false, false) => "above it: inertia and fluid decide, and the shape is not the one prescribed",
                 (false, true) => {
                     "above it: inertia and fluid hold it, and it bends less than the moments bend it at rest"
@@ -94,7 +94,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         findings.answers.push(format!("The actuation at {drive} Hz is {ratio:.3e} of that, {says}."));
     }
     let needed = RESOLVED / first.frequency;
-    let step = match scene.pace() {
+    let step = match scene.step_control() {
         StepControl::Fixed(step) => Some(step),
         StepControl::Adaptive(_) => None,
     };

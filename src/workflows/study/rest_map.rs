@@ -1,5 +1,5 @@
-//! What small motions about the rest of a held tail do, over two parameters of its scene: one along which it loses its stability,
-//! and one that it is asked for at.
+//! Stability of the equilibrium of a held tail over two parameters of its scene: the first is increased until stability
+//! is lost, for several values of the second.
 
 use std::cell::RefCell;
 use std::f64::consts::TAU;
@@ -97,12 +97,12 @@ impl RestPoint {
     }
 }
 
-/// Where the tail leaves its rest.
+/// The critical point at which the equilibrium loses its stability.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Critical {
     /// The value there; zero where it does not stay at rest at zero either.
     pub value: f64,
-    /// What happens beyond.
+    /// The instability beyond it.
     pub outcome: RestStability,
     /// ω there, rad/s.
     pub frequency: f64,
@@ -126,7 +126,7 @@ pub(super) struct Scan {
     pub values: Vec<f64>,
 }
 
-/// What was found along a [`Scan`].
+/// The results along a [`Scan`].
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Scanned {
     pub points: Vec<RestPoint>,
@@ -134,9 +134,9 @@ pub(super) struct Scanned {
 }
 
 impl Scan {
-    /// Looks `at` every value, and for the critical one. Between values that are far apart others are looked at too, up to the
-    /// first that leaves the rest. Each rest is sought next to the stable one known at the largest value before it, so that it is that
-    /// of a rod to which the value has grown, and not another one.
+    /// Evaluates every value, and finds the critical one. Between distant values it evaluates further ones, up to the
+    /// first at which stability is lost. Each rest is sought next to the stable one known at the largest value before
+    /// it, so that it is that of a rod to which the value has grown, and not another one.
     pub fn run(&self, find: impl Fn(f64, Option<&[f64]>) -> (RestPoint, Vec<f64>)) -> Scanned {
         let known: RefCell<Vec<(f64, Vec<f64>)>> = RefCell::default();
         let at = |value: f64| {
@@ -193,7 +193,7 @@ pub(super) fn even([low, high]: [f64; 2], count: usize) -> impl Iterator<Item = 
     (0..=last).map(move |i| low + (high - low) * i as f64 / last as f64)
 }
 
-/// Warns of what is left out of the motions about the rest of `scene`, looked at on `nodes` nodes.
+/// Warns of effects that are left out of the stability of the equilibrium of `scene`, computed on `nodes` nodes.
 pub(super) fn left_out(scene: &Scene, nodes: usize, findings: &mut Findings) {
     if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
         findings

@@ -65,7 +65,7 @@ pub(super) struct PendingRuns {
     pub descriptions: Vec<String>,
 }
 
-/// What a worker is asked for: some runs of a study.
+/// The runs of a study that a worker is to execute.
 #[derive(Debug, Default)]
 pub(super) struct RunRequest {
     /// The results of earlier runs.
@@ -117,7 +117,7 @@ impl<'a> StudyRunner<'a> {
             return request.run_all(name, runs, run);
         }
         let Some(folder) = self.folder else {
-            return Err(Error::Parcel { problem: "it has no folder for its runs".to_string() });
+            return Err(Error::Bundle { problem: "it has no folder for its runs".to_string() });
         };
         let path = locked(folder).journal(&format!("{name}{JOURNAL}"))?;
         let failed = |e: std::io::Error| Error::Write { path: path.clone(), reason: e.to_string() };
@@ -155,7 +155,7 @@ impl<'a> StudyRunner<'a> {
             return Ok(Err(StudyOutcome::Interrupted(results.len(), runs.len())));
         }
         if let Executor::Deferred(plan) = self.executor {
-            let told = serde_json::to_string(&results).map_err(|e| Error::Parcel { problem: e.to_string() })?;
+            let told = serde_json::to_string(&results).map_err(|e| Error::Bundle { problem: e.to_string() })?;
             locked(plan).known.insert(name.to_string(), told);
         }
         Ok(Ok(results))
@@ -174,7 +174,7 @@ impl RunRequest {
         runs: &[R],
         run: impl Fn(&R) -> Option<T>,
     ) -> Result<std::result::Result<Vec<T>, StudyOutcome>> {
-        let refused = |problem: String| Error::Parcel { problem };
+        let refused = |problem: String| Error::Bundle { problem };
         if let Some(known) = self.known.get(name) {
             return serde_json::from_str(known).map(Ok).map_err(|e| refused(e.to_string()));
         }
@@ -182,7 +182,7 @@ impl RunRequest {
             let begun = Instant::now();
             let asked = runs.get(*index).ok_or_else(|| refused(format!("it has no run {index}")))?;
             let line = run(asked).and_then(|result| jobs::line(*index, result));
-            let line = line.ok_or_else(|| refused(format!("run {index} cannot be told")))?;
+            let line = line.ok_or_else(|| refused(format!("the result of run {index} cannot be written as JSON")))?;
             locked(&self.made).push((line, begun.elapsed().as_secs_f64()));
         }
         Ok(Err(StudyOutcome::Interrupted(0, runs.len())))

@@ -123,7 +123,7 @@ pub(super) fn scaling(scene: &Scene, asked: &ScalingOptions, runner: StudyRunner
 fn run(scene: &Scene, case: &MeshRun, runner: StudyRunner<'_>) -> Option<MeshResult> {
     let before = memory::reset();
     let step = case.step;
-    let mut scene = scene.with_pace(StepControl::Fixed(step)).with_nodes(case.nodes);
+    let mut scene = scene.with_step_control(StepControl::Fixed(step)).with_nodes(case.nodes);
     scene.solver.form = match case.form {
         Form::Positions => FormKey::Positions,
         Form::Chain => FormKey::Chain,

@@ -153,7 +153,7 @@ impl Default for StabilityOptions {
 
 /// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum StepOutcome {
+enum StabilityOutcome {
     Accurate,
     Wrong,
     Unjudged,
@@ -162,7 +162,7 @@ enum StepOutcome {
     Fold,
 }
 
-impl StepOutcome {
+impl StabilityOutcome {
     const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
@@ -188,7 +188,7 @@ impl StepOutcome {
         }
         match reference {
             None => Self::Unjudged,
-            Some(reference) if apart(run, reference) <= accurate => Self::Accurate,
+            Some(reference) if relative_tip_distance(run, reference) <= accurate => Self::Accurate,
             Some(_) => Self::Wrong,
         }
     }
@@ -206,7 +206,7 @@ fn grows(run: &StudyRun) -> bool {
 }
 
 /// Largest distance of two tips over the extent of the second's path.
-fn apart(run: &StudyRun, reference: &StudyRun) -> f64 {
+fn relative_tip_distance(run: &StudyRun, reference: &StudyRun) -> f64 {
     let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     run.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
 }
@@ -261,7 +261,8 @@ pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRu
         }
     }
     let run = |case: &MapRun| {
-        let scene = case.simulation.of(&asked.vary.set(scene, case.value)).with_pace(StepControl::Fixed(case.step));
+        let scene =
+            case.simulation.of(&asked.vary.set(scene, case.value)).with_step_control(StepControl::Fixed(case.step));
         let options = RunOptions { samples: SAMPLES, push: None, halving: case.halving, timed: false };
         StudyRun::of(&scene, options, runner.interrupted)
     };
@@ -273,14 +274,20 @@ pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRu
     let references: Vec<_> = pairs
         .chunks(references.len())
         .map(|pair| match pair {
-            [a, b] if a.tip.len() > SAMPLES && b.tip.len() > SAMPLES && apart(a, b) <= 0.5 * asked.accurate => Some(a),
+            [a, b]
+                if a.tip.len() > SAMPLES
+                    && b.tip.len() > SAMPLES
+                    && relative_tip_distance(a, b) <= 0.5 * asked.accurate =>
+            {
+                Some(a)
+            }
             _ => None,
         })
         .collect();
     let outcomes: Vec<_> = runs
         .iter()
         .enumerate()
-        .map(|(i, run)| StepOutcome::of(run, references[i / steps.len() % values.len()], asked.accurate))
+        .map(|(i, run)| StabilityOutcome::of(run, references[i / steps.len() % values.len()], asked.accurate))
         .collect();
     let cases = &cases[pairs.len()..];
     let report = StabilityReport {
@@ -304,12 +311,12 @@ struct StabilityReport<'a> {
     simulations: &'a [SimulationMethod],
     cases: &'a [MapRun],
     runs: &'a [StudyRun],
-    outcomes: &'a [StepOutcome],
+    outcomes: &'a [StabilityOutcome],
 }
 
 impl StabilityReport<'_> {
     /// The outcomes of a method: for each value one per step.
-    fn of(&self, simulation: usize) -> impl Iterator<Item = &[StepOutcome]> {
+    fn of(&self, simulation: usize) -> impl Iterator<Item = &[StabilityOutcome]> {
         let cells = self.values.len() * self.steps.len();
         self.outcomes[simulation * cells..(simulation + 1) * cells].chunks(self.steps.len())
     }
@@ -342,11 +349,13 @@ impl StabilityReport<'_> {
             if let Some(last) = boundary.last() {
                 limits.insert(simulation.to_string(), json!({ "value": last.0, "step_s": last.1 }));
             }
-            let index = |outcome: &StepOutcome| StepOutcome::ALL.iter().position(|other| other == outcome).unwrap_or(0);
+            let index = |outcome: &StabilityOutcome| {
+                StabilityOutcome::ALL.iter().position(|other| other == outcome).unwrap_or(0)
+            };
             let cells = self.of(i).map(|column| column.iter().map(index).collect()).collect();
             panels.push(Panel { title: simulation.to_string(), cells, boundary });
         }
-        if self.outcomes.contains(&StepOutcome::Unjudged) {
+        if self.outcomes.contains(&StabilityOutcome::Unjudged) {
             findings.answers.push(
                 "Where two references (ESDIRK3 and generalized-α with half the smallest step) disagree, runs that end are only called stable."
                     .to_string(),
@@ -359,7 +368,7 @@ impl StabilityReport<'_> {
             linear: false,
             y: ("time step (s)".into(), self.steps.to_vec()),
             boundary: "limit by linear theory".into(),
-            categories: StepOutcome::ALL.map(StepOutcome::category).to_vec(),
+            categories: StabilityOutcome::ALL.map(StabilityOutcome::category).to_vec(),
             panels,
         };
         let caption = "What every method does at every step: accurate, wrong, growing or failing.";
@@ -372,7 +381,7 @@ impl StabilityReport<'_> {
     fn in_words(&self, simulation: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
         let columns: Vec<_> = self.of(simulation).collect();
         // Largest step up to which the predicate holds, at every value.
-        let up_to = |holds: &dyn Fn(StepOutcome) -> bool| {
+        let up_to = |holds: &dyn Fn(StabilityOutcome) -> bool| {
             let counts = columns.iter().map(|column| column.iter().take_while(|outcome| holds(**outcome)).count());
             let counts: Vec<_> = counts.collect();
             counts.iter().min().copied().zip(counts.iter().max().copied())
@@ -386,11 +395,11 @@ impl StabilityReport<'_> {
                 (Some(low), Some(high)) => format!("up to {low} … {high}, depending on the value"),
             }
         };
-        let accurate = up_to(&|outcome| outcome == StepOutcome::Accurate).map_or(String::new(), range);
-        let stable = up_to(&|outcome| outcome <= StepOutcome::Unjudged).map_or(String::new(), range);
+        let accurate = up_to(&|outcome| outcome == StabilityOutcome::Accurate).map_or(String::new(), range);
+        let stable = up_to(&|outcome| outcome <= StabilityOutcome::Unjudged).map_or(String::new(), range);
         let mut ways: Vec<&str> = Vec::new();
         for outcome in
-            columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > StepOutcome::Unjudged)
+            columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > StabilityOutcome::Unjudged)
         {
             if !ways.contains(&outcome.category().label) {
                 ways.push(outcome.category().label);

@@ -125,7 +125,7 @@ fn axis(value: &Value, path: &str) -> Result<SweepAxis, KeyError> {
     }
     if let Some(zip) = table.get("zip") {
         if table.keys().any(|key| !["zip", "labels"].contains(&key.as_str())) {
-            return Err(fault("found zip beside other keys; allowed: zip and labels".to_string()));
+            return Err(fault("found zip together with other keys; allowed: zip and labels".to_string()));
         }
         return zipped(zip, table.get("labels"), path, name);
     }
@@ -141,7 +141,9 @@ fn axis(value: &Value, path: &str) -> Result<SweepAxis, KeyError> {
         Value::Table(table.clone().into_iter().filter(|(key, _)| !["keys", "labels"].contains(&key.as_str())).collect())
     };
     let (kind, levels) = match (table.get("values"), table.get("factors")) {
-        (Some(_), Some(_)) => return Err(fault("found values beside factors; allowed: one of the two".to_string())),
+        (Some(_), Some(_)) => {
+            return Err(fault("found values together with factors; allowed: one of the two".to_string()));
+        }
         (Some(values), None) => (AxisKind::Values, values.clone()),
         (None, Some(factors)) => (AxisKind::Factors, factors.clone()),
         (None, None) if value.is_array() => (AxisKind::Values, value.clone()),
@@ -150,7 +152,7 @@ fn axis(value: &Value, path: &str) -> Result<SweepAxis, KeyError> {
     if (has("values") || has("factors"))
         && let Some(stray) = ["from", "to", "count", "between", "scale"].into_iter().find(|key| has(key))
     {
-        return Err(fault(format!("found {stray} beside values or factors; allowed: inside them")));
+        return Err(fault(format!("found {stray} together with values or factors; allowed: inside them")));
     }
     let (levels, sampled, scale) = match listed(&levels, path)? {
         AxisLevels::Listed { values, scale } => (values, false, scale),

@@ -56,7 +56,7 @@ struct SweepFile {
     samples: Option<Sampling>,
     /// What is kept of a case.
     #[serde(default)]
-    record: RecordTable,
+    record: SweepRecordTable,
     /// What the report shows.
     #[serde(default)]
     report: ReportTable,
@@ -64,9 +64,9 @@ struct SweepFile {
 
 /// `[record]` of a sweep: what is kept of a case beside its row of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(rename = "RecordTable"))]
 #[serde(default, deny_unknown_fields)]
-pub struct RecordTable {
+pub struct SweepRecordTable {
     /// Number of cases, chosen evenly by chance, whose motion is kept for the report to play.
     pub played: usize,
     /// Times of that motion; no more than steps.
@@ -75,7 +75,7 @@ pub struct RecordTable {
     pub traces: usize,
 }
 
-impl Default for RecordTable {
+impl Default for SweepRecordTable {
     fn default() -> Self {
         Self { played: 200, frames: 60, traces: 0 }
     }
@@ -98,7 +98,7 @@ pub struct Sweep {
     /// The axes, in the order of the file; the last one changes fastest from case to case.
     pub axes: Vec<SweepAxis>,
     /// What is recorded per case.
-    pub record: RecordTable,
+    pub record: SweepRecordTable,
     /// The axis whose levels are shown separately in the report.
     pub split: Option<usize>,
     document: Document,
@@ -323,7 +323,7 @@ impl Sweep {
             let sizes = sizes.map(|size| size.to_string()).collect::<Vec<_>>().join(" × ");
             return fault("axes", format!("found {sizes} cases; allowed: up to {MAX_CASES}"));
         }
-        let RecordTable { played, frames, traces } = self.record;
+        let SweepRecordTable { played, frames, traces } = self.record;
         if frames == 1 || frames > MAX_SAMPLES {
             return fault("record.frames", format!("found {frames}; allowed: 0, or 2 to {MAX_SAMPLES}"));
         }
@@ -528,7 +528,7 @@ impl Sweep {
             Ok(std::ops::ControlFlow::Continue(()))
         })?;
         let inputs = format!("{:?} {:?} {}", self.record, self.columns(), checked.hashes.concat());
-        let RecordTable { frames, traces, .. } = self.record;
+        let SweepRecordTable { frames, traces, .. } = self.record;
         let kept = format!("{frames} frames and {traces} traces");
         self.checked.get_or_init(|| checked);
         Ok(Job { kept, ..Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()) })
@@ -658,7 +658,7 @@ fn excluded(axes: &[SweepAxis], key: &str, value: &Value) -> std::result::Result
     };
     match axes.iter().find(sets) {
         Some(axis) => {
-            Err(format!("found beside the axis `{}`, which takes its place; leave one of them out", axis.name))
+            Err(format!("found together with the axis `{}`, which replaces it; leave one of them out", axis.name))
         }
         None => Ok(()),
     }

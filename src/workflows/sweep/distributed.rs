@@ -51,7 +51,7 @@ impl SweepWorker {
     /// # Errors
     /// [`Error::Parcel`] for a case that the sweep does not have.
     pub fn lines(&self, indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
-        let refused = |index: usize| Error::Parcel { problem: format!("it has no case {index}") };
+        let refused = |index: usize| Error::Bundle { problem: format!("it has no case {index}") };
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
             return Err(refused(*unknown));
         }

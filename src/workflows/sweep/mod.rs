@@ -13,6 +13,6 @@ mod results;
 pub use axis::{AxisKind, Sampling, SweepAxis};
 pub use case_result::CaseResult;
 pub use case_run::{run, run_together};
-pub use definition::{Case, RecordTable, ReportTable, Sweep};
+pub use definition::{Case, ReportTable, Sweep, SweepRecordTable};
 pub use distributed::SweepWorker;
 pub use results::{RecentResults, SweepResults, WrittenSweep};

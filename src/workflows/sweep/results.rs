@@ -30,11 +30,11 @@ pub struct RecentResults(BTreeMap<usize, CaseResult>);
 
 impl RecentResults {
     /// About 15 MB.
-    const MOST: usize = 500;
+    const MAX_LEN: usize = 500;
 
     /// Stores the result of a case, unless the limit is reached.
     pub fn keep(&mut self, index: usize, row: CaseResult) {
-        if self.0.len() < Self::MOST {
+        if self.0.len() < Self::MAX_LEN {
             self.0.insert(index, row);
         }
     }

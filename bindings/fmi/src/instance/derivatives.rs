@@ -4,11 +4,11 @@ use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::variable::{Causality, VARIABLES, Variable};
 
 use super::Instance;
-use crate::status::{Outcome, refuse};
+use crate::status::{FmiResult, refuse};
 
 impl Instance {
     /// The index of an output, or of a calculated parameter.
-    fn output(&self, target: Target) -> Outcome<usize> {
+    fn output(&self, target: Target) -> FmiResult<usize> {
         match target {
             Target::Variable(place, _)
                 if matches!(VARIABLES[place].causality, Causality::Output | Causality::Parameter) =>
@@ -20,7 +20,7 @@ impl Instance {
     }
 
     /// The variables of outputs with their nodes, or None if a variable has no entry at its node and is always zero.
-    fn outputs(&self, unknowns: &[(Target, usize)]) -> Outcome<Vec<Option<(&'static Variable, usize)>>> {
+    fn outputs(&self, unknowns: &[(Target, usize)]) -> FmiResult<Vec<Option<(&'static Variable, usize)>>> {
         let output = |(target, k): &(Target, usize)| {
             let place = self.output(*target)?;
             Ok(self.entries(place).contains(k).then_some((&VARIABLES[place], *k)))
@@ -29,7 +29,7 @@ impl Instance {
     }
 
     /// Writes the first time derivatives of outputs at their nodes.
-    pub fn rates(&mut self, unknowns: &[(Target, usize)], out: &mut [f64]) -> Outcome {
+    pub fn rates(&mut self, unknowns: &[(Target, usize)], out: &mut [f64]) -> FmiResult {
         let outputs = self.outputs(unknowns)?;
         let rates = self.ready()?.rates()?;
         for (out, output) in out.iter_mut().zip(outputs) {
@@ -45,7 +45,7 @@ impl Instance {
         knowns: &[(Target, usize)],
         seed: &[f64],
         out: &mut [f64],
-    ) -> Outcome {
+    ) -> FmiResult {
         let outputs = self.outputs(unknowns)?;
         self.seeds.resize(VARIABLES.len(), Vec::new());
         self.seeds.iter_mut().for_each(Vec::clear);
@@ -95,7 +95,7 @@ impl Instance {
         seed: f64,
         outputs: &[Option<(&'static Variable, usize)>],
         out: &mut [f64],
-    ) -> Outcome {
+    ) -> FmiResult {
         /// Step of the difference relative to the value, or absolute if that is zero.
         const STEP: f64 = 1e-6;
         let state = self.save()?;
@@ -136,7 +136,7 @@ impl Instance {
         knowns: &[(Target, usize)],
         seed: &[f64],
         out: &mut [f64],
-    ) -> Outcome {
+    ) -> FmiResult {
         let mut changes = vec![0.0; unknowns.len()];
         for (known, out) in knowns.iter().zip(out) {
             self.directional(unknowns, std::slice::from_ref(known), &[1.0], &mut changes)?;
@@ -147,7 +147,7 @@ impl Instance {
 
     /// The dependencies of a variable of FMI 3.0: node of the dependent, and value reference and node of the variable that it depends on
     /// immediately. Calculated parameters depend on all parameters.
-    pub fn dependencies(&mut self, target: Target) -> Outcome<Vec<(usize, u32, usize)>> {
+    pub fn dependencies(&mut self, target: Target) -> FmiResult<Vec<(usize, u32, usize)>> {
         let Ok(place) = self.output(target) else { return Ok(Vec::new()) };
         self.ready()?;
         let Some(stepper) = self.stepper.get() else { return refuse("there is no model") };

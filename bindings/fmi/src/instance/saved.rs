@@ -7,13 +7,13 @@ use caudal::variable::{Size, VARIABLES};
 use serde::{Deserialize, Serialize};
 
 use super::values::SetInputs;
-use super::{Experiment, Instance, Mode, Settings};
-use crate::status::{Outcome, refuse};
+use super::{Experiment, Instance, InstanceMode, Settings};
+use crate::status::{FmiResult, refuse};
 
 /// A saved state of an instance: all that changes during a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SavedState {
-    mode: Mode,
+    mode: InstanceMode,
     experiment: Experiment,
     host_time: Option<f64>,
     /// The settings and the snapshot of the stepper.
@@ -27,7 +27,7 @@ pub struct SavedState {
 
 impl Instance {
     /// A copy of all that changes during a run.
-    pub fn save(&self) -> Outcome<SavedState> {
+    pub fn save(&self) -> FmiResult<SavedState> {
         let Some(stepper) = self.stepper.get() else { return refuse("there is no model") };
         Ok(SavedState {
             mode: self.mode,
@@ -42,7 +42,7 @@ impl Instance {
     }
 
     /// Restores a saved state. Nothing changes on error.
-    pub fn restore(&mut self, state: &SavedState) -> Outcome {
+    pub fn restore(&mut self, state: &SavedState) -> FmiResult {
         match &mut self.stepper.own {
             Some(stepper) if self.built == state.built => stepper.restore(&state.snapshot)?,
             _ => {
@@ -61,12 +61,12 @@ impl Instance {
     }
 
     /// Serialises a saved state, for any instance of this scene.
-    pub fn serialize(&self, state: &SavedState) -> Outcome<Vec<u8>> {
+    pub fn serialize(&self, state: &SavedState) -> FmiResult<Vec<u8>> {
         Ok(snapshot::seal(self.scene.fingerprint(), state)?)
     }
 
     /// Deserialises a saved state.
-    pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
+    pub fn deserialize(&self, bytes: &[u8]) -> FmiResult<SavedState> {
         let state: SavedState = snapshot::open(self.scene.fingerprint(), bytes)?;
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
         let of_scene = |settings: &Settings| {

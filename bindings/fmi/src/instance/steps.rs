@@ -5,8 +5,8 @@ use std::ptr::NonNull;
 
 use caudal::stepper::{HeadJump, Stepper};
 
-use super::{Instance, Mode};
-use crate::status::{Outcome, Refusal, Status, refuse};
+use super::{Instance, InstanceMode};
+use crate::status::{FmiError, FmiResult, Status, refuse};
 
 /// A host's time may differ from that of the instance by this fraction of its step, in total, …
 const TIME_TOLERANCE: f64 = 1e-3;
@@ -23,7 +23,7 @@ pub struct StepOutcome {
 
 impl Instance {
     /// Returns an error for a step that is not allowed.
-    fn check_step(&self, current: f64, h: f64) -> Outcome {
+    fn check_step(&self, current: f64, h: f64) -> FmiResult {
         let now = self.time();
         if !(h.is_finite() && h > 0.0) {
             return refuse(format!("a step of {h} s cannot be made: it must be positive and finite"));
@@ -56,7 +56,7 @@ impl Instance {
         current: f64,
         h: f64,
         look: Option<&mut dyn FnMut(f64, bool) -> ControlFlow<f64>>,
-    ) -> Outcome<StepOutcome> {
+    ) -> FmiResult<StepOutcome> {
         // SAFETY: the caller's promise; this reference ends before `look` runs.
         let instance = unsafe { &mut *this };
         instance.check_step(current, h)?;
@@ -67,7 +67,7 @@ impl Instance {
         let set = std::mem::take(&mut instance.inputs);
         let before = (stepper.work().newton_iterations, stepper.metrics().totals.steps);
         let outcome = match look {
-            None => stepper.do_step(h).map(|()| true).map_err(Refusal::discard),
+            None => stepper.do_step(h).map(|()| true).map_err(FmiError::discard),
             // SAFETY: the same promise.
             Some(look) => unsafe { Self::do_step_watched(this, &mut stepper, h, look) },
         };
@@ -84,11 +84,11 @@ impl Instance {
         }
         if let Some(jump) = jump {
             let jump = HeadJump { time: start + jump.time, ..jump };
-            instance.say(Status::Warning, &jump.to_string());
+            instance.log_message(Status::Warning, &jump.to_string());
         }
         if instance.logged.contains(&Status::Ok.category()) {
             let (from, to) = (start + from, start + time);
-            instance.say(
+            instance.log_message(
                 Status::Ok,
                 &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"),
             );
@@ -103,7 +103,7 @@ impl Instance {
         stepper: &mut Stepper,
         h: f64,
         look: &mut dyn FnMut(f64, bool) -> ControlFlow<f64>,
-    ) -> Outcome<bool> {
+    ) -> FmiResult<bool> {
         let goal = stepper.time() + h;
         let (mut wish, mut refusal) = (None, None);
         let mut watch = |stepper: &mut Stepper| {
@@ -121,7 +121,7 @@ impl Instance {
                 }
             }
         };
-        let whole = stepper.do_step_with(h, &mut watch).map_err(Refusal::discard)?;
+        let whole = stepper.do_step_with(h, &mut watch).map_err(FmiError::discard)?;
         if let Some(refusal) = refusal {
             return Err(refusal);
         }
@@ -137,22 +137,22 @@ impl Instance {
     /// Begins an intermediate update, in which the host's calls use the stepper of the step. Returns the start time of the experiment, s.
     fn begin_intermediate_update(&mut self, stepper: &mut Stepper) -> f64 {
         self.stepper.lent = Some(NonNull::from(stepper));
-        self.mode = Mode::Intermediate;
+        self.mode = InstanceMode::Intermediate;
         self.experiment.start
     }
 
     /// Ends an intermediate update: passes the inputs that the host has set to the stepper.
-    fn end_intermediate_update(&mut self) -> Outcome {
-        if self.mode == Mode::Fatal {
+    fn end_intermediate_update(&mut self) -> FmiResult {
+        if self.mode == InstanceMode::Fatal {
             let message = "this instance broke down in the middle of a step".to_string();
-            return Err(Refusal { status: Status::Fatal, message });
+            return Err(FmiError { status: Status::Fatal, message });
         }
         let outcome = if self.inputs.is_pending() { self.pass_inputs() } else { Ok(()) };
         if outcome.is_ok() {
             self.inputs.clear();
         }
         self.stepper.lent = None;
-        self.mode = Mode::Step;
+        self.mode = InstanceMode::Step;
         outcome
     }
 }

@@ -9,8 +9,8 @@ use caudal::stepper::InputChange;
 use caudal::variable::{Causality, Size, VARIABLES};
 use serde::{Deserialize, Serialize};
 
-use super::{Instance, Mode};
-use crate::status::{Outcome, refuse};
+use super::{Instance, InstanceMode};
+use crate::status::{FmiResult, refuse};
 
 /// Values of one input and of its derivatives by order, an entry a node each: NaN where the host has set none; empty where it
 /// has set none of that order.
@@ -125,7 +125,7 @@ impl Instance {
 
     /// Passes pending inputs to the stepper, before values are read.
     #[inline]
-    pub fn apply_inputs(&mut self) -> Outcome {
+    pub fn apply_inputs(&mut self) -> FmiResult {
         if self.stale || self.inputs.is_pending() {
             self.ready()?;
         }
@@ -146,11 +146,11 @@ impl Instance {
     }
 
     /// Refuses what cannot be set: entries of a variable from its node on, or a parameter.
-    pub fn check(&self, target: Target, values: &[f64]) -> Outcome {
+    pub fn check(&self, target: Target, values: &[f64]) -> FmiResult {
         let Target::Parameter(place) = target else { return self.check_input(target, 0, values) };
         let (parameter, value) = (&self.catalogue.parameters[place], values[0]);
         let tunable = || self.stepper.get().is_some_and(|stepper| self.catalogue.is_tunable(place, stepper));
-        if self.mode == Mode::Intermediate || self.has_started() && !tunable() {
+        if self.mode == InstanceMode::Intermediate || self.has_started() && !tunable() {
             return refuse(format!("{} is fixed: it can be set until initialisation ends", parameter.name()));
         }
         if value.is_finite() && parameter.range.contains(&value) {
@@ -160,12 +160,12 @@ impl Instance {
     }
 
     /// The same, as a step of a set.
-    pub fn check_mut(&mut self, target: Target, values: &[f64]) -> Outcome {
+    pub fn check_mut(&mut self, target: Target, values: &[f64]) -> FmiResult {
         self.check(target, values)
     }
 
     /// Sets what [`check`](Self::check) has let pass.
-    pub fn set(&mut self, target: Target, values: &[f64]) -> Outcome {
+    pub fn set(&mut self, target: Target, values: &[f64]) -> FmiResult {
         match target {
             Target::Parameter(place) => {
                 self.settings.parameters[place] = values[0];
@@ -180,7 +180,7 @@ impl Instance {
     }
 
     /// Refuses a derivative of an input that cannot be set.
-    pub fn check_derivative(&self, target: Target, order: i32, value: f64) -> Outcome {
+    pub fn check_derivative(&self, target: Target, order: i32, value: f64) -> FmiResult {
         match (target, usize::try_from(order)) {
             (Target::Variable(..), Ok(order @ 1..=HIGHEST_ORDER)) => self.check_input(target, order, &[value]),
             (Target::Variable(..), _) => {
@@ -191,14 +191,14 @@ impl Instance {
     }
 
     /// Sets what [`check_derivative`](Self::check_derivative) has let pass.
-    pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> Outcome {
+    pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> FmiResult {
         if let Target::Variable(place, node) = target {
             self.inputs.of(place).set(order as usize, node, &[value], self.lengths[place]);
         }
         Ok(())
     }
 
-    fn check_input(&self, target: Target, order: usize, values: &[f64]) -> Outcome {
+    fn check_input(&self, target: Target, order: usize, values: &[f64]) -> FmiResult {
         let Target::Variable(place, _) = target else { return Ok(()) };
         let variable = &VARIABLES[place];
         if !variable.is_input() {
@@ -218,7 +218,7 @@ impl Instance {
     }
 
     /// Gives the stepper the inputs that are pending. Where it refuses them they stay so: the host may set others in their place.
-    pub(super) fn pass_inputs(&mut self) -> Outcome {
+    pub(super) fn pass_inputs(&mut self) -> FmiResult {
         let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
         let changes = self.inputs.changes(stepper.model(), false);
         stepper.set_entries(changes.iter().copied())?;

@@ -5,7 +5,7 @@ use caudal::scene::NODES;
 use caudal::variable::{Size, VARIABLES};
 
 use super::Instance;
-use crate::status::{Outcome, refuse};
+use crate::status::{FmiResult, refuse};
 
 impl Instance {
     /// Entries of a variable of FMI 3.0.
@@ -20,7 +20,7 @@ impl Instance {
 
     /// The target of a scalar of FMI 2.0.
     #[inline]
-    pub fn scalar(&self, reference: u32) -> Outcome<Target> {
+    pub fn scalar(&self, reference: u32) -> FmiResult<Target> {
         match self.catalogue.scalar_target(reference) {
             Some(target @ Target::Variable(place, node)) if node < self.lengths[place] => {
                 let nodes = if node == 0 && self.lengths[place] == 1 { 0..1 } else { self.entries(place) };
@@ -43,24 +43,24 @@ impl Instance {
 
     /// The target of a variable of FMI 3.0.
     #[inline]
-    pub fn target(&self, reference: u32) -> Outcome<Target> {
+    pub fn target(&self, reference: u32) -> FmiResult<Target> {
         // Plain FMI 3.0 has entries of arrays as variables of their own, like FMI 2.0.
         self.catalogue.target(reference).map_or_else(|| self.scalar(reference), Ok)
     }
 
     /// The target of a real scalar of FMI 2.0.
     #[inline]
-    pub fn real(&self, reference: u32) -> Outcome<Target> {
+    pub fn real(&self, reference: u32) -> FmiResult<Target> {
         self.no_integer(self.scalar(reference)?)
     }
 
     /// The target of a Float64 of FMI 3.0.
     #[inline]
-    pub fn float(&self, reference: u32) -> Outcome<Target> {
+    pub fn float(&self, reference: u32) -> FmiResult<Target> {
         self.no_integer(self.target(reference)?)
     }
 
-    fn no_integer(&self, target: Target) -> Outcome<Target> {
+    fn no_integer(&self, target: Target) -> FmiResult<Target> {
         match target {
             Target::Variable(place, _) if place == self.nodes_place => refuse("`nodes` is an integer"),
             other => Ok(other),
@@ -68,7 +68,7 @@ impl Instance {
     }
 
     /// The value of an integer; there is one, the number of nodes.
-    pub fn integer(&self, target: Target) -> Outcome<u64> {
+    pub fn integer(&self, target: Target) -> FmiResult<u64> {
         match target {
             Target::Variable(place, _) if place == self.nodes_place => Ok(self.settings.nodes),
             _ => refuse("this variable is no integer"),
@@ -76,7 +76,7 @@ impl Instance {
     }
 
     /// Refuses a number of nodes that cannot be.
-    pub fn check_nodes(&self, nodes: u64) -> Outcome {
+    pub fn check_nodes(&self, nodes: u64) -> FmiResult {
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
         if (least..=most).contains(&nodes) {
             return Ok(());
@@ -96,6 +96,6 @@ impl Instance {
 }
 
 #[cold]
-fn unknown<T>(reference: u32) -> Outcome<T> {
+fn unknown<T>(reference: u32) -> FmiResult<T> {
     refuse(format!("there is no variable with value reference {reference}"))
 }

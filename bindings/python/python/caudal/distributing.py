@@ -68,7 +68,7 @@ class Job(Protocol):
     def describe(self, index: int) -> str:
         """A description of a part."""
 
-    def parcel(self) -> bytes:
+    def bundle(self) -> bytes:
         """The bundle that a worker needs."""
 
     def keep(self, lines: list[bytes]) -> int:
@@ -78,12 +78,12 @@ class Job(Protocol):
         """Release the journal for other programs."""
 
 
-def work(version: str, worker: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
+def work(version: str, worker: str, bundle: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
     """Run parts of a job on a worker; return their lines and the time of each, s."""
     if version != __version__:
         raise engine_error(whereabouts(), f"it has caudal {__version__}, and the work is that of caudal {version}")
     try:
-        lines: tuple[list[bytes], list[float]] = getattr(_caudal, worker)(parcel, indices)
+        lines: tuple[list[bytes], list[float]] = getattr(_caudal, worker)(bundle, indices)
         return lines
     except Error as error:
         raise engine_error(whereabouts(), str(error)) from error
@@ -212,7 +212,7 @@ class Distribution:
 
     def __init__(self, job: Job, engine: Engine, progress: Optional[Progress]) -> None:
         self.job, self.engine, self.progress = job, engine, progress
-        self.parcel = job.parcel()
+        self.bundle = job.bundle()
         self.todo = deque(job.todo())
         self.done = job.size - len(self.todo)
         #: Parts whose worker was lost, by what is to be tried next.
@@ -266,7 +266,7 @@ class Distribution:
         while len(self.flying) < WAITING * workers and (batch := self.next_batch(workers)):
             indices, attempt = batch
             try:
-                future = self.engine.executor.submit(work, __version__, self.job.worker, self.parcel, indices, attempt)
+                future = self.engine.executor.submit(work, __version__, self.job.worker, self.bundle, indices, attempt)
             except (RuntimeError, OSError) as error:  # it was shut down, or is broken
                 raise self.stopped(f"the engine takes no more work: {error}") from error
             self.flying[future] = batch

@@ -164,7 +164,7 @@ class JournalError(Error):
     problem: str
 
 
-class ParcelError(Error):
+class BundleError(Error):
     """A bundle of work from another machine cannot be run.
 
     Attributes

@@ -4,11 +4,11 @@ use super::{Dependence, DragLaw, LawInputs, SectionInput, cox, cross_flow};
 use crate::fluid::uncertainty::Published;
 use crate::fluid::validity::Validity;
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "auto",
     meaning: "cox or cross-flow, by estimates of the scene's own motion",
-    validity: Validity { range: "that of the law it takes", bounds: &[], source: "of the law it takes" },
+    validity: Validity { range: "that of the chosen law", bounds: &[], source: "of the law it takes" },
     reynolds: cross_flow::LAW.reynolds,
     published: Published::NOTHING,
     reach: Dependence::Edge,

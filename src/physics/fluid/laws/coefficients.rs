@@ -5,7 +5,7 @@ use super::{Dependence, DragLaw, SectionInput};
 use crate::fluid::uncertainty::Published;
 use crate::fluid::validity::Validity;
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "coefficients",
     meaning: "the drag that the scene gives, along and across",

@@ -9,7 +9,7 @@ use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::rod::HalfEdge;
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "cox",
     meaning: "slender-body theory's drag of a cylinder",

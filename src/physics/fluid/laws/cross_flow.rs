@@ -20,7 +20,7 @@ use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 use crate::linear::{Number, Pair, Real};
 use crate::rod::{HalfEdge, Section};
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "cross-flow",
     meaning: "viscous drag, a boundary layer's friction and form drag",
@@ -187,11 +187,11 @@ impl<P: Number> Coefficients<P> {
 }
 
 /// μ, √(ρμ) and ρ.
-pub(crate) type InFluids = [f64x2; 3];
+pub(crate) type CrossFlowFluids = [f64x2; 3];
 
 impl Law for CrossFlow {
     type Halves = Coefficients;
-    type Fluids = InFluids;
+    type Fluids = CrossFlowFluids;
 
     fn name(&self) -> &'static str {
         LAW.name
@@ -206,13 +206,13 @@ impl Law for CrossFlow {
     }
 
     #[inline(always)]
-    fn in_fluids(&self, fluids: [&Fluid; 2]) -> InFluids {
+    fn in_fluids(&self, fluids: [&Fluid; 2]) -> CrossFlowFluids {
         let (viscosity, density) = (both(&fluids, |fluid| fluid.viscosity), both(&fluids, |fluid| fluid.density));
         [viscosity, (density * viscosity).sqrt(), density]
     }
 
     #[inline(always)]
-    fn traction(&self, c: &Coefficients, [viscosity, root, density]: InFluids, u: f64x2, w: f64x2) -> Traction {
+    fn traction(&self, c: &Coefficients, [viscosity, root, density]: CrossFlowFluids, u: f64x2, w: f64x2) -> Traction {
         let [_, sweep] = c.sweep(u, w);
         let (speed, along) = (w.abs(), u.abs());
         let across = viscosity * c.viscous[1] + root * c.layer_across * speed.sqrt() + density * c.form * speed;
@@ -221,7 +221,7 @@ impl Law for CrossFlow {
     }
 
     #[inline(always)]
-    fn with_slopes(&self, c: &Coefficients, fluids: InFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
+    fn with_slopes(&self, c: &Coefficients, fluids: CrossFlowFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
         c.with_slopes(fluids, u, w)
     }
 

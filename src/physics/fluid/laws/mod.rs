@@ -21,7 +21,7 @@ use super::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::Validity;
 use crate::rod::{HalfEdge, Profile, Rod};
 
-/// All laws; adding one is its file and its line here.
+/// All drag laws. To add one, write its file and list it here.
 pub static LAWS: &[&DragLaw] = &[
     &cox::LAW,
     &lighthill::LAW,
@@ -47,9 +47,9 @@ pub const CREEPING: f64 = 1.0;
 pub const LEAST_SLENDERNESS: f64 = 10.0;
 
 /// Least ln(ℒ/a) of a body that counts as slender.
-pub const SLENDER: f64 = 1.3;
+pub const MIN_LOG_SLENDERNESS: f64 = 1.3;
 
-/// What the force that a law makes at a place depends on.
+/// What the force of a law at a node depends on.
 #[derive(Debug, Clone, Copy)]
 pub enum Dependence {
     /// On the edge there and its motion: matrices are banded, and derivatives exact.
@@ -76,10 +76,10 @@ impl Dependence {
     }
 }
 
-/// What a law takes of a cross-section.
+/// The properties of a cross-section that a law uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SectionInput {
-    /// Its depth, perimeter and form drag; of the viscous part what the law of that takes.
+    /// Depth, perimeter and form drag; the viscous part uses the properties of its own law.
     Outline,
     /// [`Section::slender_radius`](crate::rod::Section::slender_radius), which slender-body theory knows a section by, and
     /// [`Section::slender_across`](crate::rod::Section::slender_across).
@@ -98,36 +98,38 @@ impl SectionInput {
         match self {
             Self::Outline => "depth, perimeter and form drag of the section",
             Self::SlenderRadius => "the round rod that slow flow sees in any section",
-            Self::Round => "round rods; an ellipse is taken for the round rod that slow flow sees, a rectangle refused",
+            Self::Round => {
+                "round rods; an ellipse counts as the round rod of its radius in slow flow, a rectangle is refused"
+            }
             Self::Area => "the disc of the material's area",
             Self::Nothing => "nothing of the section",
         }
     }
 }
 
-/// What is known of a law, and how to make it.
+/// An entry in the list of drag laws: its name, range and sources, and its constructor.
 pub struct DragLaw {
     /// Name in a scene.
     pub name: &'static str,
-    /// What it says, in a line.
+    /// A one-line description.
     pub meaning: &'static str,
-    /// Where it holds, and its source.
+    /// Its range of validity, and the source.
     pub validity: Validity,
     /// Reynolds number of the depth up to which it holds.
     pub reynolds: f64,
-    /// How far it is known to be from the truth.
+    /// Its published uncertainty.
     pub published: Published,
     /// What the force at a place depends on.
     pub reach: Dependence,
-    /// What it takes of a cross-section.
+    /// The properties of a cross-section that it uses.
     pub takes: SectionInput,
-    /// The keys of `[drag]` that it takes beside those of every law.
+    /// The keys of `[drag]` that it accepts in addition to those of every law.
     pub keys: &'static [&'static str],
-    /// Those of them that it cannot do without.
+    /// Those of them that are required.
     pub needs: &'static [&'static str],
     /// Drag along and across the rod per length, speed and viscosity, of half an edge, where the law is of that form.
     pub resistance: Option<fn(&LawInputs<'_>, &HalfEdge) -> [f64; 2]>,
-    /// The length ℒ (m) in its logarithm, which must be at least e^[`SLENDER`] radii; none for a law without.
+    /// The length ℒ (m) in its logarithm, which must be at least e^[`MIN_LOG_SLENDERNESS`] radii; none for a law without.
     pub slender: Option<fn(&LawInputs<'_>) -> f64>,
     /// The force.
     pub build: fn(&LawInputs<'_>) -> Box<dyn Force>,
@@ -165,8 +167,8 @@ impl DragLaw {
         format!("{}{}", self.name, if reactive { " + reactive" } else { "" })
     }
 
-    /// How far results under it are published to be from the truth at a Reynolds number, with the reactive force or without; none
-    /// where nothing is known, as out of its range.
+    /// The published uncertainty of results at a Reynolds number, with or without the reactive force; `None` if it is
+    /// unknown, for example outside the range of the law.
     pub fn uncertainty(&self, reynolds: f64, reactive: bool) -> Option<Uncertainty> {
         let drag = self.published.at(reynolds).filter(|_| reynolds <= self.reynolds)?;
         let omitted = if reactive { None } else { OMITTED.at(reynolds) };
@@ -194,7 +196,7 @@ impl DragLaw {
     }
 }
 
-/// What laws are made from. What a law needs is there, by its [`DragLaw::needs`].
+/// The inputs from which laws are built. Those that a law lists in [`DragLaw::needs`] are present.
 #[derive(Debug, Clone)]
 pub struct LawInputs<'a> {
     /// The rod.
@@ -205,7 +207,7 @@ pub struct LawInputs<'a> {
     pub frequency: Option<f64>,
     /// The drag on the head.
     pub head: HeadWeight,
-    /// The law that `auto` is to be.
+    /// The law that `auto` has chosen.
     pub taken: Option<&'static DragLaw>,
     /// The law of the viscous part.
     pub viscous: &'static DragLaw,

@@ -7,19 +7,19 @@ use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 
 /// Least height over radius beside a wall: of a long cylinder beside a plane, 2πμ/acosh(h/a) along and twice that across, drag is 1.2 and
 /// 3.2 % low there, 5 and 9 % at 2, 31 and 36 % at 1.2.
-const NEAREST: f64 = 3.0;
+const MIN_HEIGHT_RATIO: f64 = 3.0;
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "nonlocal",
-    meaning: "the drag of a rod that moves the fluid around all of itself, beside a plane wall where height_m is given",
+    meaning: "drag with hydrodynamic interaction of all parts of the rod, near a plane wall if height_m is given",
     validity: Validity {
         range: "steady creeping flow over the whole length, nodes at least half a blob of 1.65 radii apart; drag of a straight \
-            cylinder within 2 % for length over radius of at least 100, and within 4 % of that beside a wall",
+            cylinder within 2 % for length over radius of at least 100, and within 4 % of that near a wall",
         bounds: &[
             Bound::at_most(DimensionlessNumber::LengthReynolds, 1.0),
             Bound::at_least(DimensionlessNumber::Slenderness, LEAST_SLENDERNESS),
-            Bound::at_least(DimensionlessNumber::Height, NEAREST),
+            Bound::at_least(DimensionlessNumber::Height, MIN_HEIGHT_RATIO),
             STEADY,
         ],
         source: "R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971)",

@@ -12,7 +12,7 @@ use crate::fluid::uncertainty::Published;
 use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::rod::HalfEdge;
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "stokes-like",
     meaning: "the source study's: 6πμR per metre of length along the rod, a ratio times that across",

@@ -8,10 +8,10 @@ use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::rod::HalfEdge;
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "wall",
-    meaning: "the drag beside a plane wall that the rod moves parallel to",
+    meaning: "the drag of a rod that moves parallel to a nearby plane wall",
     validity: Validity {
         range: "creeping flow, a rod parallel to the wall and moving parallel to it",
         bounds: &[

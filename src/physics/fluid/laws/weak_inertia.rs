@@ -15,14 +15,14 @@ use std::f64::consts::{FRAC_PI_4, LN_2, PI, TAU};
 
 use wide::f64x2;
 
-use super::{Dependence, DragLaw, SLENDER, SectionInput};
+use super::{Dependence, DragLaw, MIN_LOG_SLENDERNESS, SectionInput};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, Validity};
 use crate::linear::{Number, Real};
 
-/// What is known of it.
+/// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "weak-inertia",
     meaning: "slender-body theory with a length that the fluid's inertia shortens",
@@ -73,11 +73,11 @@ pub(crate) struct WeakInertia {
 }
 
 /// Viscosity, 1/ν and √(ω/ν).
-type InFluids = [f64x2; 3];
+type WeakInertiaFluids = [f64x2; 3];
 
 /// 1/ℒ of one direction.
 #[derive(Clone, Copy)]
-struct Inverse<P> {
+struct InverseLength<P> {
     value: P,
     /// The part of it that the oscillation has.
     swinging: P,
@@ -88,7 +88,7 @@ struct Inverse<P> {
 }
 
 /// ξ of one direction, and its derivatives by 1/ℒ and by the oscillation's part of that.
-struct Resistance<P> {
+struct DirectionalResistance<P> {
     xi: P,
     by_value: P,
     by_swinging: P,
@@ -96,7 +96,7 @@ struct Resistance<P> {
 
 /// 1/ℒ along and across the rod, at velocities `u` and `w` there.
 #[inline(always)]
-fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [Inverse<P>; 2] {
+fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [InverseLength<P>; 2] {
     let of = |x: f64| u.like(x);
     let speed = speed(u, w);
     // |V| grows by V·δV/|V|.
@@ -107,7 +107,7 @@ fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [In
     let steady = (per_length * per_length + swept * speed + crossing * crossing).sqrt();
     let half = of(0.5) / steady;
     let swinging = root * of(1.0 / ALONG_OSCILLATING);
-    let along = Inverse {
+    let along = InverseLength {
         value: steady + swinging,
         swinging,
         by: [half * swept * du, half * (swept * dw + of(2.0) * crossed * crossing)],
@@ -115,7 +115,7 @@ fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [In
     };
     let growth = per_nu * of(1.0 / STEADY);
     let swinging = root * of(1.0 / OSCILLATING);
-    let across = Inverse {
+    let across = InverseLength {
         value: per_length + swinging + growth * speed,
         swinging,
         by: [growth * du, growth * dw],
@@ -126,9 +126,14 @@ fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [In
 
 /// `scale`/(−ln(a/ℒ) + `offset`) in phase with the speed. Beyond the range of slender bodies ℒ stays at its limit.
 #[inline(always)]
-fn logarithmic<P: Number>(scale: P, radius: P, offset: f64, inverse: &Inverse<P>) -> (P, Resistance<P>) {
+fn logarithmic<P: Number>(
+    scale: P,
+    radius: P,
+    offset: f64,
+    inverse: &InverseLength<P>,
+) -> (P, DirectionalResistance<P>) {
     let (none, one) = (radius.like(0.0), radius.like(1.0));
-    let most = radius.like((-SLENDER).exp()) / radius;
+    let most = radius.like((-MIN_LOG_SLENDERNESS).exp()) / radius;
     let inside = P::where_at_most(most, inverse.value, none, one);
     let within = P::where_at_most(inverse.value, most, inverse.value, most);
     let log = radius.like(offset) - (within * radius).ln();
@@ -139,7 +144,7 @@ fn logarithmic<P: Number>(scale: P, radius: P, offset: f64, inverse: &Inverse<P>
     let by_log = scale * per - (log + log) * xi * per;
     let by_angle = -(angle + angle) * xi * per;
     let by_value = -(by_log * inside + by_angle * angle) * per_value;
-    (log, Resistance { xi, by_value, by_swinging: by_angle * radius.like(FRAC_PI_4) * per_value })
+    (log, DirectionalResistance { xi, by_value, by_swinging: by_angle * radius.like(FRAC_PI_4) * per_value })
 }
 
 /// ξ∥ and ξ⊥.
@@ -148,8 +153,8 @@ fn resistances<P: Number>(
     radius: P,
     per_length: P,
     viscosity: P,
-    [inverse_along, inverse]: &[Inverse<P>; 2],
-) -> [Resistance<P>; 2] {
+    [inverse_along, inverse]: &[InverseLength<P>; 2],
+) -> [DirectionalResistance<P>; 2] {
     let one = radius.like(1.0);
     let (_, along) = logarithmic(viscosity * radius.like(2.0 * PI), radius, LN_2 - 1.5, inverse_along);
     let (log, plain) = logarithmic(viscosity * radius.like(4.0 * PI), radius, LN_2 - 0.5, inverse);
@@ -158,9 +163,10 @@ fn resistances<P: Number>(
     let kaplun = epsilon * epsilon * radius.like(KAPLUN);
     let rest = (per_length + inverse.swinging) * per_value;
     let factor = one - kaplun * (one - rest);
-    let inside = P::where_at_most(radius.like((-SLENDER).exp()) / radius, inverse.value, radius.like(0.0), one);
+    let inside =
+        P::where_at_most(radius.like((-MIN_LOG_SLENDERNESS).exp()) / radius, inverse.value, radius.like(0.0), one);
     let by_value = -kaplun * per_value * ((epsilon + epsilon) * inside * (one - rest) + rest);
-    let across = Resistance {
+    let across = DirectionalResistance {
         xi: plain.xi * factor,
         by_value: plain.by_value * factor + plain.xi * by_value,
         by_swinging: plain.by_swinging * factor + plain.xi * kaplun * per_value,
@@ -199,7 +205,7 @@ fn speed<P: Number>(u: P, w: P) -> P {
 impl Law for WeakInertia {
     /// Radius and 1/ℒ₀.
     type Halves = [f64x2; 2];
-    type Fluids = InFluids;
+    type Fluids = WeakInertiaFluids;
 
     fn name(&self) -> &'static str {
         LAW.name
@@ -214,19 +220,25 @@ impl Law for WeakInertia {
     }
 
     #[inline]
-    fn in_fluids(&self, fluids: [&Fluid; 2]) -> InFluids {
+    fn in_fluids(&self, fluids: [&Fluid; 2]) -> WeakInertiaFluids {
         let viscosity = both(&fluids, |fluid| fluid.viscosity);
         let per_nu = both(&fluids, |fluid| fluid.density) / viscosity;
         [viscosity, per_nu, per_nu.sqrt() * self.root_omega]
     }
 
     #[inline]
-    fn traction(&self, halves: &[f64x2; 2], fluids: InFluids, u: f64x2, w: f64x2) -> Traction {
+    fn traction(&self, halves: &[f64x2; 2], fluids: WeakInertiaFluids, u: f64x2, w: f64x2) -> Traction {
         Self::slopes(*halves, fluids, u, w).0
     }
 
     #[inline]
-    fn with_slopes(&self, halves: &[f64x2; 2], fluids: InFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
+    fn with_slopes(
+        &self,
+        halves: &[f64x2; 2],
+        fluids: WeakInertiaFluids,
+        u: f64x2,
+        w: f64x2,
+    ) -> (Traction, TractionSlopes) {
         Self::slopes(*halves, fluids, u, w)
     }
 

@@ -11,7 +11,7 @@ use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
 
 /// Initial distance of two nearby runs, over the length.
-pub const PUSH: f64 = 1e-9;
+pub const INITIAL_PERTURBATION: f64 = 1e-9;
 
 /// A motion is chaotic if two nearby runs diverge by this factor.
 const CHAOTIC_GROWTH: f64 = 1e4;
@@ -66,10 +66,10 @@ pub fn without_reference(
     if let Some((rate, end)) = growth(&apart, length) {
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
         let common = format!(
-            "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            "Two runs that start {INITIAL_PERTURBATION:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
             widest / length
         );
-        findings.answers.push(if widest > CHAOTIC_GROWTH * PUSH * length {
+        findings.answers.push(if widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
         } else {
             format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
@@ -82,7 +82,7 @@ pub fn without_reference(
     };
     let series = windows.iter().zip(WINDOWS).map(over).collect();
     let chart = Chart {
-        title: format!("{}: two runs that start {PUSH:e} of a length apart", scene.name),
+        title: format!("{}: two runs that start {INITIAL_PERTURBATION:e} of a length apart", scene.name),
         x: "time (s)".into(),
         y: "distance of their tips over the length".into(),
         scale: Scale::LogLog,

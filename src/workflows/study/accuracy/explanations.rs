@@ -46,7 +46,7 @@ impl AccuracyRow<'_> {
     fn setting(&self) -> String {
         let simulation = &self.case.simulation;
         let by = if simulation.is_full() { simulation.to_string() } else { format!("model = \"{simulation}\"") };
-        match self.case.pace {
+        match self.case.step_control {
             StepControl::Fixed(step) => format!("{by} with steps of {} s", short(step)),
             StepControl::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
         }
@@ -54,14 +54,14 @@ impl AccuracyRow<'_> {
 
     /// Its step or tolerance.
     fn fineness(&self) -> f64 {
-        match self.case.pace {
+        match self.case.step_control {
             StepControl::Fixed(x) | StepControl::Adaptive(x) => x,
         }
     }
 
     /// Name of the curve it belongs to.
     pub fn curve(&self) -> String {
-        let adaptive = self.case.simulation.is_full() && matches!(self.case.pace, StepControl::Adaptive(_));
+        let adaptive = self.case.simulation.is_full() && matches!(self.case.step_control, StepControl::Adaptive(_));
         format!("{}{}", self.case.simulation, if adaptive { ", adaptive" } else { "" })
     }
 }
@@ -119,7 +119,7 @@ impl AccuracyReport<'_> {
         if ((nb - 1) as f64 / (na - 1) as f64 - ratio).abs() > 1e-9 || ratio <= 1.0 {
             return None;
         }
-        let change = b.result.apart(&a.result) / c.result.apart(&b.result);
+        let change = b.result.first_distance(&a.result) / c.result.first_distance(&b.result);
         let order = change.log(ratio).clamp(0.5, 4.0);
         let limit = RunResults::extrapolated(&b.result, &c.result, ratio.powf(order));
         let added = c.result.errors(&limit);
@@ -170,8 +170,8 @@ impl AccuracyReport<'_> {
 
     fn own_setting(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let Some(own) = SimulationMethod::own(self.scene) else { return };
-        let (pace, nodes) = (self.scene.pace(), self.nodes());
-        let row = self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.pace == pace);
+        let (step_control, nodes) = (self.scene.step_control(), self.nodes());
+        let row = self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.step_control == step_control);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
@@ -204,8 +204,8 @@ impl AccuracyReport<'_> {
             percent(energy)
         );
         let own = SimulationMethod::own(self.scene).and_then(|own| {
-            let (pace, nodes) = (self.scene.pace(), self.nodes());
-            self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.pace == pace)?.time
+            let (step_control, nodes) = (self.scene.step_control(), self.nodes());
+            self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.step_control == step_control)?.time
         });
         findings.answers.push(match own {
             Some([step, ..]) if step < law => {

@@ -82,7 +82,7 @@ impl AccuracyReport<'_> {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
-            let (StepControl::Fixed(step), Some(errors)) = (row.case.pace, row.time) else { continue };
+            let (StepControl::Fixed(step), Some(errors)) = (row.case.step_control, row.time) else { continue };
             if !row.case.simulation.method.implicit || errors[0] > 10.0 {
                 continue;
             }
@@ -150,7 +150,7 @@ impl AccuracyReport<'_> {
             .collect();
         let line = |row: &AccuracyRow<'_>| {
             let (run, simulation) = (row.run, &row.case.simulation);
-            let (step, tolerance) = match row.case.pace {
+            let (step, tolerance) = match row.case.step_control {
                 StepControl::Fixed(step) => (json!(step), Value::Null),
                 StepControl::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };

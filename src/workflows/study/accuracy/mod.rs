@@ -15,7 +15,7 @@ mod reference;
 
 use serde::{Deserialize, Serialize};
 
-use self::divergence_of_nearby_runs::{PUSH, WINDOWS, without_reference};
+use self::divergence_of_nearby_runs::{INITIAL_PERTURBATION, WINDOWS, without_reference};
 use self::explanations::AccuracyReport;
 use self::plan::{BELOW_LIMIT, PlannedRun, check_without, limit_step, plan};
 use self::reference::{RUN_OPTIONS, Reference};
@@ -84,7 +84,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
     let finest = REFERENCE_STEP * steps.iter().copied().fold(f64::INFINITY, f64::min);
     let reference = |nodes: u64, simulation: &SimulationMethod, step: f64| PlannedRun {
         simulation: simulation.clone(),
-        pace: StepControl::Fixed(step),
+        step_control: StepControl::Fixed(step),
         nodes,
         part: 1.0,
         push: None,
@@ -97,8 +97,13 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
     }
     let run = |case: &PlannedRun| {
         let duration = case.part * scene.solver.duration_s.get();
-        let mut scene = case.simulation.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
-        if let StepControl::Fixed(_) = case.pace {
+        let mut scene = case
+            .simulation
+            .of(scene)
+            .with_step_control(case.step_control)
+            .with_nodes(case.nodes)
+            .with_duration(duration);
+        if let StepControl::Fixed(_) = case.step_control {
             scene = scene.with_newton_tolerance(NEWTON_TOLERANCE);
         }
         StudyRun::of(&scene, RunOptions { push: case.push, ..RUN_OPTIONS }, runner.interrupted)
@@ -126,7 +131,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
                 };
                 let (simulation, step) = explicit.unwrap_or((alpha.clone(), finest));
                 let pair = |part: f64| {
-                    [0.0, PUSH].map(|push| PlannedRun {
+                    [0.0, INITIAL_PERTURBATION].map(|push| PlannedRun {
                         part,
                         push: Some(push),
                         ..reference(*nodes, &simulation, step)

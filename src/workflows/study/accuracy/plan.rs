@@ -21,7 +21,7 @@ const MAX_RELATIVE_COST: f64 = 3.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedRun {
     pub simulation: SimulationMethod,
-    pub pace: StepControl,
+    pub step_control: StepControl,
     pub nodes: u64,
     /// Fraction of the scene's duration.
     pub part: f64,
@@ -60,9 +60,9 @@ pub fn plan(
 ) -> Result<(Vec<PlannedRun>, Vec<String>)> {
     let mut left_out = Vec::new();
     let asked = |simulation: &SimulationMethod| !without.iter().any(|name| simulation.is(name));
-    let case = |simulation: &SimulationMethod, pace: StepControl, nodes: u64| PlannedRun {
+    let case = |simulation: &SimulationMethod, step_control: StepControl, nodes: u64| PlannedRun {
         simulation: simulation.clone(),
-        pace,
+        step_control,
         nodes,
         part: 1.0,
         push: None,
@@ -70,7 +70,7 @@ pub fn plan(
     let mut cases = Vec::new();
     for nodes in meshes {
         for simulation in SimulationMethod::all(scene).into_iter().filter(asked) {
-            let case = |pace: StepControl| case(&simulation, pace, *nodes);
+            let case = |step_control: StepControl| case(&simulation, step_control, *nodes);
             if simulation.method.implicit {
                 cases.extend(steps.iter().map(|step| case(StepControl::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
@@ -93,7 +93,8 @@ pub fn plan(
             cases.extend(tolerances.iter().map(case));
         }
     }
-    let own = SimulationMethod::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.pace(), *nodes));
+    let own =
+        SimulationMethod::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.step_control(), *nodes));
     cases.extend(own.filter(|own| !cases.contains(own)));
     left_out.extend(without.iter().map(|name| format!("{name}, as asked")));
     Ok((cases, left_out))

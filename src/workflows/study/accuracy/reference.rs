@@ -56,7 +56,7 @@ impl RunResults {
     }
 
     /// Distance of the first quantity between two results.
-    pub fn apart(&self, other: &Self) -> f64 {
+    pub fn first_distance(&self, other: &Self) -> f64 {
         (self.first[0] - other.first[0]).hypot(self.first[1] - other.first[1])
     }
 
@@ -73,7 +73,7 @@ impl RunResults {
         let apart = self.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max);
         let relative = |x: f64, y: f64, scale: f64| if x == y { 0.0 } else { (x - y).abs() / scale.abs() };
         [
-            relative(self.apart(reference), 0.0, size(reference.first).max(reference.least)),
+            relative(self.first_distance(reference), 0.0, size(reference.first).max(reference.least)),
             apart / reference.travel,
             relative(self.work, reference.work, reference.largest_work),
         ]

@@ -131,8 +131,11 @@ impl FluidReport<'_> {
         };
         let names: Vec<String> = swam.iter().map(|row| row.model.to_string()).collect();
         let motion = Animation::of(&on_lane(0, swam[0]));
-        let motion =
-            swam.iter().enumerate().skip(1).fold(motion, |motion, (i, row)| motion.beside(&names[i], &on_lane(i, row)));
+        let motion = swam
+            .iter()
+            .enumerate()
+            .skip(1)
+            .fold(motion, |motion, (i, row)| motion.with_companion(&names[i], &on_lane(i, row)));
         let shown = format!(
             "The same rod under every law, one lane each, from above: {}. All start at the same place.",
             names.join(", ")

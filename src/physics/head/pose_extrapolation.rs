@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Sample, Signal};
 
-/// What the pose is that a host gives before a step.
+/// The time to which a pose that a host sets before a step belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -31,34 +31,35 @@ const HIGHEST: usize = 3;
 /// Coefficients of a polynomial of degree 5.
 const TERMS: usize = 6;
 
-/// As many words without derivatives as make that degree.
+/// Number of samples without derivatives that determine that degree.
 const SAMPLES: usize = TERMS;
 
-/// A word takes the place of the last one unless that one is this part as far from the one before as that from its own: the
-/// distances of words shrink no faster, so that differences of those kept are not rounding errors.
+/// A sample replaces the last one if the interval before that one is shorter than this fraction of the interval before
+/// it. Intervals therefore shrink no faster, and differences of the stored samples are not rounding errors.
 const LEAST_SPACING_RATIO: f64 = 0.25;
 
-/// A host that has said nothing for this many times as long as it was between its last two words leaves its input as it is.
+/// An input stays constant once the host has not set it for this many times the interval between its last two samples.
 const SILENT_INTERVALS: f64 = 1.5;
 
-/// A step at whose end a host gives no pose is one in which the head stays, unless it is shorter than this part of the one before.
+/// In a step at whose end the host sets no pose the head stays, unless the step is shorter than this fraction of the
+/// one before.
 const REMAINDER: f64 = 1e-3;
 
-/// The fewest steps in which the difference to a new course dies away …
-const STEPS_OF_REST: f64 = 4.0;
+/// The smallest number of steps in which the difference to a new extrapolation decays …
+const STEPS_PER_DECAY: f64 = 4.0;
 
-/// … where it accelerates the head by more than this many times what the course does, …
-const SUDDEN: f64 = 2.0;
+/// … if it accelerates the head by more than this many times the acceleration of the extrapolation, …
+const ABRUPT_ACCELERATION_RATIO: f64 = 2.0;
 
-/// … and moves it by more than this part of the length, or this angle (rad).
-const SMALL: f64 = 1e-6;
+/// … and moves it by more than this fraction of the length, or this angle (rad).
+const NEGLIGIBLE_OFFSET: f64 = 1e-6;
 
-/// What a host has said of a coordinate: value and derivatives at a time.
+/// A sample of a coordinate that a host has set: value and derivatives at a time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 struct PoseSample {
     time: f64,
     derivatives: [f64; HIGHEST + 1],
-    /// The highest derivative that it gave.
+    /// The order of the highest derivative that was set.
     order: usize,
 }
 
@@ -116,25 +117,25 @@ impl Polynomial {
     }
 }
 
-/// Newton's form of the polynomials through words, the newest first: Σ_k d_k Π_{i<k} (t − t_i).
+/// Newton's form of the polynomials through samples, the newest first: Σ_k d_k Π_{i<k} (t − t_i).
 #[derive(Debug, Clone, Copy)]
-struct Differences {
+struct DividedDifferences {
     times: [f64; TERMS],
     differences: [f64; TERMS],
     len: usize,
 }
 
-impl Differences {
-    /// Divided differences, confluent where a word has derivatives.
-    fn of<'a>(words: impl Iterator<Item = &'a PoseSample>) -> Self {
+impl DividedDifferences {
+    /// Divided differences, confluent if a sample has derivatives.
+    fn of<'a>(samples: impl Iterator<Item = &'a PoseSample>) -> Self {
         let mut all = Self { times: [0.0; TERMS], differences: [0.0; TERMS], len: 0 };
         let mut given = [(0, PoseSample::default()); TERMS];
-        for (place, word) in words.enumerate() {
-            for _ in 0..=word.order {
+        for (place, sample) in samples.enumerate() {
+            for _ in 0..=sample.order {
                 if all.len < TERMS {
-                    all.times[all.len] = word.time;
-                    all.differences[all.len] = word.derivatives[0];
-                    given[all.len] = (place, *word);
+                    all.times[all.len] = sample.time;
+                    all.differences[all.len] = sample.derivatives[0];
+                    given[all.len] = (place, *sample);
                     all.len += 1;
                 }
             }
@@ -153,16 +154,16 @@ impl Differences {
         all
     }
 
-    /// By how much the polynomial of every degree misses `value` at time `t` (s); infinite where there are too few words.
-    fn misses(&self, t: f64, value: f64) -> [f64; TERMS] {
-        let (mut foretold, mut product) = (0.0, 1.0);
+    /// The error of the polynomial of each degree for `value` at time `t` (s); infinite if there are too few samples.
+    fn prediction_errors(&self, t: f64, value: f64) -> [f64; TERMS] {
+        let (mut predicted, mut product) = (0.0, 1.0);
         std::array::from_fn(|k| {
             if k >= self.len {
                 return f64::INFINITY;
             }
-            foretold += self.differences[k] * product;
+            predicted += self.differences[k] * product;
             product *= t - self.times[k];
-            (foretold - value).abs()
+            (predicted - value).abs()
         })
     }
 
@@ -185,9 +186,9 @@ impl Differences {
 /// One coordinate of a head as a host moves it: x (m), y (m) or angle (rad).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CoordinateExtrapolation {
-    /// The host's last word, as it was given.
-    said: PoseSample,
-    /// It was given since the last step set out.
+    /// The last sample, as the host set it.
+    latest: PoseSample,
+    /// True if it was set since the last step began.
     fresh: bool,
     /// Which of its derivatives were given.
     given: [bool; HIGHEST + 1],
@@ -195,120 +196,122 @@ pub struct CoordinateExtrapolation {
     of_now: bool,
     /// The run starts with it: before, the head rested there.
     first: bool,
-    /// The last words, newest first.
-    words: [PoseSample; SAMPLES],
+    /// The last samples, newest first.
+    samples: [PoseSample; SAMPLES],
     len: usize,
-    /// By how much the polynomials of every degree missed the last word but one of these.
-    missed: [f64; TERMS],
-    /// The same for the last.
-    misses: [f64; TERMS],
+    /// The errors of the polynomials of each degree for the last sample but one.
+    previous_errors: [f64; TERMS],
+    /// The same for the last sample.
+    errors: [f64; TERMS],
     /// The rate that was foretold for the last word, which a motion from there at …
-    pace: f64,
+    extrapolated_rate: f64,
     /// … the one that was foretold before would have missed by this, and the word before by that.
-    pace_misses: [f64; 2],
-    /// What the words foretell.
-    course: Polynomial,
-    /// What is left of the motion before, until …
-    rest: Polynomial,
+    rate_errors: [f64; 2],
+    /// The polynomial that extrapolates the samples.
+    extrapolation: Polynomial,
+    /// The decaying difference from the motion before, until …
+    decay: Polynomial,
     /// … this time, s.
-    until: f64,
+    decay_end: f64,
 }
 
 impl CoordinateExtrapolation {
     /// A coordinate of which the host has given the derivative of `order` at time `t` (s), where it moved by `now`.
     fn new(t: f64, now: Sample) -> Self {
         Self {
-            said: PoseSample { time: t, derivatives: [now.value, now.rate, now.acceleration, 0.0], order: 0 },
+            latest: PoseSample { time: t, derivatives: [now.value, now.rate, now.acceleration, 0.0], order: 0 },
             fresh: false,
             given: [false; HIGHEST + 1],
             of_now: false,
             first: false,
-            words: [PoseSample::default(); SAMPLES],
+            samples: [PoseSample::default(); SAMPLES],
             len: 0,
-            missed: [f64::INFINITY; TERMS],
-            misses: [f64::INFINITY; TERMS],
-            pace: 0.0,
-            pace_misses: [f64::INFINITY; 2],
-            course: Polynomial::default(),
-            rest: Polynomial::default(),
-            until: t,
+            previous_errors: [f64::INFINITY; TERMS],
+            errors: [f64::INFINITY; TERMS],
+            extrapolated_rate: 0.0,
+            rate_errors: [f64::INFINITY; 2],
+            extrapolation: Polynomial::default(),
+            decay: Polynomial::default(),
+            decay_end: t,
         }
     }
 
-    /// Takes over the derivative of `order` (its value is of order 0) that the host gives at time `t` (s), where it moves by
-    /// `now`; one that is given beside the value as a `derivative` of it is of this time, whatever poses are.
-    fn say(&mut self, t: f64, now: Sample, order: usize, value: f64, derivative: bool) {
-        if !self.fresh || self.said.time != t {
+    /// Stores the derivative of `order` (0 is the value) that the host sets at time `t` (s), where the head moves by
+    /// `now`. A `derivative` that is set in addition to the value belongs to time `t`, whatever the time of poses is.
+    fn set_derivative(&mut self, t: f64, now: Sample, order: usize, value: f64, derivative: bool) {
+        if !self.fresh || self.latest.time != t {
             // What is not said goes on.
-            let before = self.said.at(t).derivatives[0];
-            self.said = PoseSample { time: t, derivatives: [before, now.rate, now.acceleration, 0.0], order: 0 };
+            let before = self.latest.at(t).derivatives[0];
+            self.latest = PoseSample { time: t, derivatives: [before, now.rate, now.acceleration, 0.0], order: 0 };
             (self.fresh, self.of_now, self.given) = (true, false, [false; HIGHEST + 1]);
         }
-        self.said.derivatives[order] = value;
+        self.latest.derivatives[order] = value;
         self.given[order] = true;
-        self.said.order = self.said.order.max(order);
+        self.latest.order = self.latest.order.max(order);
         self.of_now |= derivative;
     }
 
-    /// Starts the run at time `t` (s) with the pose that the host gave: at rest, but for the derivatives that it gave too.
+    /// Starts the run at time `t` (s) with the pose that the host has set, at rest except for the derivatives that it
+    /// has set.
     fn start(&mut self, t: f64) {
-        for (derivative, given) in self.said.derivatives.iter_mut().zip(self.given).skip(1) {
+        for (derivative, given) in self.latest.derivatives.iter_mut().zip(self.given).skip(1) {
             *derivative = if given { *derivative } else { 0.0 };
         }
-        (self.said.time, self.first, self.until) = (t, true, t);
+        (self.latest.time, self.first, self.decay_end) = (t, true, t);
         let mut factorial = 1.0;
-        self.course = Polynomial { since: t, terms: [0.0; TERMS] };
-        for (k, (term, derivative)) in self.course.terms.iter_mut().zip(self.said.derivatives).enumerate() {
+        self.extrapolation = Polynomial { since: t, terms: [0.0; TERMS] };
+        for (k, (term, derivative)) in self.extrapolation.terms.iter_mut().zip(self.latest.derivatives).enumerate() {
             factorial *= k.max(1) as f64;
-            *term = if k <= self.said.order { derivative / factorial } else { 0.0 };
+            *term = if k <= self.latest.order { derivative / factorial } else { 0.0 };
         }
     }
 
-    /// The last word as one of time `end` (s), to which the head goes from time `t`, where it moves by `now`: value and rate
-    /// that were not given follow from the derivatives that were, by the trapezoidal rule.
+    /// The last sample as a target at time `end` (s), for a motion from time `t`, where the head moves by `now`. Value
+    /// and rate that were not set follow from the derivatives that were, by the trapezoidal rule.
     fn target(&self, [t, end]: [f64; 2], now: Sample) -> PoseSample {
-        let (mut word, h) = (PoseSample { time: end, ..self.said }, end - t);
-        let [_, rate, acceleration, _] = self.said.derivatives;
-        if word.order > 1 && !self.given[1] {
-            word.derivatives[1] = now.rate + 0.5 * h * (now.acceleration + acceleration);
+        let (mut sample, h) = (PoseSample { time: end, ..self.latest }, end - t);
+        let [_, rate, acceleration, _] = self.latest.derivatives;
+        if sample.order > 1 && !self.given[1] {
+            sample.derivatives[1] = now.rate + 0.5 * h * (now.acceleration + acceleration);
         }
-        if word.order > 0 && !self.given[0] {
-            let rate = if self.given[1] { rate } else { word.derivatives[1] };
-            word.derivatives[0] = now.value + 0.5 * h * (now.rate + rate);
+        if sample.order > 0 && !self.given[0] {
+            let rate = if self.given[1] { rate } else { sample.derivatives[1] };
+            sample.derivatives[0] = now.value + 0.5 * h * (now.rate + rate);
         }
-        word
+        sample
     }
 
-    /// Keeps a word.
-    fn push(&mut self, word: PoseSample) {
+    /// Stores a sample.
+    fn push_sample(&mut self, sample: PoseSample) {
         let far = |a: &PoseSample, b: &PoseSample| a.time - b.time;
-        let misses = Differences::of(self.words[..self.len].iter()).misses(word.time, word.derivatives[0]);
-        let [last, before, third] = [0, 1, 2].map(|k| &self.words[k]);
-        let again = self.len > 0 && far(&word, last) <= 0.0;
-        let evenly = last.derivatives[0] + self.pace * far(&word, last);
-        let pace_miss = if self.len > 0 { (evenly - word.derivatives[0]).abs() } else { f64::INFINITY };
+        let errors = DividedDifferences::of(self.samples[..self.len].iter())
+            .prediction_errors(sample.time, sample.derivatives[0]);
+        let [last, before, third] = [0, 1, 2].map(|k| &self.samples[k]);
+        let again = self.len > 0 && far(&sample, last) <= 0.0;
+        let evenly = last.derivatives[0] + self.extrapolated_rate * far(&sample, last);
+        let rate_error = if self.len > 0 { (evenly - sample.derivatives[0]).abs() } else { f64::INFINITY };
         if again || self.len > 2 && far(last, before) < LEAST_SPACING_RATIO * far(before, third) {
-            self.words[0] = word;
+            self.samples[0] = sample;
         } else {
-            self.words.rotate_right(1);
-            self.words[0] = word;
+            self.samples.rotate_right(1);
+            self.samples[0] = sample;
             self.len = (self.len + 1).min(SAMPLES);
-            self.missed = self.misses;
-            self.pace_misses[1] = self.pace_misses[0];
+            self.previous_errors = self.errors;
+            self.rate_errors[1] = self.rate_errors[0];
         }
         if !again {
-            self.misses = misses;
-            self.pace_misses[0] = pace_miss;
+            self.errors = errors;
+            self.rate_errors[0] = rate_error;
         }
     }
 
-    /// Finds the motion from time `t` (s), where it moves by `now`, to `end`, or goes on with the one it has; it was `before`
-    /// until the host spoke. A step `begins` at `t`, or goes on there. Returns how far a new word is from where the head would
-    /// have gone without it, and its velocity, where that is given, from that one.
-    fn aim(&mut self, [t, end]: [f64; 2], now: Sample, input: HeadInput, before: &Signal, begins: bool) -> [f64; 2] {
+    /// Computes the motion from time `t` (s), where the head moves by `now`, to `end`, or keeps the present one. Until
+    /// the first sample of the host the motion is `before`. A step `begins` at `t`, or continues there. Returns the
+    /// differences of a new sample, and of its velocity if that is set, from the motion without it.
+    fn fit(&mut self, [t, end]: [f64; 2], now: Sample, input: HeadInput, before: &Signal, begins: bool) -> [f64; 2] {
         let at_end = input == HeadInput::AtEnd && !self.of_now;
         let due = if at_end { end } else { t };
-        let foretold = self.at(due).unwrap_or_else(|| before.at(due));
+        let predicted = self.at(due).unwrap_or_else(|| before.at(due));
         let spoken = self.len > 0;
         if !spoken {
             // Before the host's first word the head moved as the scene says, in steps like this one; or as its start does.
@@ -316,72 +319,75 @@ impl CoordinateExtrapolation {
             for k in (back..back + SAMPLES + 2).rev() {
                 let time = t - k as f64 * (end - t);
                 let [value, rate] = if self.first {
-                    let [value, rate, ..] = self.said.at(time).derivatives;
+                    let [value, rate, ..] = self.latest.at(time).derivatives;
                     [value, rate]
                 } else {
                     let Sample { value, rate, .. } = before.at(time);
                     [value, rate]
                 };
-                self.push(PoseSample::new(time, value));
-                self.pace = rate;
+                self.push_sample(PoseSample::new(time, value));
+                self.extrapolated_rate = rate;
             }
         }
-        let silence = t - self.words[0].time;
-        let between = self.words[0].time - self.words[1].time;
-        let word = if at_end && self.fresh {
-            self.said = self.target([t, end], now);
-            self.said
-        } else if at_end && begins && end - self.words[0].time > REMAINDER * between {
-            self.said.at(end)
+        let silence = t - self.samples[0].time;
+        let between = self.samples[0].time - self.samples[1].time;
+        let sample = if at_end && self.fresh {
+            self.latest = self.target([t, end], now);
+            self.latest
+        } else if at_end && begins && end - self.samples[0].time > REMAINDER * between {
+            self.latest.at(end)
         } else if self.fresh || !at_end && begins && silence > SILENT_INTERVALS * between {
-            self.said.at(t)
+            self.latest.at(t)
         } else {
             return [0.0; 2];
         };
-        let off = [word.derivatives[0] - foretold.value, word.derivatives[1] - foretold.rate];
+        let off = [sample.derivatives[0] - predicted.value, sample.derivatives[1] - predicted.rate];
         let jump = match (self.fresh, self.given[1]) {
             (false, _) => [0.0; 2],
             (true, false) => [off[0].abs(), 0.0],
             // A velocity that has changed evenly since the last word has moved the pose by half of that.
             (true, true) => {
-                let evenly = 2.0 * off[0] / if at_end { end - t } else { t - self.words[0].time };
+                let evenly = 2.0 * off[0] / if at_end { end - t } else { t - self.samples[0].time };
                 [off[0].abs(), off[1].abs().min((off[1] - evenly).abs())]
             }
         };
-        let pace = if spoken { self.course.at(t).rate } else { self.pace };
-        self.push(word);
-        self.pace = pace;
+        let extrapolated_rate = if spoken { self.extrapolation.at(t).rate } else { self.extrapolated_rate };
+        self.push_sample(sample);
+        self.extrapolated_rate = extrapolated_rate;
         self.fresh = false;
-        let found = Differences::of(self.words[..self.len].iter());
-        let mut degree = self.words[0].order;
+        let found = DividedDifferences::of(self.samples[..self.len].iter());
+        let mut degree = self.samples[0].order;
         // A polynomial doubles, for every degree, what its words are off by.
-        let miss = |k: usize| self.misses[k].max(self.missed[k]) * f64::from(1_u32 << k);
+        let miss = |k: usize| self.errors[k].max(self.previous_errors[k]) * f64::from(1_u32 << k);
         // A degree that is better by rounding errors alone is none the better.
-        let rounding = 4.0 * f64::EPSILON * self.words[0].derivatives[0].abs();
-        let pace_miss = self.pace_misses[0].max(self.pace_misses[1]);
+        let rounding = 4.0 * f64::EPSILON * self.samples[0].derivatives[0].abs();
+        let rate_error = self.rate_errors[0].max(self.rate_errors[1]);
         let (mut least, mut evenly) = (miss(degree), false);
-        if degree == 0 && pace_miss + rounding < least {
-            (least, evenly) = (pace_miss, true);
+        if degree == 0 && rate_error + rounding < least {
+            (least, evenly) = (rate_error, true);
         }
         for k in degree + 1..found.len {
             if miss(k) + rounding < least {
                 (degree, least, evenly) = (k, miss(k), false);
             }
         }
-        self.course = found.polynomial(degree);
+        self.extrapolation = found.polynomial(degree);
         if evenly {
-            self.course.terms[1] = self.pace;
+            self.extrapolation.terms[1] = self.extrapolated_rate;
         }
-        let start = self.course.at(t);
-        let apart = Sample {
+        let start = self.extrapolation.at(t);
+        let difference = Sample {
             value: now.value - start.value,
             rate: now.rate - start.rate,
             acceleration: now.acceleration - start.acceleration,
         };
-        let span =
-            if at_end { end - t } else { (end - t).max(self.words[0].time - self.words[1].time).max(self.until - t) };
-        self.rest = Polynomial::decaying(apart, t, span);
-        self.until = t + span;
+        let span = if at_end {
+            end - t
+        } else {
+            (end - t).max(self.samples[0].time - self.samples[1].time).max(self.decay_end - t)
+        };
+        self.decay = Polynomial::decaying(difference, t, span);
+        self.decay_end = t + span;
         jump
     }
 
@@ -393,15 +399,15 @@ impl CoordinateExtrapolation {
     /// How it moves at time `t` (s); `None` before it [`moves`](Self::moves).
     pub fn at(&self, t: f64) -> Option<Sample> {
         self.moves().then(|| {
-            let course = self.course.at(t);
-            if t >= self.until {
-                return course;
+            let extrapolation = self.extrapolation.at(t);
+            if t >= self.decay_end {
+                return extrapolation;
             }
-            let rest = self.rest.at(t);
+            let decay = self.decay.at(t);
             Sample {
-                value: course.value + rest.value,
-                rate: course.rate + rest.rate,
-                acceleration: course.acceleration + rest.acceleration,
+                value: extrapolation.value + decay.value,
+                rate: extrapolation.rate + decay.rate,
+                acceleration: extrapolation.acceleration + decay.acceleration,
             }
         })
     }
@@ -409,33 +415,34 @@ impl CoordinateExtrapolation {
     /// The longest step (s) from time `t` (s) that resolves how it comes to where the host wants it; `unit` is the length (m) of the
     /// rod, or 1 rad.
     pub fn longest_step(&self, t: f64, unit: f64) -> f64 {
-        let span = self.until - self.rest.since;
-        if t >= self.until || span <= 0.0 {
+        let span = self.decay_end - self.decay.since;
+        if t >= self.decay_end || span <= 0.0 {
             return f64::INFINITY;
         }
-        let [x, v, half, ..] = self.rest.terms;
+        let [x, v, half, ..] = self.decay.terms;
         let way = x.abs().max((v * span).abs()).max((2.0 * half * span * span).abs());
-        let sudden = way > SUDDEN * self.course.at(t).acceleration.abs() * span * span && way > SMALL * unit;
-        if sudden { span / STEPS_OF_REST } else { f64::INFINITY }
+        let sudden = way > ABRUPT_ACCELERATION_RATIO * self.extrapolation.at(t).acceleration.abs() * span * span
+            && way > NEGLIGIBLE_OFFSET * unit;
+        if sudden { span / STEPS_PER_DECAY } else { f64::INFINITY }
     }
 
     /// The derivative of `order` as the host gave it last; `None` where it gave none of that order.
-    pub fn said(&self, order: usize) -> Option<f64> {
-        (order <= self.said.order).then(|| self.said.derivatives[order])
+    pub fn given_derivative(&self, order: usize) -> Option<f64> {
+        (order <= self.latest.order).then(|| self.latest.derivatives[order])
     }
 }
 
 /// The motion of a head that a host moves: x, y and angle, each as soon as the host has spoken of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HostHead {
-    /// The coordinates of which it has spoken.
+    /// The coordinates that the host has set.
     pub axes: [Option<CoordinateExtrapolation>; 3],
 }
 
 impl HostHead {
-    /// Takes over the derivative of `order` of coordinate `i`; see `Axis::say`.
-    pub fn say(&mut self, t: f64, i: usize, now: Sample, order: usize, value: f64, derivative: bool) {
-        self.axes[i].get_or_insert_with(|| CoordinateExtrapolation::new(t, now)).say(
+    /// Stores the derivative of `order` of coordinate `i`; see `CoordinateExtrapolation::set_derivative`.
+    pub fn set_derivative(&mut self, t: f64, i: usize, now: Sample, order: usize, value: f64, derivative: bool) {
+        self.axes[i].get_or_insert_with(|| CoordinateExtrapolation::new(t, now)).set_derivative(
             t,
             now,
             order.min(HIGHEST),
@@ -444,9 +451,9 @@ impl HostHead {
         );
     }
 
-    /// Finds the motion of every coordinate over a step; see `Axis::aim`. Returns how far (m, m, rad) new words are from where
-    /// the head would have gone without them, and new velocities from its own (per s).
-    pub fn aim(
+    /// Computes the motion of every coordinate over a step; see `CoordinateExtrapolation::fit`. Returns the differences
+    /// (m, m, rad) of new samples, and of new velocities (per s), from the motion without them.
+    pub fn fit(
         &mut self,
         span: [f64; 2],
         now: &[Sample; 3],
@@ -457,7 +464,7 @@ impl HostHead {
         let mut jumps = [[0.0; 2]; 3];
         for (((axis, now), before), jump) in self.axes.iter_mut().zip(now).zip(before).zip(&mut jumps) {
             if let Some(axis) = axis {
-                *jump = axis.aim(span, *now, input, before, begins);
+                *jump = axis.fit(span, *now, input, before, begins);
             }
         }
         jumps
@@ -468,7 +475,7 @@ impl HostHead {
         self.axes.iter_mut().flatten().for_each(|axis| axis.start(t));
     }
 
-    /// True where the run started with a pose that the host gave, and no step has been made since.
+    /// True if the run started with a pose of the host, and no step has been taken since.
     pub fn has_started(&self) -> bool {
         self.axes.iter().flatten().any(|axis| axis.first && axis.len == 0)
     }
@@ -477,18 +484,18 @@ impl HostHead {
     pub fn moves_unlike(&self, scene: &[Signal; 3], time: f64) -> bool {
         let mut axes = self.axes.iter().zip(scene).filter_map(|(axis, scene)| Some((axis.as_ref()?, scene.at(time))));
         axes.any(|(axis, scene)| {
-            let unlike = |k: usize, own: f64| axis.given[k] && axis.said.derivatives[k] != own;
+            let unlike = |k: usize, own: f64| axis.given[k] && axis.latest.derivatives[k] != own;
             axis.len == 0 && (unlike(1, scene.rate) || unlike(2, scene.acceleration))
         })
     }
 
     /// The largest part of `reaches` (m, m, rad) that a pose given at `time` (s) is from the one of the `scene`; zero where no
     /// pose is given, or a run has started with one.
-    pub fn apart(&self, scene: &[Signal; 3], time: f64, reaches: [f64; 3]) -> f64 {
+    pub fn largest_relative_offset(&self, scene: &[Signal; 3], time: f64, reaches: [f64; 3]) -> f64 {
         let axes = self.axes.iter().zip(scene).zip(reaches);
         let parts = axes.filter_map(|((axis, scene), reach)| {
             let axis = axis.as_ref().filter(|axis| axis.given[0] && axis.len == 0)?;
-            Some((axis.said.derivatives[0] - scene.at(time).value).abs() / reach)
+            Some((axis.latest.derivatives[0] - scene.at(time).value).abs() / reach)
         });
         parts.fold(0.0, f64::max)
     }
