@@ -291,6 +291,7 @@ impl Error {
                 | Self::Busy { .. }
                 | Self::Read { .. }
                 | Self::Study { .. }
+                | Self::Fmu(_)
                 | Self::Derivative { .. }
                 | Self::Journal { .. }
                 | Self::Room { .. }

@@ -11,7 +11,7 @@ use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
 use crate::fluid::{Fluid, Force, Forces};
 use crate::head::pose;
-use crate::integrator::{Integrator, StepControl};
+use crate::integrator::{Method, StepControl};
 use crate::metrics::Energy;
 use crate::model::{Drive, Mechanics, Model, chain};
 use crate::modes::{Matrices, Modes, StableSteps};
@@ -168,7 +168,7 @@ impl Assessment {
         assessment.warn_of_waves(scene, rod);
         // Of a coarser mesh it is another.
         if !is_coarse {
-            assessment.warn_of_limit(&*scene.integrator()?, stepper, &modes);
+            assessment.warn_of_limit(scene, stepper, &modes)?;
         }
         assessment.warn(scene, stepper, &drive, spectrum.fastest().map(|frequency| TAU * frequency));
         Ok((assessment, Basis { regime, modes, is_coarse, spectrum }))
@@ -624,21 +624,31 @@ impl Assessment {
         }
     }
 
-    /// Warns of steps with which `method` amplifies one of `modes`.
-    fn warn_of_limit(&mut self, method: &dyn Integrator, stepper: &Stepper, modes: &Modes) {
+    /// Warns of steps with which the scene's method amplifies one of `modes`.
+    fn warn_of_limit(&mut self, scene: &Scene, stepper: &Stepper, modes: &Modes) -> Result<()> {
         if stepper.view().dynamics.mechanics == Mechanics::Full
             && let StepControl::Fixed(step) = stepper.step_control()
             && let Some(StableSteps { largest, frequency, limit }) =
-                modes.stable_steps(method, stepper.model().rod.damping.as_ref())
+                modes.stable_steps(&*scene.integrator()?, stepper.model().rod.damping.as_ref())
             && step > largest
         {
-            self.warnings.push(format!(
-                "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's natural frequency of {} Hz (allowed: up to {limit:.3}); take at most solver.time_step_s = {:e}, or an implicit method",
-                step * frequency,
-                significant(frequency / TAU, 4),
-                rounded_down(largest)
-            ));
+            let named = Method::named(scene.integrator_name()).filter(|method| method.implicit);
+            let other = named.map_or("an implicit method".to_string(), |method| {
+                format!("other parameters of {}, which is {}", method.name, method.stability)
+            });
+            let hertz = significant(frequency / TAU, 4);
+            self.warnings.push(if largest > 0.0 {
+                format!(
+                    "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's natural frequency of {hertz} Hz (allowed: up to {}); take at most solver.time_step_s = {:e}, or {other}",
+                    step * frequency,
+                    significant(limit, 4),
+                    rounded_down(largest)
+                )
+            } else {
+                format!("the method amplifies the rod's natural frequency of {hertz} Hz at any time step; take {other}")
+            });
         }
+        Ok(())
     }
 
     fn warn(&mut self, scene: &Scene, stepper: &Stepper, drive: &DriveShape, omega: Option<f64>) {

@@ -78,6 +78,13 @@ impl ExportArguments {
         [(self.gif, "gif"), (self.mp4, "mp4")].into_iter().filter_map(|(wanted, ending)| wanted.then_some(ending))
     }
 
+    /// How the films are made.
+    fn film(&self) -> FilmSettings {
+        let FilmSettings { sharpness, window: [first, last], .. } = FilmSettings::default();
+        let window = [self.from.unwrap_or(first), self.until.unwrap_or(last)];
+        FilmSettings { per_second: self.fps, speed: self.speed, sharpness, window }
+    }
+
     /// Turns the figures of `folder` into other files.
     fn convert(&self, folder: &Path) -> Result<ExitCode> {
         let out = self.out.as_deref().unwrap_or(folder);
@@ -109,17 +116,26 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             Err(error) => return Ok(refuse(&error)),
         },
     };
-    let scene = SceneArguments { scene: file, set: arguments.set.clone() };
+    let scene = SceneArguments { scene: file.clone(), set: arguments.set.clone() };
     let (_, scene, mut stepper) = scene.prepare()?;
     if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != scene.fingerprint_text()) {
         print_error(&format!(
             "{}: the run is of another scene than {} is now ({fingerprint}); --set gives the overrides that it was made with",
             arguments.run.display(),
-            arguments.run.display()
+            file.display()
         ));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     let own = folder.map_or_else(|| output_folder(&scene), Path::to_path_buf);
+    let film = arguments.film();
+    let films: Vec<PathBuf> = {
+        let place = arguments.out.as_ref().unwrap_or(&own);
+        arguments.films().map(|ending| place.join(format!("{}.{ending}", scene.name))).collect()
+    };
+    let run = [stepper.time(), scene.solver.duration_s.get()];
+    if let Some(error) = films.iter().find_map(|path| film.check(path, run).err()) {
+        return Ok(refuse(&error));
+    }
     if folder.is_none() && !arguments.formats().is_empty() {
         whole = arguments.convert(&own)?;
     }
@@ -150,14 +166,9 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         found.map_or(&[][..], |column| &column.values[..])
     };
     let motion = RodMotion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
-    let FilmSettings { sharpness, window: [first, last], .. } = FilmSettings::default();
-    let window = [arguments.from.unwrap_or(first), arguments.until.unwrap_or(last)];
-    let film = FilmSettings { per_second: arguments.fps, speed: arguments.speed, sharpness, window };
-    for ending in arguments.films() {
-        let name = format!("{}.{ending}", scene.name);
-        let place = arguments.out.as_ref().unwrap_or(&own);
+    for path in films {
+        let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
         Folder::export(place, owner(), Claim::forced(arguments.force))?.exports().admit(&name)?;
-        let path = place.join(name);
         let bar = progress_bar();
         let drawn = film.write(&path, &motion, |part| {
             bar.set_position((part * bar.length().unwrap_or(0) as f64) as u64);

@@ -1,6 +1,7 @@
 //! Films of a moving rod: GIF, or MP4 by ffmpeg.
 
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::ops::ControlFlow;
@@ -92,44 +93,58 @@ impl RodMotion<'_> {
 }
 
 impl FilmSettings {
+    /// Checks a film of a run from the first to the last of these times (s) that is to be written to `path`.
+    ///
+    /// # Errors
+    /// [`Error::Write`] for an extension other than .gif and .mp4, a run of one time, a window outside the run, and rates that are not
+    /// positive or too large.
+    pub fn check(&self, path: &Path, run: [f64; 2]) -> Result<()> {
+        self.plan(path, run).map(|_| ())
+    }
+
+    /// The checked film: whether it is a GIF, its first and last time, and its number of frames.
+    fn plan(&self, path: &Path, [begin, end]: [f64; 2]) -> Result<(bool, [f64; 2], f64)> {
+        let refuse = |reason: String| Err(Error::Write { path: path.to_path_buf(), reason });
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+        let is_gif = match ending.as_deref() {
+            Some("gif") => true,
+            Some("mp4") => false,
+            _ => return refuse("allowed: a name that ends in .gif or .mp4".to_string()),
+        };
+        if begin.partial_cmp(&end) != Some(Ordering::Less) {
+            return refuse("a film needs a run of more than one time".to_string());
+        }
+        let [from, until] = self.window;
+        let (first, last) = (begin.max(from), end.min(until));
+        if first.partial_cmp(&last) != Some(Ordering::Less) {
+            return refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s"));
+        }
+        let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
+        if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
+            let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
+            return refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures"));
+        }
+        if is_gif && self.per_second > MAX_GIF_RATE {
+            let found = format!("{} pictures per second", self.per_second);
+            return refuse(format!("found {found}; allowed: at most {MAX_GIF_RATE} in a GIF"));
+        }
+        Ok((is_gif, [first, last], count))
+    }
+
     /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
     /// may stop it.
     ///
     /// # Errors
-    /// [`Error::Write`] for another extension, a run of one time, a window outside the run, no ffmpeg for an MP4, or a
-    /// full disk.
+    /// Those of [`check`](Self::check); [`Error::Write`] for no ffmpeg for an MP4, or a full disk.
     pub fn write(
         &self,
         path: &Path,
         motion: &RodMotion<'_>,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
+        let run = [motion.times.first(), motion.times.last()].map(|time| time.copied().unwrap_or(f64::NAN));
+        let (is_gif, [first, last], count) = self.plan(path, run)?;
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        let is_gif = match ending.as_deref() {
-            Some("gif") => true,
-            Some("mp4") => false,
-            _ => return Err(refuse("allowed: a name that ends in .gif or .mp4".to_string())),
-        };
-        let (first, last) = (motion.times.first().copied(), motion.times.last().copied());
-        let (Some(first), Some(last)) = (first, last.filter(|last| Some(*last) != first)) else {
-            return Err(refuse("a film needs a run of more than one time".to_string()));
-        };
-        let [from, until] = self.window;
-        let (begin, end) = (first, last);
-        let (first, last) = (first.max(from), last.min(until));
-        if first.partial_cmp(&last) != Some(std::cmp::Ordering::Less) {
-            return Err(refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s")));
-        }
-        let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
-        if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
-            let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
-            return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures")));
-        }
-        if is_gif && self.per_second > MAX_GIF_RATE {
-            let found = format!("{} pictures per second", self.per_second);
-            return Err(refuse(format!("found {found}; allowed: at most {MAX_GIF_RATE} in a GIF")));
-        }
         let (painter, corners) = (SvgRenderer::new(), motion.corners([first, last]));
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);

@@ -40,9 +40,11 @@ pub struct ActuationTable {
     #[serde(default = "even_envelope", deserialize_with = "value::pair")]
     pub envelope: [Finite; 2],
     /// Factor of the amplitude along the rod, as points [ξ, factor], linear between them.
+    #[serde(default, deserialize_with = "value::optional_pairs")]
     pub amplitude_profile: Option<Vec<[NotNegative; 2]>>,
     /// Phase lag along the rod, as points [ξ, rad], linear between them. It is subtracted inside the sine, whereas the
     /// `phase_rad` of a head or a flow is added.
+    #[serde(default, deserialize_with = "value::optional_pairs")]
     pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
 }
 

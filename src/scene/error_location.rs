@@ -79,6 +79,7 @@ pub(super) fn rephrase(key: String, message: &str, source: Option<&str>) -> (Str
                 "a string" => "a text in quotes",
                 "a boolean" => "true or false",
                 "a sequence" => "a list in brackets",
+                "f64" => "a number",
                 "i64" => "a whole number",
                 "usize" => "a whole number that is not negative",
                 "an array of length 2" => "two values in brackets",

@@ -233,10 +233,19 @@ impl DragTable {
         let fault = |key: &str, problem: String| Err(KeyError { key: format!("drag.{key}"), problem });
         let law = self.law()?;
         let allowed = self.allowed()?;
-        if let Some(key) = self.given().find(|key| !allowed.contains(key)) {
-            let owners = LAWS.iter().filter(|law| law.keys.contains(&key)).map(|law| law.name);
-            let owners = owners.collect::<Vec<_>>().join(", ");
-            return fault(key, format!("found with law = \"{}\"; allowed: only with {owners}", law.name));
+        let strays: Vec<&str> = self.given().filter(|key| !allowed.contains(key)).collect();
+        if let [key, others @ ..] = &strays[..] {
+            let owners = || LAWS.iter().filter(|law| law.keys.contains(key));
+            let mut allowed = owners().map(|law| law.name).collect::<Vec<_>>().join(", ");
+            let parts =
+                owners().filter(|law| law.resistance.is_some()).map(|law| format!("viscous = \"{}\"", law.name));
+            let parts: Vec<String> = parts.collect();
+            if law.keys.contains(&"viscous") && !parts.is_empty() {
+                allowed += &format!(", or with {}", parts.join(", "));
+            }
+            let strays = others.iter().fold("it".to_string(), |all, other| format!("{all} and drag.{other}"));
+            let problem = format!("found with law = \"{}\"; allowed: only with {allowed}; remove {strays}", law.name);
+            return fault(key, problem);
         }
         for (key, profile) in [("along_n_s_m2", &self.along_n_s_m2), ("across_n_s_m2", &self.across_n_s_m2)] {
             if let Some(found) = profile.as_ref().and_then(NumberOrProfile::disorder) {
@@ -247,7 +256,8 @@ impl DragTable {
         let needs =
             if law.keys.contains(&"viscous") { [law.needs, viscous.needs].concat() } else { law.needs.to_vec() };
         if let Some(key) = needs.into_iter().find(|key| !self.given().any(|given| given == *key)) {
-            return fault(key, format!("missing; law = \"{}\" has no default for it", law.name));
+            let asking = if law.needs.contains(&key) { ("law", law) } else { ("viscous", viscous) };
+            return fault(key, format!("missing; {} = \"{}\" has no default for it", asking.0, asking.1.name));
         }
         if self.head_weight.is_some_and(|weight| weight.get() != 1.0) && self.head_length_m.is_none() {
             return fault("head_length_m", "missing; a head_weight other than 1 needs the head's length".into());

@@ -93,14 +93,14 @@ impl Scene {
         let [along, across] = [body.semi_axis_along_m, body.semi_axis_across_m].map(Positive::get);
         let [low, high] = [SIZES.start(), SIZES.end()];
         let sizes = [
-            ("mass_kg", "mass", mass, "kg"),
-            ("semi_axis_along_m", "volume", along * across * across, "m^3"),
-            ("semi_axis_along_m", "drag of its spin", along.powi(3), "m^3"),
+            ("mass_kg", "its mass", mass, "kg"),
+            ("semi_axis_along_m", "its volume", along * across * across, "m^3"),
+            ("semi_axis_along_m", "the drag of its spin", along.powi(3), "m^3"),
         ];
         for (key, what, size, unit) in sizes {
             if !SIZES.contains(&size) {
                 let problem =
-                    format!("makes its {what} {size:e} {unit}; allowed: what makes it {low:e} to {high:e} {unit}");
+                    format!("makes {what} {size:e} {unit}; allowed: what makes it {low:e} to {high:e} {unit}");
                 return fault(&format!("head_body.{key}"), problem);
             }
         }

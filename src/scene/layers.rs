@@ -15,7 +15,7 @@ use crate::fluid::medium::{Layer, Layers, MAX_LAYERS};
 #[serde(deny_unknown_fields)]
 pub struct LayerTable {
     /// Normal of the interface, towards this fluid, of any length. By default, that of the first layer.
-    #[serde(default, deserialize_with = "some_pair")]
+    #[serde(default, deserialize_with = "value::optional_pair")]
     pub normal: Option<[Finite; 2]>,
     /// Position of the middle of the interface along the normal, m.
     pub offset_m: Finite,
@@ -26,7 +26,7 @@ pub struct LayerTable {
     /// Density of this fluid, kg/m³.
     pub density_kg_m3: Positive,
     /// Velocity of the background flow in this fluid, along the interface, m/s. By default, that of the first fluid.
-    #[serde(default, deserialize_with = "some_pair")]
+    #[serde(default, deserialize_with = "value::optional_pair")]
     pub flow_m_s: Option<[Finite; 2]>,
 }
 
@@ -38,12 +38,8 @@ pub struct ShearTable {
     /// Velocity gradient along the normal, 1/s. The flow is along the normal turned by −90°.
     pub rate_per_s: Finite,
     /// Direction of the gradient. By default, the normal of the interfaces.
-    #[serde(default, deserialize_with = "some_pair")]
+    #[serde(default, deserialize_with = "value::optional_pair")]
     pub normal: Option<[Finite; 2]>,
-}
-
-fn some_pair<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Option<[Finite; 2]>, D::Error> {
-    value::pair(deserializer).map(Some)
 }
 
 /// Directions that differ by no more than this (the sine of the angle between them) count as one: rounding of a scene that was turned.

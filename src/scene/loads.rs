@@ -18,7 +18,7 @@ pub struct LoadsTable {
     /// Acceleration of gravity, m/s². Leave it out for a neutrally buoyant rod.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub gravity_m_s2: Option<[Finite; 2]>,
-    /// Whether the medium exerts buoyancy on the rod.
+    /// Whether the medium exerts buoyancy on the rod, with `gravity_m_s2`.
     #[serde(default)]
     pub buoyancy: bool,
     /// Constant forces on single nodes, in the axes of the plane or of the rod.
@@ -56,6 +56,11 @@ impl LoadsTable {
                 let problem = value::refused(load.node, allowed_nodes(nodes));
                 return Err(KeyError { key: format!("loads.point.{i}.node"), problem });
             }
+        }
+        if self.buoyancy && self.gravity_m_s2.is_none() {
+            let problem =
+                "found without gravity_m_s2, without which there is none; add it, as gravity_m_s2 = [0.0, -9.81]";
+            return Err(KeyError { key: "loads.buoyancy".into(), problem: problem.into() });
         }
         Ok(())
     }

@@ -277,8 +277,8 @@ impl<'de> Deserialize<'de> for Each {
     }
 }
 
-/// Exactly two values. Arrays of serde accept more.
-struct ExactlyTwo<T>([T; 2]);
+/// Exactly two values. A serde array of two accepts more of TOML.
+pub struct ExactlyTwo<T>(pub [T; 2]);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for ExactlyTwo<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

@@ -505,3 +505,58 @@ fn natural_frequencies_are_said_to_be_in_vacuum_or_in_the_fluid() {
         }
     }
 }
+
+#[cfg(feature = "pictures")]
+#[test]
+fn a_film_that_cannot_be_made_is_refused_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("film");
+    for (wrong, words) in [
+        (&["--fps", "0"][..], "found 0 pictures per second"),
+        (&["--fps", "51", "--until", "1"], "allowed: at most 50 in a GIF"),
+        (&["--speed", "0"], "at 0 times the speed"),
+        (&["--speed", "nan"], "at NaN times the speed"),
+        (&["--from", "1e9"], "allowed: a part of the run, 0 to 100000000 s"),
+    ] {
+        // This run would take hours.
+        let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=1e8", "--gif", "--out"];
+        let refused = caudal(&[&all[..], &[out.to_str().unwrap()], wrong].concat());
+        let said = text(&refused.stderr);
+        assert!(refused.status.code() == Some(2) && said.contains(words), "{wrong:?}: {said}");
+        assert!(!out.exists(), "{wrong:?}");
+    }
+}
+
+#[cfg(feature = "pictures")]
+#[test]
+fn the_delays_of_a_gif_do_not_add_up_their_rounding() {
+    let folder = tempfile::tempdir().unwrap();
+    let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.2", "--gif", "--fps", "30", "--out"];
+    let made = caudal(&[&all[..], &[folder.path().to_str().unwrap()]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let file = std::fs::File::open(folder.path().join("baseline.gif")).unwrap();
+    let mut decoder = gif::DecodeOptions::new().read_info(file).unwrap();
+    let delays = std::iter::from_fn(|| decoder.read_next_frame().unwrap().map(|frame| frame.delay));
+    assert_eq!(delays.collect::<Vec<_>>(), [3, 4, 3, 3, 4, 3]); // three pictures last ten hundredths
+}
+
+#[cfg(feature = "pictures")]
+#[test]
+fn a_run_of_another_scene_is_told_with_the_file_of_the_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, scene) = (folder.path().join("out"), folder.path().join("scene.toml"));
+    std::fs::copy("models/baseline.toml", &scene).unwrap();
+    let [out, scene] = [&out, &scene].map(|path| path.to_str().unwrap());
+    let made = caudal(&["run", scene, "--set", "solver.duration_s=0.01", "--out", out]);
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let refused = caudal(&["export", out, "--gif"]);
+    let words = format!("{out}: the run is of another scene than {scene} is now");
+    assert!(refused.status.code() == Some(2) && text(&refused.stderr).contains(&words), "{}", text(&refused.stderr));
+}
+
+#[test]
+fn an_fmu_of_nodes_that_there_are_not_is_wrong_input() {
+    let refused = caudal(&["fmu", "models/baseline.toml", "--nodes", "99"]);
+    assert!(refused.status.code() == Some(2), "{}", text(&refused.stderr));
+    assert!(text(&refused.stderr).contains("node 99: the rod has the nodes 0 to"), "{}", text(&refused.stderr));
+}

@@ -350,7 +350,7 @@ free: -rod.density ; rod.mass_per_length_kg_m=[[1,1],[0,1]]
 free: -rod.density ; -rod.outer ; -rod.youngs ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4
 free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4
 free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4 ; reactive={}
-free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4 ; loads.buoyancy=true
+free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4 ; loads.buoyancy=true ; loads.gravity_m_s2=[0,-9.81]
 free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4 ; rod.section=ellipse
 free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4 ; rod.depth_m=0.1
 free: -rod.density ; -rod.outer ; -rod.youngs ; -drag ; rod.mass_per_length_kg_m=0.05 ; rod.axial_stiffness_n=10 ; rod.bending_stiffness_n_m2=1e-4 ; rod.inner_radius_m=0.001

@@ -207,10 +207,28 @@ fn axes_and_settings_that_exclude_each_other_are_refused() {
         (steps.clone(), &["solver.tolerance=1e-3"]),
         (steps.clone(), &["solver.time_step_s=2e-3"]),
         (steps.clone(), &["solver={ time_step_s = 2e-3 }"]),
+        (format!("[set]\nsolver.time_step_s = 2e-3\n{steps}"), &[]),
     ] {
         let error = sweep(&text, set).unwrap_err().to_string();
         assert!(error.contains("found together with the axis `solver.time_step_s`, which takes its place"), "{error}");
     }
+    // What is set would be lost, as a key within the axis', or as the one around it; of a list the axis sets an entry.
+    let [inside, around] = [
+        (
+            "[set]\nrod.damping_time_s.bending = 1e-3\n[axes]\nrod.damping_time_s = [1e-3]\n",
+            "rod.damping_time_s.bending: found",
+        ),
+        (
+            "[set]\nrod.damping_time_s = 1e-3\n[axes]\nrod.damping_time_s.bending = [2e-3]\n",
+            "rod.damping_time_s: found",
+        ),
+    ];
+    for (text, words) in [inside, around] {
+        let error = sweep(text, &[]).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("which takes its place"), "{error}");
+    }
+    let entry = "[set]\nmedium.flow_m_s = [0.1, 0.2]\n[axes]\nmedium.flow_m_s.1 = [0.3, 0.4]\n";
+    assert!(sweep(entry, &[]).is_ok(), "{:?}", sweep(entry, &[]));
     // The base of factors may be set.
     let factors = "[axes]\nrod.length_m.factors = [1.0, 2.0]\n";
     let all = scenes(&sweep(factors, &["rod.length_m=0.3"]).unwrap());
@@ -336,4 +354,30 @@ fn keys_of_a_function_of_time_leave_the_others() {
     let both = layered(&[profile], &["rod.stiffness_profile.1.1=0.1", "rod.stiffness_gradient=1.0"]).unwrap_err();
     assert!(both.to_string().contains("stiffness_gradient"), "{both}");
     same(&["rod.stiffness_gradient=1.0"], &[profile], profile);
+}
+
+#[test]
+fn a_misspelt_key_of_an_axis_is_asked_for() {
+    let error = |axis: &str| {
+        let sweep = sweep(&format!("[axes]\nrod.length_m = {axis}\n"), &[]).unwrap();
+        sweep.job(1).unwrap_err().to_string()
+    };
+    for (axis, near) in [("{ value = [0.3, 0.4] }", "values"), ("{ factor = [1.0, 2.0] }", "factors")] {
+        let said = error(axis);
+        assert!(said.contains(&format!("did you mean `{near}`?")), "{axis}: {said}");
+    }
+}
+
+#[test]
+fn an_override_is_named_as_who_gave_it_calls_it() {
+    for (named, place) in [("override", "override rod.nodes=1: "), ("--set", "--set rod.nodes=1: ")] {
+        let mut document = Document::new("tail.toml", TAIL);
+        document.set_as(named, "rod.nodes=1").unwrap();
+        assert!(document.scene().unwrap_err().to_string().starts_with(place));
+        let wrong = document.set_as(named, "rod.nodes").unwrap_err().to_string();
+        assert!(wrong.starts_with(&format!("{named} rod.nodes: ")), "{wrong}");
+    }
+    let mut document = Document::new("tail.toml", TAIL);
+    document.set("rod.nodes=1").unwrap();
+    assert!(document.scene().unwrap_err().to_string().starts_with("override rod.nodes=1: "));
 }

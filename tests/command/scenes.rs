@@ -912,3 +912,73 @@ fn a_scene_that_serde_reads_is_checked_as_one_of_a_file() {
     let twice = text.replace("stiffness_profile", "stiffness_gradient = 1.0\nstiffness_profile");
     assert!(toml::from_str::<Scene>(&twice).is_err());
 }
+
+#[test]
+fn a_list_of_three_is_refused_wherever_two_values_belong_together() {
+    for set in [
+        "actuation.envelope=[1, 0, 0]",
+        "actuation.phase_profile_rad=[[0, 1, 2], [1, 1, 5]]",
+        "actuation.amplitude_profile=[[0, 1, 2], [1, 1, 5]]",
+        "rod.stiffness_profile=[[0, 1, 2], [1, 1, 5]]",
+        "rod.outer_radius_m=[[0, 1e-3, 2e-3], [1, 1e-3, 2e-3]]",
+        "rod.damping_time_s=[[0, 1e-3, 2e-3], [1, 1e-3, 2e-3]]",
+        "drag.along_n_s_m2=[[0, 1, 2], [1, 1, 5]]",
+        "medium.flow_m_s=[0, 0, 0]",
+        "medium.flow_m_s={ amplitude = [1, 2, 3], frequency_hz = 1 }",
+        "medium.flow_m_s={ amplitude = [1, 2], frequency_hz = 1, phase_rad = [0, 0, 0] }",
+        "medium.shear={ rate_per_s = 1, normal = [0, 1, 0] }",
+        "medium.beyond={ normal = [0, 1, 0], offset_m = 1, thickness_m = 1, viscosity_pa_s = 1, density_kg_m3 = 1 }",
+        "medium.beyond={ flow_m_s = [0, 1, 0], offset_m = 1, thickness_m = 1, viscosity_pa_s = 1, density_kg_m3 = 1 }",
+        "loads.gravity_m_s2=[0, -9.81, 0]",
+        "loads.point=[{ node = 1, force_n = [0, 1, 0] }]",
+        "head.position_m=[0, 0, 0]",
+    ] {
+        let mut document = Document::new("full.toml", FULL);
+        document.set(set).unwrap();
+        let error = document.scene().unwrap_err().to_string();
+        let key = set.split('=').next().unwrap();
+        assert!(error.contains("found a list of 3; allowed: two values in brackets"), "{set}: {error}");
+        assert!(error.contains(&format!(": {key}")), "{set}: {error}");
+    }
+}
+
+#[test]
+fn keys_of_other_drag_laws_are_refused_with_all_that_have_them_and_what_to_remove() {
+    let text = FULL.replace("head_weight = 10.0\nhead_length_m = 0.0625\n", "");
+    let refusal = |changes: &[&str]| {
+        let mut document = Document::new("full.toml", text.as_str());
+        changes.iter().for_each(|change| document.set(change).unwrap());
+        document.scene().unwrap_err().to_string()
+    };
+    let other = refusal(&["drag={ law = \"auto\", form_drag = 1.0 }"]);
+    assert!(
+        other.contains("drag.ratio: found with law = \"auto\"; allowed: only with stokes-like, or with viscous = \"stokes-like\"; remove it"),
+        "{other}"
+    );
+    let several = refusal(&["drag={ law = \"cox\", thinning = 1.0 }"]);
+    assert!(several.contains("remove it and drag.thinning"), "{several}");
+    let plain = text.replace("law = \"stokes-like\"\nratio = 5.0\n", "law = \"cross-flow\"\n");
+    let cross_flow = |change: &str| {
+        let mut document = Document::new("full.toml", plain.as_str());
+        document.set(change).unwrap();
+        document.scene().unwrap_err().to_string()
+    };
+    let part = cross_flow("drag.viscous=wall");
+    assert!(part.contains("drag.height_m: missing; viscous = \"wall\" has no default for it"), "{part}");
+    let height = cross_flow("drag.height_m=0.1");
+    assert!(height.contains("allowed: only with wall, nonlocal, or with viscous = \"wall\"; remove it"), "{height}");
+}
+
+#[test]
+fn buoyancy_needs_gravity() {
+    let buoyed = |gravity: &str| {
+        let text = FULL.replace("gravity_m_s2 = [0.0, -9.8]\n", &format!("{gravity}buoyancy = true\n"));
+        Document::new("full.toml", text).scene()
+    };
+    let error = buoyed("").unwrap_err().to_string();
+    assert!(error.contains("loads.buoyancy: found without gravity_m_s2") && error.contains("add it"), "{error}");
+    // Gravity that is zero may be changed by a host.
+    for given in ["gravity_m_s2 = [0.0, 0.0]\n", "gravity_m_s2 = [0.0, -9.8]\n"] {
+        assert!(buoyed(given).is_ok(), "{given}");
+    }
+}

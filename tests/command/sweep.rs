@@ -356,7 +356,6 @@ fn axes_are_what_the_file_says_in_its_order() {
     let (_folder, path) = written(
         r#"scene = "base.toml"
 [set]
-medium.viscosity_pa_s = 0.002
 start = { kind = "ramp", ramp_s = 0.1 }
 [axes]
 solver.integrator = ["implicit-euler", "newmark"]

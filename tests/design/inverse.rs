@@ -241,6 +241,8 @@ fn demands_that_exclude_each_other_are_named() {
         error.contains("exclude each other") && error.contains("mean = 2") && error.contains("at most 1"),
         "{error}"
     );
+    // The lower bounds have no part in it, and of the upper ones the first few stand for all.
+    assert!(!error.contains("at least") && error.contains("more like these"), "{error}");
 }
 
 #[test]
@@ -249,7 +251,21 @@ fn wrong_keys_are_refused_where_they_stand() {
         ("design.goal=fly", "design.goal: found \"fly\"; allowed: `identify`"),
         ("design.smooth=1", "design.smooth"),
         ("design.starts=-3", "design.starts: found -3; allowed: a whole number that is not negative"),
-        ("design.bounds=[0.2]", "design.bounds: found [0.2]; allowed: two values in brackets"),
+        ("design.bounds=[0.2]", "design.bounds: found a list of 1; allowed: two values in brackets"),
+        ("design.bounds=[0.2, 1.0, 2.0]", "design.bounds: found a list of 3; allowed: two values in brackets"),
+        ("design.bounds=1", "design.bounds: found 1; allowed: two values in brackets"),
+        ("design.amplitude_bounds=[1, 2, 3]", "design.amplitude_bounds: found a list of 3; allowed: two values"),
+        ("design.phase_bounds_rad=[1, 2, 3]", "design.phase_bounds_rad: found a list of 3; allowed: two values"),
+        ("design.number_bounds=[1, 2, 3]", "design.number_bounds: found a list of 3; allowed: two values"),
+        ("design.number_bounds={ \"rod.length_m\" = [1, 2, 3] }", "found a list of 3; allowed: two values in brackets"),
+        ("design.number_bounds=2", "found 2; allowed: two values in brackets, or a table of them by keys of the scene"),
+        ("design.robust=best", "design.robust: found \"best\"; allowed: `worst`"),
+        ("design.goal=3", "design.goal: found 3; allowed: a text in quotes"),
+        ("design.mean=thick", "design.mean: found \"thick\"; allowed: a number"),
+        ("design.bound=[1, 2]", "design.bound: unknown key; allowed: `goal`"),
+        ("design.bound=[1, 2]", "did you mean `bounds`?"),
+        ("design.front={ goal = \"distance\", point = 3 }", "design.front.point: unknown key; allowed: `goal`"),
+        ("design.front={ goal = 3 }", "design.front.goal: found 3; allowed: a text in quotes"),
         ("design.bounds=[2.0, 1.0]", "design.bounds"),
         ("design.knots=[0.5, 0.2]", "design.knots"),
         ("design.direction=+x", "design.direction"),
@@ -262,6 +278,9 @@ fn wrong_keys_are_refused_where_they_stand() {
         document.set(change).unwrap();
         let error = Design::of(&document, |_| ControlFlow::Continue(())).unwrap_err();
         assert!(error.is_bad_input() && error.to_string().contains(words), "{change}: {error}");
+        // Who reads the table alone is told the same.
+        let fault = DesignTable::of(&document.scene().unwrap()).unwrap_err();
+        assert_eq!(document.error_at(&fault), error, "{change}");
     }
 }
 

@@ -79,6 +79,12 @@ fn a_neutral_body_weighs_what_it_displaces_and_a_wall_stays_as_thick_as_asked() 
     let mut document = document(wanted);
     document.set("rod.inner_radius_m=[[0.0, 0.002], [0.1, 0.004], [1.0, 0.0008]]").unwrap();
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    // Both sides of the equality bind, and count as one whose worth is what is left of them.
+    let Answer::Search(found) = &design.answer else { panic!("searched") };
+    let sides = found.active.iter().filter(|(name, _)| name.contains("than the fluid"));
+    let sides: Vec<_> = sides.collect();
+    println!("{sides:?} of {:?}", found.active);
+    assert!(matches!(sides[..], [(_, worth)] if *worth > 0.0 && *worth < 10.0), "{:?}", found.active);
     let folder = tempfile::tempdir().unwrap();
     let files = design.write(folder.path()).unwrap().complete().unwrap();
     let path = files.iter().find(|path| path.ends_with("eel-designed.toml")).unwrap();
@@ -145,9 +151,19 @@ fn limits_that_mean_nothing_are_refused() {
         (r#"goal = "distance", direction = "-x", largest_strain = -1.0"#, "design.largest_strain"),
         (r#"goal = "distance", direction = "-x", least_speed_m_s = 0.0"#, "design.least_speed_m_s"),
         (r#"goal = "track-tip", data = "tip.csv", least_thrust_n = 1.0"#, "design.least_thrust_n"),
-        (r#"goal = "distance", direction = "-x", front = { goal = "distance" }"#, "design.front"),
-        (r#"goal = "cycle_speed_m_s", front = { goal = "distance" }"#, "design.front"),
-        (r#"goal = "cycle_speed_m_s", front = { goal = "cycle_slip", points = 2 }"#, "3 to 100"),
+        (
+            r#"goal = "distance", direction = "-x", front = { goal = "distance" }"#,
+            "design.front.goal: found \"distance\"",
+        ),
+        (r#"goal = "cycle_speed_m_s", front = { goal = "distance" }"#, "design.front.goal"),
+        (
+            r#"goal = "cycle_speed_m_s", front = { goal = "cycle_slip", points = 2 }"#,
+            "design.front.points: found 2; allowed: 3 to 100",
+        ),
+        (
+            r#"goal = "cycle_speed_m_s", front = { goal = "cycle_slip", better = "less" }"#,
+            "design.front.better: found \"less\"",
+        ),
     ] {
         let error = Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap_err();
         assert!(error.is_bad_input() && error.to_string().contains(words), "{wanted}: {error}");

@@ -57,6 +57,11 @@ pub struct QpSolution {
 /// Constraints with a dual above this fraction of the largest belong to a conflict.
 const CONFLICT_DUAL: f64 = 1e-3;
 
+/// The largest magnitude of `values`.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |max, x| max.max(x.abs()))
+}
+
 impl QuadraticProgram {
     /// A problem of `n` unknowns without objective.
     pub fn new(n: usize) -> Self {
@@ -98,10 +103,9 @@ impl QuadraticProgram {
     /// [`Error::Design`] if no solution was found, with the constraints that are in conflict.
     pub fn solve(&self) -> Result<QpSolution> {
         let n = self.gradient.len();
-        let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |max: f64, x| max.max(x.abs()));
-        let mut scale = largest(&mut (0..n).map(|i| self.hessian[i * n + i]));
+        let mut scale = largest((0..n).map(|i| self.hessian[i * n + i]));
         if scale == 0.0 {
-            scale = largest(&mut self.gradient.iter().copied());
+            scale = largest(self.gradient.iter().copied());
         }
         if scale == 0.0 {
             scale = 1.0;
@@ -194,7 +198,7 @@ impl QuadraticProgram {
                 }
             }
         }
-        let size = duals.iter().fold(0.0, |max: f64, dual| max.max(dual.abs()));
+        let size = largest(duals.iter().copied());
         let named = self.constraints.iter().zip(&duals).filter(|(_, dual)| dual.abs() > CONFLICT_DUAL * size);
         let kind = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
         let mut kinds: Vec<(String, Vec<&str>)> = Vec::new();

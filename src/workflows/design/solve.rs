@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::checkpoint::{self, Checkpoint};
@@ -67,13 +67,6 @@ pub enum Answer {
     StaticShape(StaticShape),
     /// Of the dynamic goals.
     Search(Box<SearchResult>),
-}
-
-/// A scene's `[design]`, read for its error messages.
-#[derive(Deserialize)]
-struct SceneWithDesign {
-    #[serde(rename = "design")]
-    _table: Option<DesignTable>,
 }
 
 /// What is reported along with the answer.
@@ -152,7 +145,6 @@ impl Design {
         mut tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<Self> {
         let scene = document.scene()?;
-        document.read_as::<SceneWithDesign>()?; // whose complaints know their place
         let table = DesignTable::of(&scene).map_err(|fault| document.error_at(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let asked = document;

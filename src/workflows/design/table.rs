@@ -1,14 +1,17 @@
 //! `[design]`: what a user asks for.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
-use serde::de::Error as _;
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Error as _, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::cycle::derivatives;
-use crate::error::nearest;
+use crate::error::{Error, nearest};
 use crate::fluid::DENSITY;
-use crate::scene::{HeadKind, KeyError, Scene};
+use crate::scene::value::{self, ExactlyTwo};
+use crate::scene::{Document, HeadKind, KeyError, Scene};
 use crate::sensitivity::Parameter;
 use crate::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters};
 
@@ -134,14 +137,37 @@ impl From<DesignVariable> for String {
 }
 
 /// Least and largest of what is unknown, over what it is in the scene: of all alike, or by keys.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
-#[serde(untagged)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline, untagged))]
 pub enum Bounds {
     /// Of all.
     All([f64; 2]),
     /// By keys.
     Each(BTreeMap<String, [f64; 2]>),
+}
+
+impl<'de> Deserialize<'de> for Bounds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Bounds;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("two values in brackets, or a table of them by keys of the scene")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> std::result::Result<Bounds, A::Error> {
+                value::pair(SeqAccessDeserializer::new(seq)).map(Bounds::All)
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> std::result::Result<Bounds, A::Error> {
+                let each: BTreeMap<String, ExactlyTwo<f64>> =
+                    Deserialize::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(Bounds::Each(each.into_iter().map(|(key, pair)| (key, pair.0)).collect()))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
 }
 
 /// A second goal: the front of designs on which neither goal can be better without loss of the other.
@@ -209,7 +235,7 @@ pub struct DesignTable {
     /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
     /// Least and largest stiffness, over EI of the scene before its profile.
-    #[serde(default = "default_bounds")]
+    #[serde(default = "default_bounds", deserialize_with = "value::pair")]
     pub bounds: [f64; 2],
     /// True where stiffness may not rise from head to tip.
     #[serde(default)]
@@ -221,10 +247,12 @@ pub struct DesignTable {
     /// The mean stiffness, over EI of the scene: at most this in a dynamic goal, this else.
     pub mean: Option<f64>,
     /// Least and largest amplitude, over the scene's.
+    #[serde(default, deserialize_with = "value::optional_pair")]
     pub amplitude_bounds: Option<[f64; 2]>,
     /// The largest mean amplitude, over the scene's.
     pub amplitude_mean: Option<f64>,
     /// Least and largest phase, rad.
+    #[serde(default, deserialize_with = "value::optional_pair")]
     pub phase_bounds_rad: Option<[f64; 2]>,
     /// Least and largest of the scene's numbers among the variables, over what they are in the scene.
     pub number_bounds: Option<Bounds>,
@@ -299,6 +327,20 @@ impl DesignTable {
 }
 
 impl DesignTable {
+    /// The table with each key checked on its own only. It is read as text, as a scene is, so that errors have the same keys and words.
+    fn read(table: &toml::Table) -> std::result::Result<Self, KeyError> {
+        #[derive(Deserialize)]
+        struct Tables {
+            design: DesignTable,
+        }
+        let text = toml::Table::from_iter([("design".to_string(), table.clone().into())]).to_string();
+        match Document::new("scene", text).read_as() {
+            Ok(Tables { design }) => Ok(design),
+            Err(Error::Scene { key, problem, .. }) => Err(KeyError { key, problem }),
+            Err(other) => Err(KeyError { key: "design".to_string(), problem: other.to_string() }),
+        }
+    }
+
     /// The table of a scene, checked.
     ///
     /// # Errors
@@ -308,11 +350,7 @@ impl DesignTable {
         let Some(table) = &scene.design else {
             return Err(fault("design", "missing; a design needs a table [design] with a goal".to_string()));
         };
-        let mut table: Self = table.clone().try_into().map_err(|e: toml::de::Error| {
-            let named = e.message().split('`').nth(1).filter(|name| table.contains_key(*name));
-            let key = named.map_or_else(|| "design".to_string(), |name| format!("design.{name}"));
-            fault(&key, e.message().to_string())
-        })?;
+        let mut table = Self::read(table)?;
         let [low, high] = table.bounds;
         if !(low > 0.0 && high >= low && high.is_finite()) {
             let problem = format!("found [{low}, {high}]; allowed: [least, largest], both positive");
@@ -464,31 +502,32 @@ impl DesignTable {
             return Err(("design.front", "found with design.over; allowed: one of the two".into()));
         }
         if !matches!(front.goal, Goal::Distance | Goal::Efficiency | Goal::Cycle(_)) || front.goal == self.goal {
+            let name: &str = front.goal.into();
             return Err((
-                "design.front",
-                "allowed: another goal, \"distance\", \"efficiency\" or a mean over cycles".into(),
+                "design.front.goal",
+                format!("found {name:?}; allowed: another goal, \"distance\", \"efficiency\" or a mean over cycles"),
             ));
         }
         if self.direction.is_none() && matches!(front.goal, Goal::Distance | Goal::Efficiency) {
             return Err((
-                "design.front",
+                "design.front.goal",
                 "\"distance\" and \"efficiency\" need design.direction; allowed: with a goal that has one".into(),
             ));
         }
         if !(3..=100).contains(&front.points) {
-            return Err(("design.front", format!("found {} points; allowed: 3 to 100", front.points)));
+            return Err(("design.front.points", format!("found {}; allowed: 3 to 100", front.points)));
         }
         match front.better.as_deref() {
             Some(better) if !matches!(front.goal, Goal::Cycle(_)) => {
                 let allowed = "with means over cycles, \"cycle_…\"; design.direction says which way counts";
                 Err((
-                    "design.front",
-                    format!("found better = {better:?} with a goal that implies it; allowed: {allowed}"),
+                    "design.front.better",
+                    format!("found {better:?} with a goal that implies it; allowed: {allowed}"),
                 ))
             }
             None | Some("larger" | "smaller") => Ok(()),
             Some(better) => {
-                Err(("design.front", format!("found better = {better:?}; allowed: \"larger\" or \"smaller\"")))
+                Err(("design.front.better", format!("found {better:?}; allowed: \"larger\" or \"smaller\"")))
             }
         }
     }

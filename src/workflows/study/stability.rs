@@ -331,7 +331,9 @@ impl StabilityReport<'_> {
                 let damping = model.rod.damping.clone();
                 let steps = Modes::of_model(model)?.stable_steps(&*method, damping.as_ref());
                 let Some(StableSteps { largest, .. }) = steps else { return Ok(Vec::new()) };
-                points.push((*value, largest));
+                if largest > 0.0 {
+                    points.push((*value, largest));
+                }
             }
         }
         Ok(points)

@@ -5,7 +5,7 @@ use toml::Value;
 
 use crate::error::{did_you_mean, nearest};
 use crate::scene::KeyError;
-use crate::scene::value::refused;
+use crate::scene::value::{optional_pair, refused};
 
 /// Most levels of an axis, and most points of a sample.
 const MAX_LEVELS: usize = 1_000_000;
@@ -342,6 +342,7 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, KeyError> {
         from: Option<Value>,
         to: Option<Value>,
         count: Option<usize>,
+        #[serde(default, deserialize_with = "optional_pair")]
         between: Option<[f64; 2]>,
         #[serde(default)]
         scale: LevelSpacing,

@@ -261,7 +261,7 @@ impl Sweep {
         base.begin_layer();
         for (key, value) in &own {
             let place = document.place_of(&format!("set.{key}"));
-            excluded(&axes, key, false).map_err(|problem| Error::Scene {
+            excluded(&axes, key, value).map_err(|problem| Error::Scene {
                 place: place.clone(),
                 key: key.clone(),
                 problem,
@@ -276,9 +276,9 @@ impl Sweep {
         for text in asked {
             let mut keys = Vec::new();
             axis::leaves(&text.parse().unwrap_or_default(), "", &mut keys);
-            for (key, _) in keys {
+            for (key, value) in keys {
                 let place = format!("--set {text}");
-                excluded(&axes, &key, true).map_err(|problem| Error::Scene { place, key, problem })?;
+                excluded(&axes, &key, &value).map_err(|problem| Error::Scene { place, key, problem })?;
             }
         }
         base.begin_layer(); // for the axes
@@ -483,7 +483,14 @@ impl Sweep {
     /// An error in a case's scene, with the description of the case.
     fn in_case(&self, case: &Case, error: Error) -> Error {
         match error {
-            Error::Scene { place, key, problem } => {
+            Error::Scene { place, key, mut problem } => {
+                // The last part of its path may be a misspelt key of an axis.
+                let axis = self.axes.iter().zip(&self.places).find(|(_, own)| **own == place);
+                if let Some(part) = axis.and_then(|(axis, _)| axis.path.rsplit('.').next())
+                    && !problem.contains("did you mean")
+                {
+                    problem += &did_you_mean(nearest(part, axis::AXIS_KEYS.into_iter()));
+                }
                 let problem = format!("{problem} (in case {}: {})", case.index, self.describe(case));
                 Error::Scene { place, key, problem }
             }
@@ -640,14 +647,14 @@ fn columns(axes: &[SweepAxis]) -> Vec<(String, Option<usize>)> {
     columns
 }
 
-/// Why `key` cannot be set along with `axes`: one of them sets a key that excludes it or, if it is `asked` for, the key itself.
-fn excluded(axes: &[SweepAxis], key: &str, asked: bool) -> std::result::Result<(), String> {
+/// Why `key` cannot be set to `value` along with `axes`: one of them sets it, or a key that excludes it. Of a list an axis may set entries.
+fn excluded(axes: &[SweepAxis], key: &str, value: &Value) -> std::result::Result<(), String> {
     let within = |a: &str, b: &str| a == b || a.strip_prefix(b).is_some_and(|rest| rest.starts_with('.'));
+    let replaces = |own: &str| within(key, own) || within(own, key) && !value.is_array();
     let sets = |axis: &&SweepAxis| {
+        let mut keys = axis.keys.iter();
         axis.kind != AxisKind::Factors
-            && axis.keys.iter().any(|own| {
-                asked && (within(own, key) || within(key, own)) || exclusive_keys(key).any(|rival| rival == *own)
-            })
+            && keys.any(|own| replaces(own) || exclusive_keys(key).any(|rival| rival == *own))
     };
     match axes.iter().find(sets) {
         Some(axis) => {
