@@ -210,7 +210,7 @@ fn axes_and_settings_that_exclude_each_other_are_refused() {
         (format!("[set]\nsolver.time_step_s = 2e-3\n{steps}"), &[]),
     ] {
         let error = sweep(&text, set).unwrap_err().to_string();
-        assert!(error.contains("found together with the axis `solver.time_step_s`, which takes its place"), "{error}");
+        assert!(error.contains("found together with the axis `solver.time_step_s`, which replaces it"), "{error}");
     }
     // What is set would be lost, as a key within the axis', or as the one around it; of a list the axis sets an entry.
     let [inside, around] = [
@@ -225,7 +225,7 @@ fn axes_and_settings_that_exclude_each_other_are_refused() {
     ];
     for (text, words) in [inside, around] {
         let error = sweep(text, &[]).unwrap_err().to_string();
-        assert!(error.contains(words) && error.contains("which takes its place"), "{error}");
+        assert!(error.contains(words) && error.contains("which replaces it"), "{error}");
     }
     let entry = "[set]\nmedium.flow_m_s = [0.1, 0.2]\n[axes]\nmedium.flow_m_s.1 = [0.3, 0.4]\n";
     assert!(sweep(entry, &[]).is_ok(), "{:?}", sweep(entry, &[]));
