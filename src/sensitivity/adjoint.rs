@@ -260,12 +260,16 @@ fn parameter_force_along(
     sum
 }
 
+/// What a step contributes directly to an output: the drive at both its ends, the parameters, how the output reads the step, and the
+/// directions of joints.
+type StepContribution<'a> = ([&'a ActuationShape; 2], &'a [Parameter], &'a OutputContext<'a>, &'a [JointDirection]);
+
 /// Adds an output's gradient to the cotangents and to the totals.
 fn accumulate(
     gradient: &Gradient,
     effects: &[ParameterEffect],
     shape: &ActuationShape,
-    step: Option<([&ActuationShape; 2], &[Parameter], &OutputContext<'_>, &[JointDirection])>,
+    step: Option<StepContribution<'_>>,
     bar: &mut TangentState,
     total: &mut [f64],
 ) {

@@ -235,7 +235,8 @@ pub fn plain(text: &str) -> String {
 
 /// The digest of a file, by its ending.
 pub fn file(path: &Path) -> String {
-    let text = || String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned();
+    // Of any clone.
+    let text = || String::from_utf8_lossy(&std::fs::read(path).unwrap()).replace(env!("CARGO_MANIFEST_DIR"), ".");
     match path.extension().map(|ending| ending.to_string_lossy().into_owned()).as_deref() {
         Some("svg") => figure(&text()),
         Some("html") => page(&text()),

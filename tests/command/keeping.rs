@@ -72,8 +72,8 @@ fn more_rows_than_fit_are_refused_with_their_number_and_size_by_run_and_check_al
             "record.interval_s=1e-300",
             "eel.toml --set record.interval_s=1e-300: record.interval_s: found 1e-300, which makes 1.0e299 rows; allowed: at least 1e-10, so that there are at most 1e9 rows",
         ),
-        ("record.interval_s=2e-10", "out/eel: there is no room: 5.000e8 rows of trajectory.csv"),
-        ("solver.time_step_s=1e-12", "out/eel: there is no room: 1.000e11 rows of trajectory.csv"),
+        ("record.interval_s=2e-10", "out/eel: not enough disk space: 5.000e8 rows of trajectory.csv"),
+        ("solver.time_step_s=1e-12", "out/eel: not enough disk space: 1.000e11 rows of trajectory.csv"),
     ] {
         for verb in ["run", "check"] {
             let output = caudal(folder.path(), &format!("{verb} eel.toml --set {set}"));

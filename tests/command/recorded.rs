@@ -478,6 +478,9 @@ fn told(line: &str, raced: bool) -> Option<String> {
     if line.contains("Newton iterations,") {
         line.truncate(line.rfind(", ").unwrap()); // how long it took
     }
+    if let Some((cases, _)) = line.split_once(" cases in ").filter(|_| line.ends_with(" s")) {
+        line = format!("{cases} cases in ~ s"); // as above
+    }
     if raced && let Some((kept, _)) = line.split_once(" The whole model by ") {
         line = kept.to_string();
     }

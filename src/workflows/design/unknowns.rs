@@ -280,7 +280,7 @@ impl Unknowns {
                 BlockParameters::AlongUnknowns(_) => directions.by_ref().take(block.basis.unknowns).collect(),
             }
         };
-        self.blocks.iter().flat_map(|block| of(block)).collect()
+        self.blocks.iter().flat_map(of).collect()
     }
 
     /// The directions, in the parameters of the joints of `rod`, in which these move along the unknowns at `x`.
