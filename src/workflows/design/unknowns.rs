@@ -274,7 +274,7 @@ impl Unknowns {
     /// The parameters of the simulation: one for each value, or each unknown, of each variable.
     pub fn parameters(&self) -> Vec<Parameter> {
         let mut directions = (0..).map(Parameter::Along);
-        let mut of = |block: &VariableBlock| -> Vec<Parameter> {
+        let of = |block: &VariableBlock| -> Vec<Parameter> {
             match &block.parameters {
                 BlockParameters::OfValues(parameters) => parameters.clone(),
                 BlockParameters::AlongUnknowns(_) => directions.by_ref().take(block.basis.unknowns).collect(),
