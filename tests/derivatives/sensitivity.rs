@@ -340,7 +340,7 @@ fn a_derivative_along_joints_is_the_weighted_sum_of_those_by_the_joints() {
                 let each = problem.forward(&of_joints, &outputs, 1, |_| {}).unwrap();
                 let sum = problem.forward(&[Parameter::Along(0)], &outputs, 1, |_| {}).unwrap();
                 let trajectory = problem.simulate().unwrap();
-                for o in 0..outputs.len() {
+                for (o, output) in outputs.iter().enumerate() {
                     let rows = (0..sum.times.len()).map(|n| (each.row(n, o), sum.row(n, o)[0]));
                     let errors: Vec<[f64; 2]> = rows
                         .map(|(row, along)| {
@@ -352,7 +352,7 @@ fn a_derivative_along_joints_is_the_weighted_sum_of_those_by_the_joints() {
                     worst = worst.max(error / scale.max(f64::MIN_POSITIVE));
                     let mut last = vec![0.0; sum.times.len()];
                     last[sum.times.len() - 1] = 1.0;
-                    let output = std::slice::from_ref(&outputs[o]);
+                    let output = std::slice::from_ref(output);
                     let adjoint = problem.adjoint(&[Parameter::Along(0)], output, &last, &trajectory).unwrap()[0];
                     let forward = sum.row(sum.times.len() - 1, o)[0];
                     worst = worst.max((adjoint - forward).abs() / scale.max(f64::MIN_POSITIVE));

@@ -1006,7 +1006,7 @@ fn uncertainty_is_that_of_the_law_that_errors_are_against() {
     let choice = worm.fluid_choice().unwrap();
     println!("{choice:?}");
     let own = choice.law.unwrap().uncertainty(worm.regime().unwrap().reynolds, false).unwrap().measured(false);
-    assert!(choice.reason.contains("nonlocal holds here"), "{}", choice.reason);
+    assert!(choice.reason.contains("nonlocal is valid here"), "{}", choice.reason);
     assert!(choice.uncertainty.unwrap()[1] < own[1], "{:?} {own:?}", choice.uncertainty);
 }
 

@@ -286,7 +286,7 @@ fn a_rod_without_stiffness_mass_or_radius_is_refused_with_what_would_give_it() {
     let cases = [
         ("youngs_modulus_pa = 1e5\n", "axial_stiffness_n and bending_stiffness_n_m2 in its place"),
         ("density_kg_m3 = 1000.0\n", "mass_per_length_kg_m in its place"),
-        ("outer_radius_m = 0.08\n", "youngs_modulus_pa asks for it"),
+        ("outer_radius_m = 0.08\n", "youngs_modulus_pa needs it"),
     ];
     for (line, expected) in cases {
         let error = Document::new("soft", SOFT.replacen(line, "", 1)).scene().unwrap_err().to_string();
@@ -470,7 +470,7 @@ fn a_bent_start_is_at_rest_and_says_what_it_cannot() {
     assert!(profile.contains("start.curvature_1_m") && profile.contains("rising xi"), "{profile}");
     // `auto` keeps the whole model, and says why.
     let auto = scene_of(&format!("{RELEASED}{oil}"), &["solver.model=auto"]).choice().unwrap();
-    assert!(auto.kind.name == "full" && auto.reason.as_ref().unwrap().contains("let go"), "{auto:?}");
+    assert!(auto.kind.name == "full" && auto.reason.as_ref().unwrap().contains("released"), "{auto:?}");
 }
 
 /// Derivatives of a decay by what decides it, start included, against differences.
