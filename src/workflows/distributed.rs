@@ -33,7 +33,7 @@ pub trait DistributableJob: Send {
     /// Stores the result of a part that a worker returned as `line`; false if it was stored before.
     ///
     /// # Errors
-    /// [`Error::Parcel`] or [`Error::Journal`] for a damaged line; [`Error::Write`].
+    /// [`Error::Bundle`] or [`Error::Journal`] for a damaged line; [`Error::Write`].
     fn store(&mut self, line: &[u8]) -> Result<bool>;
 }
 
@@ -88,7 +88,7 @@ impl<T: Serialize> Bundle<T> {
     /// Serialises the bundle, for [`read`](Self::read).
     ///
     /// # Errors
-    /// [`Error::Parcel`] if it cannot be serialised.
+    /// [`Error::Bundle`] if it cannot be serialised.
     pub fn bytes(&self) -> Result<Vec<u8>> {
         postcard::to_allocvec(self).map_err(|e| Error::Bundle { problem: e.to_string() })
     }
@@ -98,7 +98,7 @@ impl<T: DeserializeOwned> Bundle<T> {
     /// Reads [`bytes`](Self::bytes) of the same build of the program.
     ///
     /// # Errors
-    /// [`Error::Parcel`] for another build, or damaged bytes.
+    /// [`Error::Bundle`] for another build, or damaged bytes.
     pub fn read(bytes: &[u8]) -> Result<Self> {
         let failed = |e: postcard::Error| Error::Bundle { problem: e.to_string() };
         let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // what follows may be others'

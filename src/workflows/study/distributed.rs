@@ -74,7 +74,7 @@ impl DistributableJob for DistributedStudy {
 /// of each, s.
 ///
 /// # Errors
-/// Those of [`Bundle::read`]; [`Error::Parcel`] for a run that the study does not have.
+/// Those of [`Bundle::read`]; [`Error::Bundle`] for a run that the study does not have.
 pub fn make_runs(bundle: &[u8], indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
     let (document, (study, known)) = Bundle::<(Study, CachedResults)>::read(bundle)?.scene()?;
     let request = RunRequest { known, indices: indices.to_vec(), ..RunRequest::default() };

@@ -49,7 +49,7 @@ impl SweepWorker {
     /// sent the bundle, and its wall-clock time, s. A failing case has a line too.
     ///
     /// # Errors
-    /// [`Error::Parcel`] for a case that the sweep does not have.
+    /// [`Error::Bundle`] for a case that the sweep does not have.
     pub fn lines(&self, indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
         let refused = |index: usize| Error::Bundle { problem: format!("it has no case {index}") };
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
