@@ -319,8 +319,6 @@ mod tests {
         // What breaks the limit is no measure.
         let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };
         let worse = Robustness::of(&[first, check("finer", Some(0.8), Some(1.0))], true);
-        assert!(
-            worse.is_some_and(|trust| trust.survives && trust.words().starts_with("the original exceeds a limit"))
-        );
+        assert!(worse.is_some_and(|trust| trust.survives && trust.words().starts_with("the original exceeds a limit")));
     }
 }
