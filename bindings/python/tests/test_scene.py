@@ -70,6 +70,14 @@ def test_a_scene_is_the_same_from_another_folder_and_without_its_files(folder, m
         assert rows.complete
 
 
+def test_an_axis_varies_what_a_scene_overrides_and_excludes_what_the_call_sets(tmp_path):
+    scene = caudal.load(GLYCEROL, set={**SHORT, "rod.nodes": 17})
+    rows = caudal.sweep(scene, {"rod.nodes": [9, 11]}, out=tmp_path / "own")
+    assert [row["nodes"] for row in rows] == [9, 11]
+    with pytest.raises(caudal.errors.SceneError, match="found together with the axis `rod.nodes`"):
+        caudal.sweep(GLYCEROL, {"rod.nodes": [9, 11]}, out=tmp_path / "set", set={"rod.nodes": 17})
+
+
 def test_of_an_override_given_twice_the_last_one_wins_in_a_sweep_too(tmp_path):
     once = caudal.load(GLYCEROL, set={**SHORT, "actuation.kappa_amp": 0.3})
     twice = caudal.load(once, set={"actuation.kappa_amp": 0.5})

@@ -302,6 +302,9 @@ def _as_files(
     folder = out.resolve()
     sources: dict[Path, bytes] = {}
     base, overrides = Path(scene.file), scene.overrides
+    # An axis replaces what the source overrides; `set` of an axis stays, and is refused.
+    replaced = axes.keys() - (set or {}).keys()
+    overrides = [override for override, key in zip(overrides, _overridden_keys(scene)) if key not in replaced]
     if not (_is_unchanged(scene) and _is_order_independent(scene)):
         base, overrides = folder / "scene.toml", []
         sources.update((folder / name, content) for name, content in scene._standalone(base.name))
@@ -314,6 +317,10 @@ def _as_files(
     return path, out, sources
 
 
+def _overridden_keys(scene: Scene) -> list[str]:
+    return [override.split("=", 1)[0].strip() for override in scene.overrides]
+
+
 def _is_unchanged(scene: Scene) -> bool:
     """True if the files of a scene have not changed since they were read."""
     files = [(Path(scene.file), scene.text.encode()), *scene._tables()]
@@ -322,7 +329,7 @@ def _is_unchanged(scene: Scene) -> bool:
 
 def _is_order_independent(scene: Scene) -> bool:
     """True if the overrides of a scene do not depend on their order, so that a table can contain them."""
-    keys = [override.split("=", 1)[0].strip() for override in scene.overrides]
+    keys = _overridden_keys(scene)
     if len({*keys}) != len(keys):
         return False
     try:
