@@ -21,10 +21,10 @@ MODELS = ROOT / "models"
 SHORT = 2.0
 
 
-def cost(command, arguments, folder, fails=False):
-    """Processor time (s) and peak memory (MB) of the command, and whether it succeeded."""
+def cost(command, arguments, folder):
+    """Processor time (s) and peak memory (MB) of the command, or None if it fails."""
     best, peak = float("inf"), 0.0
-    for i in range(3):
+    for _ in range(3):
         with open(Path(folder) / "log", "w") as log:
             process = subprocess.Popen([command, "--quiet", *map(str, arguments)], stdout=log, stderr=log, cwd=folder)
             _, status, usage = os.wait4(process.pid, 0)

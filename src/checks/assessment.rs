@@ -101,7 +101,7 @@ pub struct Assessment {
 }
 
 /// What an assessment is made from, beside its scene and stepper.
-struct Basis {
+struct AssessmentBasis {
     /// The flow around the rod, or why it is unknown.
     regime: std::result::Result<Regime, String>,
     /// The modes, and whether they are of a coarser mesh.
@@ -131,7 +131,7 @@ impl Assessment {
     }
 
     /// The numbers and the warnings.
-    fn begin(scene: &Scene, stepper: &Stepper) -> Result<(Self, Basis)> {
+    fn begin(scene: &Scene, stepper: &Stepper) -> Result<(Self, AssessmentBasis)> {
         let is_coarse = scene.rod.nodes.get() as u64 > MAX_NODES_FOR_MODES;
         let model = scene.with_nodes_up_to(MAX_NODES_FOR_MODES).model()?;
         let regime = scene.regime();
@@ -171,7 +171,7 @@ impl Assessment {
             assessment.warn_of_limit(scene, stepper, &modes)?;
         }
         assessment.warn(scene, stepper, &drive, spectrum.fastest().map(|frequency| TAU * frequency));
-        Ok((assessment, Basis { regime, modes, is_coarse, spectrum }))
+        Ok((assessment, AssessmentBasis { regime, modes, is_coarse, spectrum }))
     }
 
     /// All warnings before a run.
@@ -270,8 +270,8 @@ impl Assessment {
         facts
     }
 
-    fn describe(&mut self, scene: &Scene, stepper: &Stepper, basis: &Basis) -> Result<()> {
-        let Basis { regime, modes, is_coarse, spectrum } = basis;
+    fn describe(&mut self, scene: &Scene, stepper: &Stepper, basis: &AssessmentBasis) -> Result<()> {
+        let AssessmentBasis { regime, modes, is_coarse, spectrum } = basis;
         let regime = regime.as_ref();
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());

@@ -18,8 +18,8 @@ const MAX_SAMPLES: usize = 2500;
 /// The same for frames of the animation.
 const MAX_FRAMES: usize = 1200;
 
-/// The spectrum of the drive, which frames follow, is taken on no more nodes.
-const MAX_NODES_FOR_SPECTRUM: u64 = 201;
+/// The spectrum of the drive, which the times follow, is taken on no more nodes.
+const MAX_NODES_FOR_SPECTRUM: usize = 201;
 
 /// The times that are recorded.
 #[derive(Debug, Clone, Copy)]
@@ -184,11 +184,10 @@ impl RunRecord {
     /// they contain, equidistant times.
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
-        // Of a fine mesh that of a coarser one: the shapes of its phases are many whole states.
-        let coarse = (stepper.model().rod.nodes > MAX_NODES_FOR_SPECTRUM as usize)
-            .then(|| scene.with_nodes_up_to(MAX_NODES_FOR_SPECTRUM).model().ok())
-            .flatten();
-        let drive = Spectrum::of_model(coarse.as_ref().unwrap_or(stepper.model())).fastest();
+        let model = stepper.model();
+        // Of a fine mesh the shapes of its phases are many whole states: the scene's spectrum is that of a coarse rod.
+        let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
+        let drive = if is_fine { scene.spectrum() } else { Spectrum::of_model(model) }.fastest();
         let wanted =
             drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
         let times = match stepper.step_control() {

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use crate::common::recorded::{Part, parts, rounded};
+use crate::common::recorded::{TextPart, parts, rounded};
 
 /// Numbers that are smaller are what rounding leaves of zero.
 const ROUNDING: f64 = 1e-13;
@@ -17,18 +17,18 @@ pub fn root() -> &'static Path {
 
 /// Many numbers in two, and many words in one.
 #[derive(Default)]
-struct Heap {
+struct Totals {
     numbers: Vec<f64>,
     words: String,
 }
 
-impl Heap {
+impl Totals {
     fn take(&mut self, text: &str) {
         for part in parts(text) {
             match part {
-                Part::Number(value, _) => self.numbers.push(if value.abs() < ROUNDING { 0.0 } else { value }),
-                Part::Words(words) => self.words.push_str(words),
-                Part::Anything => {}
+                TextPart::Number(value, _) => self.numbers.push(if value.abs() < ROUNDING { 0.0 } else { value }),
+                TextPart::Words(words) => self.words.push_str(words),
+                TextPart::Anything => {}
             }
         }
         self.words.push('\n');
@@ -94,7 +94,7 @@ fn elements(text: &str) -> Vec<Element<'_>> {
 /// The digest of a figure.
 pub fn figure(svg: &str) -> String {
     let mut texts = Vec::new();
-    let mut kinds: BTreeMap<&str, (usize, BTreeMap<&str, Heap>)> = BTreeMap::new();
+    let mut kinds: BTreeMap<&str, (usize, BTreeMap<&str, Totals>)> = BTreeMap::new();
     let all = elements(svg);
     for element in &all {
         if !element.text.is_empty() && element.name != "style" {
@@ -115,7 +115,7 @@ pub fn figure(svg: &str) -> String {
     }
     let mut lines = format!("{}\n", rounded(&texts.join(" | ")));
     for (kind, (count, heaps)) in kinds {
-        let heaps: String = heaps.iter().map(|(key, heap)| format!(", {key}{}", heap.shown())).collect();
+        let heaps: String = heaps.iter().map(|(key, totals)| format!(", {key}{}", totals.shown())).collect();
         if kind != "style" && kind != "title" {
             writeln!(lines, "{kind} {count}{heaps}").unwrap();
         }
@@ -140,13 +140,13 @@ pub fn page(html: &str) -> String {
         rest = &rest[until..];
         match *name {
             "svg" => {
-                let mut heap = Heap::default();
+                let mut totals = Totals::default();
                 let all = elements(inner);
                 all.iter().filter(|own| own.name != "svg").for_each(|element| {
-                    element.attributes.iter().for_each(|(_, value)| heap.take(value));
-                    heap.take(if element.name == "style" { "" } else { element.text });
+                    element.attributes.iter().for_each(|(_, value)| totals.take(value));
+                    totals.take(if element.name == "style" { "" } else { element.text });
                 });
-                writeln!(plain, "[svg {}{}]", all.len(), heap.shown()).unwrap();
+                writeln!(plain, "[svg {}{}]", all.len(), totals.shown()).unwrap();
             }
             "script" if inner.contains("application/json") => {
                 let text = inner.split_once('>').unwrap().1.trim_end_matches("</script>");
@@ -178,7 +178,7 @@ pub fn page(html: &str) -> String {
 
 /// The digest of JSON: of what is at each path, lists as one.
 pub fn json(value: &serde_json::Value) -> String {
-    fn collect(value: &serde_json::Value, path: &str, heaps: &mut BTreeMap<String, Heap>) {
+    fn collect(value: &serde_json::Value, path: &str, heaps: &mut BTreeMap<String, Totals>) {
         match value {
             serde_json::Value::Object(entries) => {
                 entries.iter().for_each(|(key, value)| collect(value, &format!("{path}.{key}"), heaps));
@@ -197,7 +197,7 @@ pub fn json(value: &serde_json::Value) -> String {
     }
     let mut heaps = BTreeMap::new();
     collect(value, "", &mut heaps);
-    heaps.iter().map(|(path, heap)| format!("{path}:{}\n", heap.shown())).collect()
+    heaps.iter().map(|(path, totals)| format!("{path}:{}\n", totals.shown())).collect()
 }
 
 /// The digest of a table: a line for each column.
@@ -207,9 +207,9 @@ pub fn table(text: &str) -> String {
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     let mut lines = format!("{} rows\n", rows.len());
     for (i, name) in header.iter().enumerate() {
-        let mut heap = Heap::default();
-        rows.iter().filter_map(|row| row.get(i)).for_each(|cell| heap.take(cell));
-        writeln!(lines, "{name}:{}", heap.shown()).unwrap();
+        let mut totals = Totals::default();
+        rows.iter().filter_map(|row| row.get(i)).for_each(|cell| totals.take(cell));
+        writeln!(lines, "{name}:{}", totals.shown()).unwrap();
     }
     lines
 }
@@ -219,18 +219,18 @@ pub fn xml(text: &str) -> String {
     let mut lines = String::new();
     for element in elements(text) {
         let attributes: String = element.attributes.iter().map(|(key, value)| format!(" {key}={value}")).collect();
-        let mut heap = Heap::default();
-        heap.take(element.text);
-        writeln!(lines, "{}{attributes}:{} {}", element.name, heap.shown(), heap.numbers.len()).unwrap();
+        let mut totals = Totals::default();
+        totals.take(element.text);
+        writeln!(lines, "{}{attributes}:{} {}", element.name, totals.shown(), totals.numbers.len()).unwrap();
     }
     lines
 }
 
 /// The digest of any other text.
 pub fn plain(text: &str) -> String {
-    let mut heap = Heap::default();
-    text.lines().for_each(|line| heap.take(line));
-    format!("{} lines:{} {}\n", text.lines().count(), heap.shown(), heap.numbers.len())
+    let mut totals = Totals::default();
+    text.lines().for_each(|line| totals.take(line));
+    format!("{} lines:{} {}\n", text.lines().count(), totals.shown(), totals.numbers.len())
 }
 
 /// The digest of a file, by its ending.

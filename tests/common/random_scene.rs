@@ -9,9 +9,9 @@ pub const ROD: &str = "[rod]\nnodes = 7\nlength_m = 0.3\nouter_radius_m = 0.007\
     [solver]\nintegrator = \"newmark\"\ntime_step_s = 0.004\nduration_s = 0.5\nnewton_tolerance = 1e-13\n";
 
 /// What decides by chance, the same for the same seed.
-pub struct Chance(pub Dice);
+pub struct RandomChoices(pub Dice);
 
-impl Chance {
+impl RandomChoices {
     /// Whether it happens, with this chance.
     pub fn of(&mut self, part: f64) -> bool {
         self.0.between(0.0, 1.0) < part
@@ -40,10 +40,10 @@ pub fn random(seed: u64) -> Document {
 
 /// The same of another rod and solver.
 pub fn random_of(seed: u64, rod: &str) -> Document {
-    let mut dice = Chance(Dice(7919 * seed));
+    let mut dice = RandomChoices(Dice(7919 * seed));
     let mut document = Document::new(format!("random-{seed}.toml"), rod);
     let mut set = |text: String| document.set(&text).unwrap();
-    let log = |dice: &mut Chance, low: f64, high: f64| dice.0.between(f64::ln(low), f64::ln(high)).exp();
+    let log = |dice: &mut RandomChoices, low: f64, high: f64| dice.0.between(f64::ln(low), f64::ln(high)).exp();
     set(format!("rod.nodes={}", dice.one(&[5, 7, 9])));
     let modulus = log(&mut dice, 1e5, 1e7);
     set(format!("rod.youngs_modulus_pa={modulus:e}"));

@@ -17,7 +17,7 @@ const ANYTHING: &str = "~";
 
 /// A number in a text, or what is between numbers.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Part<'a> {
+pub enum TextPart<'a> {
     /// What is between numbers.
     Words(&'a str),
     /// A number and its text.
@@ -27,7 +27,7 @@ pub enum Part<'a> {
 }
 
 /// The numbers of a text and what is between them. A digit in a name is part of it.
-pub fn parts(text: &str) -> Vec<Part<'_>> {
+pub fn parts(text: &str) -> Vec<TextPart<'_>> {
     let bytes = text.as_bytes();
     let digits = |mut at: usize| {
         while bytes.get(at).is_some_and(u8::is_ascii_digit) {
@@ -39,9 +39,9 @@ pub fn parts(text: &str) -> Vec<Part<'_>> {
     while i < bytes.len() {
         if bytes[i] == ANYTHING.as_bytes()[0] {
             if begin < i {
-                parts.push(Part::Words(&text[begin..i]));
+                parts.push(TextPart::Words(&text[begin..i]));
             }
-            parts.push(Part::Anything);
+            parts.push(TextPart::Anything);
             (begin, i) = (i + 1, i + 1);
             continue;
         }
@@ -61,24 +61,24 @@ pub fn parts(text: &str) -> Vec<Part<'_>> {
             end = digits(exponent);
         }
         if begin < i {
-            parts.push(Part::Words(&text[begin..i]));
+            parts.push(TextPart::Words(&text[begin..i]));
         }
-        parts.push(Part::Number(text[i..end].parse().unwrap(), &text[i..end]));
+        parts.push(TextPart::Number(text[i..end].parse().unwrap(), &text[i..end]));
         (begin, i) = (end, end);
     }
     if begin < bytes.len() {
-        parts.push(Part::Words(&text[begin..]));
+        parts.push(TextPart::Words(&text[begin..]));
     }
     parts
 }
 
 /// The line with numbers of at most seven digits.
 pub fn rounded(line: &str) -> String {
-    let shown = |part: Part<'_>| match part {
-        Part::Words(words) => words.to_string(),
-        Part::Number(_, own) if own.len() <= 8 || is_whole(own) => own.to_string(),
-        Part::Number(value, _) => format!("{:e}", format!("{value:.6e}").parse::<f64>().unwrap()),
-        Part::Anything => ANYTHING.to_string(),
+    let shown = |part: TextPart<'_>| match part {
+        TextPart::Words(words) => words.to_string(),
+        TextPart::Number(_, own) if own.len() <= 8 || is_whole(own) => own.to_string(),
+        TextPart::Number(value, _) => format!("{:e}", format!("{value:.6e}").parse::<f64>().unwrap()),
+        TextPart::Anything => ANYTHING.to_string(),
     };
     parts(line).into_iter().map(shown).collect()
 }
@@ -95,15 +95,17 @@ fn is_whole(text: &str) -> bool {
 /// What two lines have in common.
 fn common(line: &str, other: &str) -> String {
     let (own, others) = (parts(line), parts(other));
-    let alike = |pair| matches!(pair, (Part::Number(..), Part::Number(..))) || pair.0 == pair.1;
+    let alike = |pair| matches!(pair, (TextPart::Number(..), TextPart::Number(..))) || pair.0 == pair.1;
     if own.len() != others.len() || !own.iter().cloned().zip(others.iter().cloned()).all(alike) {
         return ANYTHING.to_string();
     }
-    let same = |(part, other): (&Part<'_>, &Part<'_>)| match (part, other) {
-        (Part::Number(a, own), Part::Number(b, other)) if are_near([(*a, *own), (*b, *other)], 0.25 * TOLERANCE) => {
+    let same = |(part, other): (&TextPart<'_>, &TextPart<'_>)| match (part, other) {
+        (TextPart::Number(a, own), TextPart::Number(b, other))
+            if are_near([(*a, *own), (*b, *other)], 0.25 * TOLERANCE) =>
+        {
             (*own).to_string()
         }
-        (Part::Words(words), _) => (*words).to_string(),
+        (TextPart::Words(words), _) => (*words).to_string(),
         _ => ANYTHING.to_string(),
     };
     own.iter().zip(&others).map(same).collect()
@@ -122,8 +124,10 @@ fn are_alike(before: &str, now: &str) -> bool {
     before == ANYTHING
         || old.len() == new.len()
             && old.iter().zip(&new).all(|pair| match pair {
-                (Part::Number(a, own), Part::Number(b, other)) => are_near([(*a, *own), (*b, *other)], TOLERANCE),
-                (Part::Anything, Part::Number(..)) => true,
+                (TextPart::Number(a, own), TextPart::Number(b, other)) => {
+                    are_near([(*a, *own), (*b, *other)], TOLERANCE)
+                }
+                (TextPart::Anything, TextPart::Number(..)) => true,
                 (a, b) => a == b,
             })
 }

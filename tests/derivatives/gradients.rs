@@ -12,7 +12,7 @@ use caudal::scene::{Document, Scene};
 use caudal::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters};
 use caudal::sensitivity::{Controls, Output, Parameter, Problem, Weights};
 use caudal::variable::VARIABLES;
-use common::random_scene::{Chance, ROD, random};
+use common::random_scene::{ROD, RandomChoices, random};
 use common::{Dice, largest};
 
 /// Scenes tried; CAUDAL_GRADIENTS tries more, from CAUDAL_SEED on.
@@ -138,7 +138,7 @@ impl Count {
 /// Compares entries of chance in `document`, or all numbers of `keys`.
 fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, faults: &mut Vec<String>) {
     let Ok(own) = document.scene() else { return };
-    let mut dice = Chance(Dice(104_729 * seed + 1));
+    let mut dice = RandomChoices(Dice(104_729 * seed + 1));
     let Ok(mut problem) = Problem::of(&own) else { return };
     let model = own.model().unwrap();
     let known = SceneParameters::of(&own, &model);

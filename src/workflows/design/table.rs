@@ -148,8 +148,8 @@ pub enum Bounds {
 
 impl<'de> Deserialize<'de> for Bounds {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
-        struct Either;
-        impl<'de> Visitor<'de> for Either {
+        struct BoundsVisitor;
+        impl<'de> Visitor<'de> for BoundsVisitor {
             type Value = Bounds;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -166,7 +166,7 @@ impl<'de> Deserialize<'de> for Bounds {
                 Ok(Bounds::Each(each.into_iter().map(|(key, pair)| (key, pair.0)).collect()))
             }
         }
-        deserializer.deserialize_any(Either)
+        deserializer.deserialize_any(BoundsVisitor)
     }
 }
 
