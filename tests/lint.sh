@@ -22,9 +22,13 @@ portable() {
             --library "target/$(rustc -vV | sed -n 's/^host: //p')/release/libcaudal_fmi.so" &&
         target/hosts/bin/python -m fmpy simulate target/portable.fmu --stop-time 0.05
 }
-if [ "$(uname -s)" = Linux ] && sh tests/hosts.sh; then check portable; fi
-
 PATH="$PATH:$PWD/target/tools/bin"
+if [ "$(uname -s)" = Linux ] && sh tests/hosts.sh; then
+    # zig's linker is a package of Python.
+    PATH="$PWD/target/hosts/bin:$PATH"
+    check portable
+fi
+
 command -v mdbook >/dev/null ||
     check cargo install --quiet --debug --locked --no-default-features --version 0.5.4 --root target/tools mdbook
 check mdbook build docs
