@@ -292,3 +292,27 @@ pub fn pose(motion: &HeadMotion, t: f64) -> Pose {
 pub fn pose_before(motion: &HeadMotion, t: f64) -> Pose {
     motion.each_ref().map(|signal| signal.before(t))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Row, longest_in_table};
+
+    fn rows(times: impl Iterator<Item = f64>, of: impl Fn(f64) -> [f64; 2]) -> Vec<Row> {
+        times.map(|time| Row { time, value: of(time)[0], rate: of(time)[1] }).collect()
+    }
+
+    #[test]
+    fn the_longest_step_in_a_table_is_a_third_of_the_rows_that_a_cubic_foretells_or_an_eighth_of_one() {
+        // A cubic is foretold as far as its rows are doubled: from 0 over 1, 2, 3, 5 and 9 of 10 rows.
+        let cubic = rows((0..=10).map(f64::from), |t| [t * t * t, 3.0 * t * t]);
+        assert_eq!(longest_in_table(&cubic, 0.0), 9.0 / 3.0);
+        assert_eq!(longest_in_table(&cubic, 0.5), 9.0 / 3.0);
+        // What shakes from row to row is not foretold.
+        let shaken = rows((0..=10).map(f64::from), |t| [(2.0 * t).sin(), 2.0 * (2.0 * t).cos()]);
+        assert_eq!(longest_in_table(&shaken, 2.0), 1.0 / 8.0);
+        // At rest and in even motion the next row is the limit, before and after all rows the first of them and nothing.
+        let even = rows((0..=4).map(f64::from), |t| [2.0 * t, 2.0]);
+        assert_eq!([longest_in_table(&even, 1.25), longest_in_table(&even, -3.0)], [0.75, 3.0]);
+        assert_eq!(longest_in_table(&even, 4.0), f64::INFINITY);
+    }
+}

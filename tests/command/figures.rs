@@ -252,6 +252,12 @@ fn a_sweep_of_names_and_of_a_case_that_fails_leaves_the_pages_it_left() {
     sweep_left("sweep-methods", axes, &["energy", "power", "work", "moment", "max-"]);
 }
 
+#[test]
+fn a_map_of_cases_that_fail_too_leaves_the_pages_it_left() {
+    let axes = "solver.integrator = \"symplectic-euler\"\n[axes]\nsolver.time_step_s = [2e-5, 0.1]\nhead.angle_rad.frequency_hz = [2.0, 3.0]";
+    sweep_left("sweep-failing", axes, &["energy", "power", "work", "moment", "max-", "force"]);
+}
+
 /// The soft tail whose design is quick.
 const SOFT: [&str; 8] = [
     "design",

@@ -319,3 +319,21 @@ fn a_journal_that_is_elsewhere_or_only_begun_is_no_hindrance() {
     assert_eq!(merged.status.code(), Some(0), "{}", errors(&merged));
     assert!(folder.path().join("parts/table.csv").exists());
 }
+
+#[test]
+fn a_folder_that_was_there_stays_when_what_should_go_into_it_fails() {
+    let folder = scenes();
+    for there in ["results", "deep/er"] {
+        std::fs::create_dir_all(folder.path().join(there)).unwrap();
+        // Symplectic Euler with such a step blows up in the first of them.
+        for (arguments, created) in [
+            (format!("run eel.toml --set rod.nodes=2 --out {there}"), "nothing"),
+            (format!("run eel.toml --set solver.integrator=unknown --out {there}/new/folder"), "new"),
+            (format!("design worm.toml --set design.bounds=[1.2,1.1] --out {there}/new"), "new"),
+        ] {
+            assert_ne!(caudal(folder.path(), &arguments).status.code(), Some(0), "{arguments}");
+            assert!(folder.path().join(there).is_dir(), "{arguments}");
+            assert!(!folder.path().join(there).join(created).exists(), "{arguments}");
+        }
+    }
+}

@@ -671,3 +671,42 @@ duration_s = 3.0
         assert_eq!(found, noted, "{changes:?}: {said}");
     }
 }
+
+/// Numbers and words of a run of `models/eel.toml`.
+fn eel(overrides: &[String]) -> (serde_json::Value, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/models/eel.toml");
+    let sets = overrides.iter().flat_map(|set| ["--set", set]);
+    let said = done(folder.path(), &["run", scene, "--out", "out"].into_iter().chain(sets).collect::<Vec<_>>());
+    let summary = std::fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
+    (serde_json::from_str(&summary).unwrap(), said)
+}
+
+#[test]
+fn a_balance_is_said_to_be_open_from_a_twentieth_of_the_work_on() {
+    for (step, open) in [(2.25e-3, false), (2.31e-3, true)] {
+        let (summary, said) = eel(&[
+            "rod.nodes=5".into(),
+            "solver.duration_s=1.0".into(),
+            "solver.integrator=implicit-euler".into(),
+            format!("solver.time_step_s={step}"),
+        ]);
+        let number = |name: &str| summary[name].as_f64().unwrap();
+        let part = number("numerical_dissipation_j") / number("actuation_work_j");
+        assert!((part / 0.05 - 1.0).abs() < 0.02 && (part > 0.05) == open, "{part}");
+        assert_eq!(said.contains("the energy balance does not close"), open, "{part}: {said}");
+    }
+}
+
+#[test]
+fn what_moves_less_than_a_billionth_of_its_length_does_not_swim() {
+    // The displacement goes with the square of the amplitude.
+    for (part, swims) in [(0.98_f64, false), (1.02, true)] {
+        let amplitude = 1e-3 * (part * 1e-9 * 0.4 / 4.038_094_858e-10).sqrt();
+        let (summary, _) =
+            eel(&["rod.nodes=5".into(), "solver.duration_s=0.5".into(), format!("actuation.kappa_amp={amplitude}")]);
+        let moved = summary["net_displacement_m"].as_f64().unwrap().abs() / 0.4;
+        assert!((moved / 1e-9 - part).abs() < 5e-3, "{moved}");
+        assert_eq!(summary["efficiency"].is_number(), swims, "{}", summary["efficiency"]);
+    }
+}

@@ -274,3 +274,24 @@ fn the_rest_of_a_bent_column_is_followed_as_its_load_grows() {
     let map = findings.tables.iter().find(|table| table.file == "stability.csv").unwrap();
     assert!(map.rows.iter().all(|row| row[3] == "stays at rest"), "{:?}", map.rows);
 }
+
+#[test]
+fn without_meshes_and_steps_a_study_of_accuracy_takes_the_scene_s_own_and_finer_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let few = "implicit-euler,symplectic-euler,newmark,esdirk3,overdamped,shape";
+    let sets =
+        ["rod.nodes=3", "solver.time_step_s=0.02", "solver.duration_s=0.7"].into_iter().flat_map(|set| ["--set", set]);
+    let study = ["study", "accuracy", "models/eel.toml", "--without", few, "--out", out, "--force"];
+    let output = caudal(&study.into_iter().chain(sets).collect::<Vec<_>>());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = std::fs::read_to_string(folder.path().join("accuracy.csv")).unwrap();
+    let steps = (0..9).map(|i| 0.16 / f64::from(1 << i));
+    let expected: Vec<String> = [3, 5, 9]
+        .iter()
+        .flat_map(|nodes| steps.clone().map(move |step| format!("generalized-alpha(0.8),{step},,{nodes}")))
+        .collect();
+    let found: Vec<_> =
+        table.lines().skip(1).map(|row| row.split(',').skip(1).take(4).collect::<Vec<_>>().join(",")).collect();
+    assert_eq!(found, expected);
+}

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::choices::speeds;
 use caudal::fluid::laws::DragLaw;
 use caudal::reduced::MotionAndPower;
-use caudal::reduced::fluid_estimates::{FluidEstimate, MIN_ERROR};
+use caudal::reduced::fluid_estimates::{FluidEstimate, MIN_ERROR, ShortRun};
 use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -269,4 +269,33 @@ fn the_regime_of_random_scenes_is_that_of_their_runs() {
         let far: Vec<_> = parts.iter().filter(|(part, _)| part.is_nan() || *part > most).collect();
         assert!(far.len() * 500 <= all.len() && parts[0].0 < 0.3, "{far:?}");
     }
+}
+
+const EEL: &str = include_str!("../../models/eel.toml");
+
+#[test]
+fn a_short_run_takes_eight_periods_after_the_ramp_in_steps_of_a_twenty_fourth_of_one() {
+    let spectrum = scene_of(EEL, &[]).spectrum();
+    assert_eq!([spectrum.slowest(), spectrum.fastest()], [Some(2.0); 2]);
+    for (duration, ramp, taken, steps) in [
+        (1.0, 0.0, 1.0, 48),
+        (60.0, 0.0, 4.0, 192),
+        (60.0, 1.0, 5.0, 240),
+        // After a long ramp steps stay as short.
+        (200.0, 100.0, 104.0, 24 * 2 * 104),
+    ] {
+        let run = ShortRun::of(&spectrum, duration, ramp);
+        assert_eq!((run.duration, run.steps, run.period), (taken, steps, Some(0.5)), "{duration} s, ramp of {ramp} s");
+    }
+}
+
+#[test]
+fn a_stream_along_a_straight_rod_is_its_speed_along_and_one_across_its_speed_across() {
+    let still = ["actuation.kappa_amp=0.0", "head={ kind = \"clamped\" }", "solver.duration_s=1.0"];
+    let [along, across] = [[0.3, 0.0], [0.0, 1e-6]].map(|[x, y]| {
+        let flow = format!("medium.flow_m_s=[{x:e},{y:e}]");
+        scene_of(EEL, &[&still[..], &[&flow]].concat()).regime().unwrap()
+    });
+    assert!((along.along / 0.3 - 1.0).abs() < 1e-9 && along.across.speed < 1e-9, "{along:?}");
+    assert!((across.across.speed / 1e-6 - 1.0).abs() < 1e-2 && across.along < 1e-9, "{across:?}");
 }

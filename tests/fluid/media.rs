@@ -3,7 +3,7 @@
 use crate::common;
 use std::sync::Arc;
 
-use caudal::fluid::medium::{LAYER_KEYS, LocalFluid};
+use caudal::fluid::medium::{LAYER_KEYS, LocalFluid, Property};
 use caudal::fluid::{DENSITY, Fluid, FluidRuns, Layer, Layers, VISCOSITY};
 use caudal::integrator::METHODS;
 use caudal::linear::Direction;
@@ -511,5 +511,16 @@ fn what_a_host_says_of_the_media_is_what_a_scene_says_of_them() {
         let (own, host) = (own.get(name).unwrap(), host.get(name).unwrap());
         let off = largest(own.iter().zip(&host).map(|(a, b)| a - b)) / largest(own);
         assert!(off < 1e-12, "{name}: {off:e}"); // measured: 1e-15
+    }
+}
+
+#[test]
+fn every_key_of_a_medium_names_the_property_of_its_own_layer() {
+    use Property::{Density, Offset, Viscosity};
+    assert_eq!([VISCOSITY, DENSITY].map(Property::of), [Some(Viscosity(0)), Some(Density(0))]);
+    let beyond = ["medium.beyond.viscosity_pa_s", "medium.beyond.density_kg_m3", "medium.beyond.offset_m"];
+    assert_eq!(beyond.map(Property::of), [Some(Viscosity(1)), Some(Density(1)), Some(Offset(0))]);
+    for (j, keys) in LAYER_KEYS.iter().enumerate() {
+        assert_eq!(keys.map(Property::of), [Some(Viscosity(j + 1)), Some(Density(j + 1)), Some(Offset(j))]);
     }
 }

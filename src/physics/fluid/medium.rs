@@ -314,9 +314,8 @@ impl Layers {
         count.max(1)
     }
 
-    /// Adds `factor` times offsets and fluids of `other`.
+    /// Adds `factor` times offsets and fluids of `other`; no shear changes in time.
     pub fn add(&mut self, other: &Self, factor: f64) {
-        self.shear += factor * other.shear;
         for (to, from) in self.iter_mut().zip(other.iter()) {
             to.offset += factor * from.offset;
             to.fluid.add(&from.fluid, factor);

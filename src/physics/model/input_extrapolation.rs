@@ -257,3 +257,34 @@ impl Inputs {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{integral_above_zero, stays_positive, turns};
+
+    #[test]
+    fn a_cubic_turns_where_its_slope_is_zero() {
+        // Its slope is k (τ − a)(τ − b).
+        for (k, a, b) in [(6.0, 1.0, 3.0), (-6.0, 1.0, 3.0), (0.3, 0.2, 0.25), (6.0, -1.0, 2.0), (-2.0, -3.0, 1.5)] {
+            let cubic = [1.0, k * a * b, -k * (a + b), 2.0 * k];
+            let inside: Vec<_> = [a, b].into_iter().filter(|root| *root > 0.0).collect();
+            let found: Vec<_> = turns(&cubic, 4.0)[1..3].iter().copied().filter(|root| *root > 0.0).collect();
+            let apart = found.iter().zip(&inside).map(|(found, root)| (found - root).abs()).fold(0.0, f64::max);
+            assert!(found.len() == inside.len() && apart <= 1e-14, "{found:?} for {inside:?}");
+        }
+    }
+
+    #[test]
+    fn a_cubic_that_dips_below_zero_counts_above_it_only() {
+        // (τ − 1)(τ − 2)(τ − 3) + 0.1 from 0 to 4 is positive at both ends and negative between.
+        let cubic = [-5.9, 11.0, -12.0, 6.0];
+        let at = |t: f64| (t - 1.0) * (t - 2.0) * (t - 3.0) + 0.1;
+        assert!(!stays_positive(&[5.9, -11.0, 12.0, -6.0], 4.0) && !stays_positive(&cubic, 4.0));
+        assert!(stays_positive(&[6.1, -11.0, 12.0, 0.0], 4.0));
+        let parts = 400_000;
+        let step = 4.0 / f64::from(parts);
+        let sum: f64 = (0..parts).map(|i| at((f64::from(i) + 0.5) * step).max(0.0) * step).sum();
+        let found = integral_above_zero(&cubic, 4.0);
+        assert!((found - sum).abs() < 1e-8, "{found} for {sum}"); // the sum's own error is 1e-10
+    }
+}

@@ -89,13 +89,6 @@ impl QuadraticProgram {
         found.map(|(constraint, dual)| (constraint.name.clone(), *dual)).collect()
     }
 
-    /// ½xᵀHx + gᵀx.
-    pub fn value(&self, x: &[f64]) -> f64 {
-        let n = x.len();
-        let hx = |i: usize| (0..n).map(|j| self.hessian[i * n + j] * x[j]).sum::<f64>();
-        (0..n).map(|i| x[i] * (0.5 * hx(i) + self.gradient[i])).sum()
-    }
-
     /// Solves the program. The objective is scaled so that the largest diagonal entry of H (of g, without H) is one, since Clarabel
     /// would otherwise accept unsolved programs with small coefficients.
     ///

@@ -529,3 +529,34 @@ impl Unknowns {
         self.kept(x)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::{DesignTable, Unknowns};
+    use crate::scene::Document;
+
+    #[test]
+    #[allow(clippy::unwrap_used, reason = "a test may panic")]
+    fn searches_start_at_an_even_profile_two_gradients_and_waves_of_other_phases() {
+        let text = include_str!("../../../models/design-driven-head.toml");
+        let scene = Document::new("design.toml", text).scene().unwrap();
+        let model = scene.model().unwrap();
+        let joints = || model.rod.joints();
+        let stiffness: Vec<f64> = joints().map(|k| model.rod.joint[k]).collect();
+        let unknowns = Unknowns::of(&DesignTable::of(&scene).unwrap(), &model, stiffness);
+        let wave = |n: f64, half_waves: f64| {
+            move |xi: f64| 1.0 + 0.6 * (half_waves * PI * xi + n * PI * (3.0 - 5.0_f64.sqrt())).cos()
+        };
+        let starts: [&dyn Fn(f64) -> f64; 6] =
+            [&|_| 1.0, &|xi| 2.0 - xi, &|xi| 1.0 + xi, &wave(3.0, 1.0), &wave(4.0, 2.0), &wave(5.0, 3.0)];
+        for (start, shape) in starts.into_iter().enumerate() {
+            let profile = unknowns.profile(&unknowns.first(start)).stiffness_n_m2;
+            // Its mean is kept by one factor for all joints.
+            let factors: Vec<f64> = joints().zip(&profile).map(|(k, ei)| ei / shape(model.rod.xi(k))).collect();
+            let apart = factors.iter().map(|factor| (factor / factors[0] - 1.0).abs()).fold(0.0, f64::max);
+            assert!(apart < 1e-5, "start {start}: {profile:?}"); // measured: 4e-6, of the golden angle's digits
+        }
+    }
+}

@@ -432,3 +432,22 @@ mod memory {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::power_law;
+
+    #[test]
+    fn a_power_law_is_found_and_a_single_mesh_has_none() {
+        for (exponent, factor) in [(1.5, 3.0), (1.0, 2e-7), (-0.5, 40.0)] {
+            let points: Vec<_> =
+                [9.0, 33.0, 257.0, 4097.0].into_iter().map(|x: f64| (x, factor * x.powf(exponent))).collect();
+            let [p, c] = power_law(&points).unwrap();
+            assert!((p - exponent).abs() < 1e-13 && (c / factor - 1.0).abs() < 1e-12, "{c} x^{p}");
+        }
+        assert!(power_law(&[(9.0, 1.0)]).is_none() && power_law(&[(9.0, 1.0), (9.0, 2.0), (0.0, 1.0)]).is_none());
+        // Of points about a line the least squares: slope and height by hand.
+        let [p, c] = power_law(&[(1.0, 1.0), (std::f64::consts::E, 1.0), (1.0, std::f64::consts::E)]).unwrap();
+        assert!((p + 0.5).abs() < 1e-15 && (c - 0.5_f64.exp()).abs() < 1e-15, "{c} x^{p}");
+    }
+}
