@@ -384,8 +384,8 @@ def test_torch_takes_the_type_of_the_first_tensor_of_floats_and_texts_as_names()
 
 def test_wrong_values_of_parameters_are_named():
     for name, value, problem in [
-        ("actuation_phase_rad", [], r"found the shape \[0\]; allowed: \(1,\)"),
-        ("actuation_phase_rad", [0.0, 1.0], r"found the shape \[2\]; allowed: \(1,\)"),
+        ("actuation_phase_rad", [], r"found the shape \(0,\); allowed: \(1,\)"),
+        ("actuation_phase_rad", [0.0, 1.0], r"found the shape \(2,\); allowed: \(1,\)"),
         ("actuation_phase_rad", np.nan, "found NaN; allowed: finite numbers"),
         ("joint_stiffness_n_m2", np.nan, "found NaN; allowed: finite numbers"),
         ("medium.viscosity_pa_s", [1.0, 2.0], "found 2 values; allowed: 1"),
