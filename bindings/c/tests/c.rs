@@ -201,7 +201,7 @@ fn the_cmake_of_the_page_of_hosts_builds_a_host() {
     install(&prefix);
     std::fs::write(folder.path().join("CMakeLists.txt"), of_page("hosts.md", "cmake", "")).unwrap();
     std::fs::copy(here().join("examples/cmake/surge.cpp"), folder.path().join("host.cpp")).unwrap();
-    let command = of_page("hosts.md", "console", "$ cmake").replace("PREFIX", &prefix.display().to_string());
+    let command = of_page("hosts.md", "console", "$ cmake").replace("=PREFIX", &format!("={}", prefix.display()));
     run(Command::new("sh").arg("-euc").arg(command.trim_start_matches("$ ")).current_dir(folder.path()));
     run(Command::new(folder.path().join("build/host")).arg(here().join("../../models/heaving-foil.toml")));
 }
