@@ -107,6 +107,9 @@ pub fn convert(
     claim: Claim,
 ) -> Result<WrittenFiles> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
+    if !folder.exists() {
+        return Err(read(folder, "there is no such folder; `caudal run SCENE` makes the folder of a run".to_string()));
+    }
     let files: Vec<PathBuf> = match names {
         Some(names) => names.iter().map(|name| folder.join(format!("{}.svg", name.trim_end_matches(".svg")))).collect(),
         None => {

@@ -313,8 +313,8 @@ impl Simulation {
                 [t, n] if may_be_timed && t == times && n == width => true,
                 _ => {
                     let rows = if may_be_timed { format!(" or ({times}, {width})") } else { String::new() };
-                    let found = &value.shape;
-                    return Err(refusal(format!("{name}: found the shape {found:?}; allowed: ({width},){rows}")));
+                    let found = tuple(&value.shape);
+                    return Err(refusal(format!("{name}: found the shape {found}; allowed: ({width},){rows}")));
                 }
             };
             let row = value.values.clone();
@@ -624,6 +624,14 @@ impl Simulation {
 pub fn value_and_grad(document: &Document, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
     let read = if output.starts_with(CYCLE_PREFIX) { &[][..] } else { &[output] };
     Simulation::of(document, read, &[])?.value_and_grad(output, names)
+}
+
+/// A shape as Python writes it.
+fn tuple(shape: &[usize]) -> String {
+    match shape {
+        [length] => format!("({length},)"),
+        _ => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
+    }
 }
 
 /// Whether `by` is the initial velocities (true) or positions, and their axis.

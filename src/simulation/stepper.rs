@@ -827,6 +827,44 @@ impl Stepper {
         outcome
     }
 
+    /// Call this after you have changed an input of one of your own forces, such as an atomic number that the force shares with your
+    /// program. The next step then begins with accelerations under the new input, as after [`set`](Self::set). A change of the energy that
+    /// the force stores counts as work of the flow. Snapshots do not have such inputs: set them again after
+    /// [`restore`](Self::restore).
+    ///
+    /// ```
+    /// use std::sync::atomic::{AtomicU64, Ordering};
+    ///
+    /// /// An input that a force and its host share.
+    /// #[derive(Default)]
+    /// struct Input(AtomicU64);
+    ///
+    /// impl Input {
+    ///     fn set(&self, value: f64) {
+    ///         self.0.store(value.to_bits(), Ordering::Relaxed);
+    ///     }
+    ///     fn get(&self) -> f64 {
+    ///         f64::from_bits(self.0.load(Ordering::Relaxed))
+    ///     }
+    /// }
+    ///
+    /// /// A snapshot names its model by the text of `Debug`, which an input does not belong to.
+    /// impl std::fmt::Debug for Input {
+    ///     fn fmt(&self, text: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+    ///         text.write_str("an input")
+    ///     }
+    /// }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] where the force is not a number now. Nothing is counted then.
+    pub fn inputs_changed(&mut self) -> Result<()> {
+        self.inputs.0.clone_from(&self.dynamics.inputs);
+        self.count_input_change()?;
+        self.now.needs_reinitialisation = true;
+        Ok(())
+    }
+
     /// Measures the state under inputs that have just changed, and adds the jump to the totals.
     fn count_input_change(&mut self) -> Result<()> {
         let Self { dynamics, now, read_at_once, .. } = self;

@@ -8,6 +8,7 @@ mod cosimulation;
 mod cycle;
 mod dependencies;
 mod events;
+mod guide;
 mod random_scenes;
 mod stepper;
 mod told;

@@ -34,6 +34,18 @@ fn kinds() -> Vec<(&'static str, Stepper)> {
     ]
 }
 
+#[test]
+fn what_a_host_holds_goes_between_threads() {
+    fn shared<T: Send + Sync>() {}
+    shared::<Stepper>();
+    shared::<caudal::stepper::Snapshot>();
+    shared::<caudal::scene::Scene>();
+    shared::<caudal::model::Model>();
+    shared::<caudal::sensitivity::Problem>();
+    shared::<caudal::sensitivity::simulation::Simulation>();
+    shared::<Error>();
+}
+
 /// Everything but the counts of work, to the bit.
 fn bits(stepper: &Stepper) -> Vec<(&'static str, Vec<u64>)> {
     let variables = stepper.variables().iter();

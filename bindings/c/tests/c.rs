@@ -165,6 +165,47 @@ fn pkg_config_knows_how_to_compile_and_link() {
     run(Command::new(program).arg(here().join("../../models/baseline-smooth.toml")));
 }
 
+/// The text of the block of a page of the guide of that kind which begins so.
+fn of_page(page: &str, kind: &str, begins: &str) -> String {
+    let page = std::fs::read_to_string(here().join("../../docs/src").join(page)).unwrap();
+    let fence = format!("```{kind}\n");
+    let blocks = page.split(&fence).skip(1).map(|rest| rest.split("```").next().unwrap());
+    blocks.filter(|block| block.starts_with(begins)).map(str::to_string).next().unwrap()
+}
+
+#[test]
+fn the_program_of_the_page_of_hosts_is_built_and_prints_as_it_says() {
+    if !there_is("pkg-config", "pkg-config") || !there_is("cc", "gcc libc6-dev") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let prefix = folder.path().join("installed");
+    install(&prefix);
+    std::fs::write(folder.path().join("turn.c"), of_page("hosts.md", "c", "")).unwrap();
+    let scene = of_page("own-tail.md", "toml", "# silicone-tail.toml");
+    std::fs::write(folder.path().join("silicone-tail.toml"), scene).unwrap();
+    let session = of_page("hosts.md", "console", "$ cc turn.c").replace("PREFIX", &prefix.display().to_string());
+    let (commands, printed): (Vec<&str>, Vec<&str>) = session.lines().partition(|line| line.starts_with("$ "));
+    let script = commands.iter().map(|line| line.trim_start_matches("$ ")).collect::<Vec<_>>().join("\n");
+    let output = run(Command::new("sh").arg("-euc").arg(script).current_dir(folder.path()));
+    assert_eq!(String::from_utf8_lossy(&output.stdout).lines().collect::<Vec<_>>(), printed);
+}
+
+#[test]
+fn the_cmake_of_the_page_of_hosts_builds_a_host() {
+    if !there_is("cmake", "cmake") || !there_is("c++", "g++") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let prefix = folder.path().join("installed");
+    install(&prefix);
+    std::fs::write(folder.path().join("CMakeLists.txt"), of_page("hosts.md", "cmake", "")).unwrap();
+    std::fs::copy(here().join("examples/cmake/surge.cpp"), folder.path().join("host.cpp")).unwrap();
+    let command = of_page("hosts.md", "console", "$ cmake").replace("=PREFIX", &format!("={}", prefix.display()));
+    run(Command::new("sh").arg("-euc").arg(command.trim_start_matches("$ ")).current_dir(folder.path()));
+    run(Command::new(folder.path().join("build/host")).arg(here().join("../../models/heaving-foil.toml")));
+}
+
 #[test]
 fn cmake_finds_the_package_and_a_cpp_host_keeps_the_momentum() {
     if !there_is("cmake", "cmake") || !there_is("c++", "g++") {

@@ -41,6 +41,8 @@ fn as_arguments(text: &str) -> String {
         ("override ", ""),
         ("`caudal sweep` runs it", "`caudal.sweep` runs it"),
         ("`caudal run` runs it", "`caudal.run` runs it"),
+        ("`caudal run SCENE` makes the folder of a run", "`caudal.run` with `out=` makes the folder of a run"),
+        ("`caudal run` leaves some", "`caudal.run` with `out=` leaves some"),
         ("Simulation::pull_back", "`Simulation.pull_back`"),
         ("`caudal variables SCENE` lists them", "`Stepper.variables` lists them"),
     ];

@@ -306,6 +306,24 @@ def test_jax_differentiates_compiles_and_trains():
     assert both.shape == (2,) and float(both[0]) != float(both[1])
 
 
+def test_a_failing_run_under_jax_tells_its_reason_last():
+    jax = pytest.importorskip("jax")
+    import caudal.jax
+
+    simulated = caudal.jax.function(scene(), ["tip_y_m"])
+
+    def last(amplitude):
+        return simulated({"actuation.kappa_amp": amplitude})["tip_y_m"][-1]
+
+    for call, amplitude in [(last, 1e9), (jax.grad(last), 1e9), (jax.vmap(last), np.array([1.0, 1e9]))]:
+        with pytest.raises(caudal.errors.FoldOverError, match="^the rod folds over") as failed:
+            call(amplitude)
+        assert failed.value.__cause__ is None and failed.value.__context__ is None
+    with pytest.raises(jax.errors.JaxRuntimeError) as failed:
+        jax.jit(last)(1e9)
+    assert str(failed.value).strip().splitlines()[-1].startswith("FoldOverError: the rod folds over")
+
+
 def test_torch_differentiates_and_trains():
     torch = pytest.importorskip("torch", reason="PyTorch: target/hosts/bin/pip install torch (5 GB, as its wheels bring CUDA)")
     import caudal.torch
@@ -366,8 +384,8 @@ def test_torch_takes_the_type_of_the_first_tensor_of_floats_and_texts_as_names()
 
 def test_wrong_values_of_parameters_are_named():
     for name, value, problem in [
-        ("actuation_phase_rad", [], r"found the shape \[0\]; allowed: \(1,\)"),
-        ("actuation_phase_rad", [0.0, 1.0], r"found the shape \[2\]; allowed: \(1,\)"),
+        ("actuation_phase_rad", [], r"found the shape \(0,\); allowed: \(1,\)"),
+        ("actuation_phase_rad", [0.0, 1.0], r"found the shape \(2,\); allowed: \(1,\)"),
         ("actuation_phase_rad", np.nan, "found NaN; allowed: finite numbers"),
         ("joint_stiffness_n_m2", np.nan, "found NaN; allowed: finite numbers"),
         ("medium.viscosity_pa_s", [1.0, 2.0], "found 2 values; allowed: 1"),

@@ -239,15 +239,62 @@ def test_the_c_programs_of_a_page_compile(page, tmp_path):
         assert compiled.returncode == 0, compiled.stderr
 
 
-def test_the_scenes_by_example_are_taken_as_printed(tmp_path):
+def test_the_scenes_and_commands_by_example_are_taken_as_printed(folder):
     text = EXAMPLE.read_text()
-    blocks = [block for kind, block in BLOCK.findall(text) if kind == "toml"]
+    blocks = blocks_of(EXAMPLE)
+    scenes = [block for kind, block in blocks if kind == "toml"]
     page = text[text.index("## A scene in one page") :]
     whole = BLOCK.search(page)[2]
-    assert caudal.load(_written(tmp_path / "eel.toml", whole)).name == "eel"
-    layers = next(block for block in blocks if "[medium.beyond]" in block)
+    assert caudal.load(_written(folder / "eel.toml", whole)).name == "eel"
+    # Its mistake is told as printed, up to what is left out.
+    (printed,) = (block for kind, block in blocks if kind == "text")
+    _written(folder / "eel.toml", whole.replace("\nlength_m =", "\nlength_mm =", 1))
+    refused = subprocess.run(["caudal", "check", "eel.toml"], capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert all(part.strip() in refused.stderr for part in printed.split("…")), (printed, refused.stderr)
+    layers = next(block for block in scenes if "[medium.beyond]" in block)
     bare = re.sub(r"^\[medium\](?:.*\n)(?:[^\[\n].*\n|\n)*", "", (ROOT / "models/glycerol.toml").read_text(), flags=re.MULTILINE)
-    assert caudal.load(_written(tmp_path / "layers.toml", bare + "\n" + layers)).parameters["medium.beyond.offset_m"] == 0.06
+    assert caudal.load(_written(folder / "layers.toml", bare + "\n" + layers)).parameters["medium.beyond.offset_m"] == 0.06
+    (sweep,) = (block for block in scenes if "[axes]" in block)
+    shutil.copy(ROOT / "models/baseline.toml", folder)
+    _written(folder / "sweep.toml", sweep)
+    assert "3200 of 3200 cases" in run("caudal sweep sweep.toml --dry-run")
+    (design,) = (block for kind, block in blocks if kind == "sh")
+    assert "the gain of" in run(design)
+    assert len(scenes) == 3 and len(blocks) == 5
+
+
+FENCE = re.compile(r"^( *)```([\w,]*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+#: Kinds of blocks that tests in Rust run: those of `bindings/c/tests/c.rs` and `tests/stepping/guide.rs`.
+RUN_IN_RUST = {"c", "console", "cmake", "rust,ignore"}
+#: Blocks that no test runs as printed, by their page and first words, and why.
+NOT_RUN = {
+    ("README.md", "cargo run"): "builds the program and runs all tests: tests/bare_machine.sh does so on a machine made for it",
+    ("CONTRIBUTING.md", "cargo run"): "the same two commands",
+    ("bindings/python/README.md", "pip install"): "builds the package: bindings/python/tests/all.sh installs it before this test",
+    ("bindings/python/README.md", "from distributed"): "needs a cluster at that address: test_engines.py sweeps on one of its own",
+    ("docs/src/hosts.md", "[dependencies]"): "a part of another program's Cargo.toml: tests/lint.sh builds with these features",
+    ("docs/src/notes/design-searches.md", "caudal design"): "half a minute: tests/design/inverse.rs asserts what it reaches",
+    ("docs/src/notes/tests.md", "target/hosts"): "hours of processor time",
+}
+
+
+def test_every_block_of_the_pages_is_run_or_says_here_why_not():
+    left = set(NOT_RUN)
+    for page in [*PAGES, *OUTSIDE]:
+        name, before = page.relative_to(ROOT).as_posix(), None
+        for indent, kind, block in FENCE.findall(page.read_text()):
+            reason = next((key for key in NOT_RUN if key[0] == name and block.startswith(key[1])), None)
+            left.discard(reason)
+            if name == "bindings/python/README.md":
+                run_by_test = block.startswith(">>> ")  # test_documentation.py
+            elif page in PAGES and page != EXAMPLE:
+                run_by_test = kind in {"sh", "toml", "python", *RUN_IN_RUST} or kind == "text" and before in ("sh", "python")
+            else:
+                run_by_test = page == EXAMPLE or name == "README.md"  # their own tests
+            assert reason or not indent and run_by_test, (name, kind, block)
+            before = kind
+    assert not left
 
 
 def test_the_readme_is_short_and_runs_as_printed(tmp_path, monkeypatch, command):

@@ -115,8 +115,10 @@ def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, comman
     assert (tmp_path / "two/shape.png").read_bytes() == (folder / "shape.png").read_bytes()
     assert (tmp_path / "two/shape.pdf").read_bytes()[:1000] == (folder / "shape.pdf").read_bytes()[:1000]
     assert (tmp_path / "two/driven-head.gif").read_bytes().startswith(b"GIF89a")
-    with pytest.raises(caudal.errors.ReadError, match="no figures"):
+    with pytest.raises(caudal.errors.ReadError, match="no figures .*; `caudal.run` with `out=` leaves some"):
         caudal.export(tmp_path / "two")
+    with pytest.raises(caudal.errors.ReadError, match="no such folder; `caudal.run` with `out=` makes"):
+        caudal.export(tmp_path / "missing")
     with pytest.raises(caudal.errors.ReadError, match="shap.svg"):
         caudal.export(folder, figures="shap")
 

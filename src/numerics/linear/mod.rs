@@ -274,7 +274,7 @@ pub trait Coupling {
 }
 
 /// A direct solver: the pattern is analysed once a run, values are factored once an iteration.
-pub trait LinearSolver: std::fmt::Debug + Send {
+pub trait LinearSolver: std::fmt::Debug + Send + Sync {
     /// Prepares for every matrix with the pattern of `matrix`.
     ///
     /// # Errors

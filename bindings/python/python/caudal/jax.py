@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from typing import Any, Callable, Union
 
@@ -20,6 +21,9 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
 
     It goes through ``jit``, ``grad``, ``vmap`` (one simulation after the other) and ``value_and_grad``; derivatives are
     reverse-mode. Numbers are JAX's own, single precision unless ``jax_enable_x64`` is set; the simulation is in double.
+
+    A run that fails raises its error of `caudal.errors`. What ``jit`` has compiled raises JAX's own ``JaxRuntimeError``, whose
+    message ends with the class and the text of that error.
 
     Parameters
     ----------
@@ -48,11 +52,33 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         if wrong:
             raise ValueError(f"no derivative by {', '.join(wrong)}; caudal.parameters(scene) lists what there is")
 
+    failures: deque[Exception] = deque(maxlen=16)  # the last ones; other threads may be here too
+
+    def noting(work: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+        def noted(*arguments: Any) -> dict[str, Any]:
+            try:
+                return work(*arguments)
+            except Exception as error:
+                failures.append(error)
+                raise error.with_traceback(None) from None  # JAX prints the whole trace before the reason
+
+        return noted
+
+    def called(callback: Callable[..., dict[str, Any]], result: dict[str, Any], *arguments: Any) -> dict[str, Any]:
+        try:
+            found: dict[str, Any] = jax.pure_callback(callback, result, *arguments, vmap_method="sequential")
+            return found
+        except jax.errors.JaxRuntimeError as error:
+            reason = next((own for own in reversed(failures) if f"{type(own).__name__}: {own}" in str(error)), error)
+        raise reason.with_traceback(None)
+
+    @noting
     def forward(values: dict[str, Any]) -> dict[str, Any]:
         found = recent(sorted_arrays(values)).outputs
         dtype = jnp.result_type(float)
         return {name: found[name].astype(dtype) for name in outputs}
 
+    @noting
     def back(values: dict[str, Any], weights: dict[str, Any]) -> dict[str, Any]:
         simulation = recent(sorted_arrays(values))
         found = simulation.pull_back({name: np.asarray(weights[name], dtype=np.float64) for name in outputs}, list(values))
@@ -61,7 +87,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     def call(values: dict[str, Any]) -> dict[str, Any]:
         unknown(values)
         result = {name: jax.ShapeDtypeStruct(shapes[name], jnp.result_type(float)) for name in outputs}
-        return jax.pure_callback(forward, result, values, vmap_method="sequential")
+        return called(forward, result, values)
 
     @jax.custom_vjp
     def simulated(values: dict[str, Any]) -> dict[str, Any]:
@@ -72,7 +98,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
 
     def simulated_back(values: dict[str, Any], weights: dict[str, Any]) -> tuple[dict[str, Any]]:
         result = {name: jax.ShapeDtypeStruct(value.shape, value.dtype) for name, value in values.items()}
-        return (jax.pure_callback(back, result, values, weights, vmap_method="sequential"),)
+        return (called(back, result, values, weights),)
 
     simulated.defvjp(simulated_forward, simulated_back)
 
