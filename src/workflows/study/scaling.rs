@@ -438,6 +438,7 @@ mod tests {
     use super::power_law;
 
     #[test]
+    #[allow(clippy::unwrap_used, reason = "a test may panic")]
     fn a_power_law_is_found_and_a_single_mesh_has_none() {
         for (exponent, factor) in [(1.5, 3.0), (1.0, 2e-7), (-0.5, 40.0)] {
             let points: Vec<_> =
