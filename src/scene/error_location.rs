@@ -46,7 +46,7 @@ pub(super) fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
 }
 
 /// Rephrases an error `message` of serde at `key`; `source` is the text of the wrong value.
-pub(super) fn rephrase(key: String, message: &str, source: Option<&str>) -> (String, String) {
+pub(crate) fn rephrase(key: String, message: &str, source: Option<&str>) -> (String, String) {
     let listed = |names: &str| names.trim_start_matches("one of ").to_string();
     if let Some((name, names)) =
         message.strip_prefix("unknown field `").and_then(|rest| rest.rsplit_once("`, expected "))

@@ -15,10 +15,12 @@ use crate::error::OrRaise;
 use crate::scene::Scene;
 use crate::values::plain;
 
-/// The study `{kind: options}`.
-fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
+/// The study of this kind with these options.
+fn asked(kind: &str, options: &Bound<'_, PyDict>) -> PyResult<Study> {
+    let py = options.py();
     let wrong = |error: pythonize::PythonizeError| caudal::Error::Study { problem: error.to_string() };
-    pythonize::depythonize(&plain(study)?).map_err(wrong).or_raise(study.py())
+    let options = pythonize::depythonize(&plain(options)?).map_err(wrong).or_raise(py)?;
+    Study::named(kind, &options).or_raise(py)
 }
 
 /// The next runs of a study for workers; `None` if none is missing.
@@ -27,12 +29,13 @@ fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
 pub fn runs_of(
     py: Python<'_>,
     scene: &Bound<'_, Scene>,
-    study: &Bound<'_, PyDict>,
+    kind: &str,
+    options: &Bound<'_, PyDict>,
     out: Option<PathBuf>,
     force: bool,
 ) -> PyResult<Option<JobHandle>> {
     let Scene { scene, document, .. } = scene.get();
-    let study = asked(study)?;
+    let study = asked(kind, options)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
     drop(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let runs = py.detach(|| DistributedStudy::of(&study, document, &folder)).or_raise(py)?;
@@ -50,19 +53,20 @@ pub fn runs<'py>(
     Ok(lines(py, py.detach(|| make_runs(bundle, &indices)).or_raise(py)?))
 }
 
-/// Runs a study, `{kind: options}`, and writes its files; returns its findings.
+/// Runs a study of this kind and writes its files; returns its findings.
 #[pyfunction]
 #[pyo3(name = "_study")]
 pub fn study<'py>(
     py: Python<'py>,
     scene: &Bound<'py, Scene>,
-    study: &Bound<'py, PyDict>,
+    kind: &str,
+    options: &Bound<'py, PyDict>,
     out: Option<PathBuf>,
     force: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Scene { scene, document, .. } = scene.get();
-    let study = asked(study)?;
+    let study = asked(kind, options)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
     let told = Progress::default();
     let tell = |done: usize, of: usize| told.reach(done, of);

@@ -556,7 +556,7 @@ mod tests {
             // Its mean is kept by one factor for all joints.
             let factors: Vec<f64> = joints().zip(&profile).map(|(k, ei)| ei / shape(model.rod.xi(k))).collect();
             let apart = factors.iter().map(|factor| (factor / factors[0] - 1.0).abs()).fold(0.0, f64::max);
-            assert!(apart < 1e-5, "start {start}: {profile:?}"); // measured: 4e-6, of the golden angle's digits
+            assert!(apart < 5e-6, "start {start}: {profile:?}"); // measured: 1.3e-6, of the digits of the golden angle
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use super::accuracy::{self, AccuracyOptions};
 use super::column;
@@ -15,7 +16,7 @@ use super::stability::{self, StabilityOptions, Vary};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::report::{Claim, Findings, Folder, Owner};
-use crate::scene::{Document, NODES, Scene};
+use crate::scene::{Document, NODES, Scene, rephrase};
 
 /// A study with its options.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -34,6 +35,32 @@ pub enum Study {
 }
 
 impl Study {
+    /// The study of this [`name`](Self::name) with `options`, each by its name; the others have their defaults.
+    ///
+    /// # Errors
+    /// [`Error::Study`] names the option that is unknown or wrong, and what is allowed.
+    pub fn named(name: &str, options: &Map<String, Value>) -> Result<Self> {
+        let read = |options: Map<String, Value>| {
+            serde_json::from_value(Value::Object([(name.into(), options.into())].into_iter().collect()))
+        };
+        read(options.clone()).map_err(|error: serde_json::Error| {
+            // Each option by itself shows which is wrong.
+            let wrong = options.iter().find_map(|(option, value)| {
+                let alone: serde_json::Error = read([(option.clone(), value.clone())].into_iter().collect()).err()?;
+                (!alone.to_string().starts_with("missing field"))
+                    .then(|| (option.clone(), alone, Some(value.to_string())))
+            });
+            let unknown: Option<serde_json::Error> =
+                read(Map::new()).err().filter(|e| e.to_string().starts_with("unknown variant"));
+            let (key, error, found) = match unknown {
+                Some(unknown) => ("kind".to_string(), unknown, None),
+                None => wrong.unwrap_or((name.to_string(), error, None)),
+            };
+            let (key, problem) = rephrase(key, &error.to_string(), found.as_deref());
+            Error::Study { problem: format!("{key}: {problem}") }
+        })
+    }
+
     /// Its name in commands and folders.
     pub fn name(&self) -> &'static str {
         match self {

@@ -83,9 +83,9 @@ def study(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
-        while (runs := _runs_of(scene, {kind: asked}, out, force)) is not None:
+        while (runs := _runs_of(scene, kind, asked, out, force)) is not None:
             engine.do(runs, progress)
-    return Findings(_study(scene, {kind: asked}, out, force, progress))
+    return Findings(_study(scene, kind, asked, out, force, progress))
 
 
 class Findings:
