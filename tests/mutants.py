@@ -267,6 +267,14 @@ def module_of(tree, path):
     return "crate" if own else "caudal"
 
 
+def written(spans):
+    """The spans of an error, and for those within a macro also where it is called."""
+    for span in spans:
+        while span:
+            yield span
+            span = (span["expansion"] or {}).get("span")
+
+
 def instrument(folder, commit, seed, count):
     """Draws mutants, leaves out those that do not compile, and writes `count` of them, with their switches, into the clone."""
     kept = folder / "mutants.json"
@@ -309,12 +317,12 @@ def instrument(folder, commit, seed, count):
             while todo:
                 part = todo.pop()
                 todo += part.get("children", [])
-                for span in part["spans"]:
+                for span in written(part["spans"]):
                     for number in range(span["line_start"], span["line_end"] + 1):
                         found |= spans.get((span["file_name"], number), set())
             if not found:
                 # Within a mutated text of several lines: its switch is the last one before.
-                for span in message["spans"]:
+                for span in written(message["spans"]):
                     before = [n for file, n in spans if file == span["file_name"] and n <= span["line_start"]]
                     found |= spans[span["file_name"], max(before)] if before else set()
             bad |= found
