@@ -526,7 +526,10 @@ fn complement(n: usize, vectors: &[Vec<f64>]) -> Mat<f64> {
     if vectors.is_empty() {
         return Mat::identity(n, n);
     }
-    let spanned = Mat::from_fn(n, vectors.len(), |i, j| vectors[j][i]);
+    let spanned = Mat::from_fn(n, vectors.len(), |i, j| {
+        let norm = vectors[j].iter().map(|x| x * x).sum::<f64>().sqrt();
+        vectors[j][i] / norm
+    });
     let q = spanned.qr().compute_Q();
     Mat::from_fn(n, n - vectors.len(), |i, j| q[(i, vectors.len() + j)])
 }

@@ -97,6 +97,18 @@ impl ExportArguments {
 /// Figures are those in the folder. For all else a run is computed again, equal to the bit: its tables hold neither velocities
 /// nor moments.
 pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
+    for (name, time) in [("from", arguments.from), ("until", arguments.until)] {
+        if let Some(time) = time.filter(|time| !time.is_finite()) {
+            print_error(&format!("--{name}: found {time}; allowed: a finite number"));
+            return Ok(ExitCode::from(exit::WRONG_INPUT));
+        }
+        if time.is_some() && arguments.films().next().is_none() {
+            print_error(&format!(
+                "--{name}: found without a film; allowed with --gif or --mp4, as it cuts films alone"
+            ));
+            return Ok(ExitCode::from(exit::WRONG_INPUT));
+        }
+    }
     if !arguments.run.exists() {
         let reason = "there is no such folder or scene; `caudal run SCENE` makes the folder of a run".to_string();
         return Ok(refuse(&Error::Read { path: arguments.run.clone(), reason }));

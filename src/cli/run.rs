@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
+use caudal::number_format::significant;
 use caudal::reduced::{ErrorMeasure, ModelKind};
 use caudal::report::Summary;
 use caudal::report::{Claim, RunOutput};
@@ -69,8 +70,9 @@ pub fn run(
     ));
     print_unless_quiet(&format!("centre of mass ({:.9}, {:.9}) m", summary.x_com_m, summary.y_com_m));
     print_unless_quiet(&format!(
-        "net displacement {:.6e} m, largest |y| {:.6e} m",
-        summary.net_displacement_m, summary.max_lateral_excursion_m
+        "net displacement {} m, largest |y| {} m",
+        significant(summary.net_displacement_m, 7),
+        significant(summary.max_lateral_excursion_m, 7)
     ));
     if let Some(largest) = largest(&summary) {
         print_unless_quiet(&largest);
@@ -84,8 +86,9 @@ pub fn run(
     }
     if let Some(Verification { net_displacement_m, relative_differences, noise, wall_s, .. }) = &summary.verification {
         print_unless_quiet(&format!(
-            "the full model on the same {} nodes: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s",
-            summary.nodes
+            "the full model on the same {} nodes: net displacement {} m, {wall_s:.3} s",
+            summary.nodes,
+            significant(*net_displacement_m, 7)
         ));
         if ModelKind::named(summary.model).is_some_and(|kind| kind.estimate.is_none()) {
             print_unless_quiet(

@@ -9,6 +9,7 @@ pub mod film;
 mod findings;
 mod folder;
 mod heat_map;
+mod numbers;
 pub mod outcome_map;
 mod output;
 mod page;

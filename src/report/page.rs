@@ -7,9 +7,10 @@ use serde::{Serialize, Serializer};
 
 use super::Summary;
 use super::chart::Figure;
+use super::numbers::{NumberGroup, groups};
 use super::run_record::Frame;
 use crate::error::{Error, Result};
-use crate::number_format::number;
+use crate::number_format::{number, significant};
 
 /// The content of the page.
 pub struct Page<'a> {
@@ -32,7 +33,7 @@ struct RunPageContent<'a> {
     displacement: String,
     step: String,
     cycles: String,
-    rows: Vec<(String, String)>,
+    groups: Vec<NumberGroup>,
     figures: &'a [Figure],
     notes: &'a [String],
     scene: &'a str,
@@ -145,19 +146,12 @@ impl Page<'_> {
     /// [`Error::Page`] if the template fails.
     pub fn html(&self) -> Result<String> {
         let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
-        let rows: Vec<(String, String)> = numbers
-            .as_object()
-            .into_iter()
-            .flatten()
-            .filter(|(key, _)| !["final_positions_m", "notes"].contains(&key.as_str()))
-            .map(|(key, value)| (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_string)))
-            .collect();
         let content = RunPageContent {
             summary: self.summary,
-            displacement: format!("{:.6e}", self.summary.net_displacement_m),
+            displacement: significant(self.summary.net_displacement_m, 4),
             step: number(self.summary.time_step_s),
             cycles: self.summary.cycles.to_string(),
-            rows,
+            groups: numbers.as_object().map(groups).unwrap_or_default(),
             figures: self.figures,
             notes: self.notes,
             scene: self.scene.0,

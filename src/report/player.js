@@ -48,7 +48,7 @@ function play(wanted) {
   });
   part("beside").replaceChildren(...lines);
   named(motion.media); if (motion.media) within(0);
-  now = first; playing = motion.times.length > 1; part("play").textContent = playing ? "Pause" : "Play";
+  now = first; playing = motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
   show(0);
 }
 // Moves the camera to the whole way, or along with the centre of mass; the grid stands still in the world.

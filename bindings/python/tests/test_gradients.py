@@ -319,6 +319,9 @@ def test_a_failing_run_under_jax_tells_its_reason_last():
         with pytest.raises(caudal.errors.FoldOverError, match="^the rod folds over") as failed:
             call(amplitude)
         assert failed.value.__cause__ is None and failed.value.__context__ is None
+    last(1.0)  # what was called before changes JAX's class, not ours
+    with pytest.raises(caudal.errors.FoldOverError):
+        last(1e9)
     with pytest.raises(jax.errors.JaxRuntimeError) as failed:
         jax.jit(last)(1e9)
     assert str(failed.value).strip().splitlines()[-1].startswith("FoldOverError: the rod folds over")

@@ -166,6 +166,10 @@ def test_wrong_options_of_an_environment_are_named():
         ("groups", 0, "groups: found 0; allowed: 1 or more"),
         ("actions", {"natural_curvature_1_m": (1.0, -1.0)}, "allowed: two numbers, the smaller first"),
         ("actions", {"natural_curvature_1_m": (-np.inf, 1.0)}, "allowed: two numbers, the smaller first"),
+        ("actions", {"natural_curvature_1_m": 1.0}, "found 1.0; allowed: two numbers, the smaller first"),
+        ("observations", "x_com_m", "observations: found the text 'x_com_m'; allowed: a list of names"),
+        ("observations", ["x_com_m", "x_com_m"], "observations: found `x_com_m` twice"),
+        ("goal", lambda generator: None, "goal: found .*; allowed: finite numbers, as many at every reset"),
         ("scales", {"tip_y_m": 2.0}, "scales: `tip_y_m` is not observed; allowed: x_com_m"),
         ("scales", {"x_com_m": 0.0}, "found 0.0; allowed: a positive number"),
         ("render_mode", "human", "render_mode: found 'human'; allowed: None, 'rgb_array'"),
@@ -173,6 +177,11 @@ def test_wrong_options_of_an_environment_are_named():
     ]:
         with pytest.raises(ValueError, match=problem):
             caudal.gymnasium.TailEnv("models/glycerol.toml", **{**options, name: value})
+    sizes = iter([2, 2, 3])
+    environment = caudal.gymnasium.TailEnv("models/glycerol.toml", **options, goal=lambda generator: np.zeros(next(sizes)))
+    environment.reset()
+    with pytest.raises(ValueError, match="goal: found .*; allowed: finite numbers, as many at every reset"):
+        environment.reset()
     environment = caudal.gymnasium.TailEnv("models/glycerol.toml", **options)
     environment.reset()
     with pytest.raises(ValueError, match=r"action: found the shape \(3,\); allowed: \(7,\)"):

@@ -159,6 +159,20 @@ def test_samples_share_a_dimension(tmp_path):
     assert list(dataset["medium.viscosity_pa_s"].values) == [row["medium.viscosity_pa_s"] for row in rows]
 
 
+def test_cases_that_failed_have_no_numbers_over_the_axes_and_a_cross_in_a_map(tmp_path):
+    pytest.importorskip("xarray")
+    axes = {"rod.youngs_modulus_pa": [1e5, 1e6], "head.angle_rad.amplitude": [0.3, 60.0]}
+    rows = caudal.sweep("models/silicone-tail.toml", axes, set={"rod.nodes": 9, "solver.duration_s": 0.6}, out=tmp_path)
+    assert [row["complete"] for row in rows] == [True, False, True, False]
+    dataset = rows.to_xarray()
+    assert np.isnan(dataset["mean_thrust_n"].values).tolist() == [[False, True], [False, True]]
+    assert np.isfinite(dataset["end_time_s"].values).all()
+    (shown,) = rows.plot("mean_thrust_n").axes[:1]
+    assert np.isnan(np.ma.filled(shown.images[0].get_array(), np.nan)).tolist() == [[False, False], [True, True]]
+    (failed,) = (line for line in shown.lines if line.get_label() == "failed")
+    assert sorted(zip(*failed.get_data())) == [(0, 1), (1, 1)]
+
+
 def test_a_design_is_an_object_and_its_scene_runs(tmp_path):
     found = caudal.design("models/design-identify.toml", out=tmp_path)
     assert found.status == found["status"] and len(found.stiffness_n_m2) == len(found.xi)

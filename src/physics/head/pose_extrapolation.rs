@@ -154,16 +154,30 @@ impl DividedDifferences {
         all
     }
 
-    /// The error of the polynomial of each degree for `value` at time `t` (s); infinite if there are too few samples.
-    fn prediction_errors(&self, t: f64, value: f64) -> [f64; TERMS] {
-        let (mut predicted, mut product) = (0.0, 1.0);
+    /// The error of the polynomial of each degree for a later `sample`: of its value, and of its rate and acceleration if they were given,
+    /// each as the error of a value that a smooth motion has with it. Infinite if there are too few samples.
+    fn prediction_errors(&self, sample: &PoseSample) -> [f64; TERMS] {
+        let ahead = sample.time - self.times[0];
+        // The product of the factors t − t_i and its derivatives, and the sums of them.
+        let (mut product, mut predicted) = ([1.0, 0.0, 0.0], [0.0; 3]);
         std::array::from_fn(|k| {
             if k >= self.len {
                 return f64::INFINITY;
             }
-            predicted += self.differences[k] * product;
-            product *= t - self.times[k];
-            (predicted - value).abs()
+            for (sum, product) in predicted.iter_mut().zip(product) {
+                *sum += self.differences[k] * product;
+            }
+            let factor = sample.time - self.times[k];
+            product = [product[0] * factor, product[1] * factor + product[0], product[2] * factor + 2.0 * product[1]];
+            // An error C τ^(k+1) of the value has the rate C (k+1) τ^k.
+            let (mut unit, mut largest) = (1.0, 0.0_f64);
+            for (order, (predicted, given)) in
+                predicted.iter().zip(sample.derivatives).take(sample.order + 1).enumerate()
+            {
+                largest = largest.max((predicted - given).abs() * unit);
+                unit *= ahead / (k + 1 - order.min(k)) as f64;
+            }
+            largest
         })
     }
 
@@ -284,8 +298,7 @@ impl CoordinateExtrapolation {
     /// Stores a sample.
     fn push_sample(&mut self, sample: PoseSample) {
         let far = |a: &PoseSample, b: &PoseSample| a.time - b.time;
-        let errors = DividedDifferences::of(self.samples[..self.len].iter())
-            .prediction_errors(sample.time, sample.derivatives[0]);
+        let errors = DividedDifferences::of(self.samples[..self.len].iter()).prediction_errors(&sample);
         let [last, before, third] = [0, 1, 2].map(|k| &self.samples[k]);
         let again = self.len > 0 && far(&sample, last) <= 0.0;
         let evenly = last.derivatives[0] + self.extrapolated_rate * far(&sample, last);

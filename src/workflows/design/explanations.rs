@@ -10,7 +10,7 @@ use super::table::{DesignTable, Goal};
 use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
 use crate::fluid::Fluid;
 use crate::model::Dynamics;
-use crate::number_format::signed;
+use crate::number_format::{signed, significant};
 use crate::scene::Scene;
 use crate::sensitivity::{JointDirection, Output, Parameter, Problem, Quantity};
 use crate::stepper::Stepper;
@@ -168,9 +168,9 @@ pub(super) fn explain_fluid_share(
 }
 
 pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<String> {
-    let starts: Vec<String> = found.starts.iter().map(|value| format!("{value:.6e}")).collect();
+    let starts: Vec<String> = found.starts.iter().map(|value| significant(*value, 7)).collect();
     let mut lines = vec![
-        format!("{}: {:.6e}", table.goal.label(), found.objective),
+        format!("{}: {}", table.goal.label(), significant(found.objective, 7)),
         format!(
             "{} after {} iterations, stationarity {:.1e}; {} starts ended at {}",
             if found.interrupted {
@@ -246,7 +246,7 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
 /// The objective in each scenario.
 pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
     let line = |ScenarioResult { case, designed, gain_percent, .. }: &ScenarioResult| {
-        let value = designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
+        let value = designed.map_or("fails".to_string(), |value| significant(value, 7));
         let gain = gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
         format!("in {case}: {value}{gain}")
     };
@@ -267,13 +267,12 @@ pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Optio
     let [one, two] = [table.goal, table.front.as_ref()?.goal].map(Goal::label);
     let best = front.iter().filter(|point| point.best).count();
     Some(format!(
-        "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {:.6e} to {:.6e}, {one} \
-         from {:.6e} to {:.6e}",
+        "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {} to {}, {one} from {} to {}",
         front.len(),
-        first.second,
-        last.second,
-        first.first,
-        last.first
+        significant(first.second, 7),
+        significant(last.second, 7),
+        significant(first.first, 7),
+        significant(last.first, 7)
     ))
 }
 
@@ -360,7 +359,8 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
         let part = signed(100.0 * moved / value.abs(), 2);
         format!("; without errors of mesh and steps it would change by {part} %, which the deviation includes: take more nodes or smaller steps")
     });
-    format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}{moved}", value / own)
+    let ratio = value / own;
+    format!("{key}: {}{deviation}{unit}, {ratio:.5} times the scene's{verdict}{moved}", significant(*value, 7))
 }
 
 /// A warning if the simulation does not fit the markers.

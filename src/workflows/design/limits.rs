@@ -9,6 +9,7 @@ use super::table::{DesignTable, Goal};
 use crate::cycle::{CycleMeasure, FORWARD_SPEED, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
+use crate::number_format::significant;
 use crate::rod::Shape;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
@@ -240,7 +241,7 @@ impl Limits {
         if let (Some(other), Some([floor, size])) = (table.second(), table.floor) {
             let second = Objective::new(&other, problem, None)?.like(objective);
             let side = if second.smaller_is_better() { "at most" } else { "at least" };
-            means.push((format!("{} {side} {floor:.6e}", second.name()), second, floor, Some(size)));
+            means.push((format!("{} {side} {}", second.name(), significant(floor, 7)), second, floor, Some(size)));
         }
         Ok(Self { body, load, means })
     }

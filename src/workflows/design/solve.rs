@@ -31,6 +31,7 @@ use crate::files::WrittenFiles;
 use crate::linear_stability::{REST_TOLERANCE, SteadyState, continue_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
+use crate::number_format::significant;
 use crate::report::{Claim, Folder, Owner};
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Problem, Trajectory};
@@ -296,9 +297,10 @@ impl Design {
                 for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
                         let gain = table.gain_percent(found.objective, value);
+                        let value = significant(value, 7);
                         lines.push(match &compared.breaks {
-                            Some(limit) => format!("{}: {value:.6e}, but it breaks a limit: {limit}", compared.name),
-                            None => format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name),
+                            Some(limit) => format!("{}: {value}, but it breaks a limit: {limit}", compared.name),
+                            None => format!("{}: {value}; the design is {gain:+.2} % better", compared.name),
                         });
                     }
                 }
@@ -309,7 +311,7 @@ impl Design {
         for check in &evidence.checks {
             let gain = check.gain_percent.filter(|gain| gain.abs() >= 0.005);
             let gain = gain.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
-            let value = check.designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
+            let value = check.designed.map_or("fails".to_string(), |value| significant(value, 7));
             let what = match table.goal {
                 Goal::Identify => " rms distance from the markers (m)",
                 Goal::StaticShape => " rms distance from the shape (m)",

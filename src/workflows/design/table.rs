@@ -568,10 +568,10 @@ impl DesignTable {
         matches!(self.goal, Goal::Identify | Goal::TrackTip) || self.better.as_deref() == Some("smaller")
     }
 
-    /// How much better `value` is than `other`, %.
+    /// How much better `value` is than `other`, %; zero if they are equal, even at zero.
     pub fn gain_percent(&self, value: f64, other: f64) -> f64 {
         let better = if self.smaller_is_better() { other - value } else { value - other };
-        100.0 * better / other.abs()
+        if better == 0.0 { 0.0 } else { 100.0 * better / other.abs() }
     }
 
     /// True where a simulation is to come close to given positions.

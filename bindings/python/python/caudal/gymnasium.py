@@ -109,6 +109,11 @@ class TailEnv(gymnasium.Env):
         self._made = 0
         self.render_mode = render_mode
         known = self._stepper.variables
+        if isinstance(observations, str):
+            raise ValueError(f"observations: found the text {observations!r}; allowed: a list of names")
+        twice = [name for place, name in enumerate(observations) if name in observations[:place]]
+        if twice:
+            raise ValueError(f"observations: found `{twice[0]}` twice; allowed: each once")
         for name in (*actions, *observations):
             if name not in known:
                 raise ValueError(f"this scene has no variable `{name}`; allowed: {', '.join(known)}")
@@ -116,7 +121,10 @@ class TailEnv(gymnasium.Env):
         if wrong:
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
             raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
-        for name, (least, most) in actions.items():
+        for name, bounds in actions.items():
+            if np.shape(bounds) != (2,):
+                raise ValueError(f"actions[{name!r}]: found {bounds!r}; allowed: two numbers, the smaller first")
+            least, most = bounds
             if not -np.inf < least < most < np.inf:
                 raise ValueError(f"actions[{name!r}]: found ({least}, {most}); allowed: two numbers, the smaller first")
             for bound in (least, most):
@@ -160,7 +168,10 @@ class TailEnv(gymnasium.Env):
         if self._set_start is not None:
             self._set_start(self._stepper, self.np_random)
         if self._set_goal is not None:
-            self._goal = np.atleast_1d(np.asarray(self._set_goal(self.np_random), dtype=np.float64))
+            goal = np.atleast_1d(np.asarray(self._set_goal(self.np_random), dtype=np.float64))
+            if goal.ndim != 1 or not np.isfinite(goal).all() or self._goal.size not in (0, goal.size):
+                raise ValueError(f"goal: found {goal}; allowed: finite numbers, as many at every reset")
+            self._goal = goal
 
     @property
     def stepper(self) -> Stepper:

@@ -68,8 +68,10 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         try:
             found: dict[str, Any] = jax.pure_callback(callback, result, *arguments, vmap_method="sequential")
             return found
-        except jax.errors.JaxRuntimeError as error:
-            reason = next((own for own in reversed(failures) if f"{type(own).__name__}: {own}" in str(error)), error)
+        except Exception as error:  # JAX's class of it depends on what was called before
+            reason = next((own for own in reversed(failures) if f"{type(own).__name__}: {own}" in str(error)), None)
+            if reason is None:
+                raise
         raise reason.with_traceback(None)
 
     @noting

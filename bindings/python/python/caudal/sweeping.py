@@ -76,7 +76,8 @@ class Sweep(list[dict[str, Any]]):
         -------
         xarray.Dataset
             A dimension for each axis, and one, ``sample``, for those that go through a sample together; levels that are lists, as
-            pairs and profiles, are text. Cases that are not there or have no such number are NaN. Variables of the table of variables have ``units`` and ``long_name``.
+            pairs and profiles, are text. Cases that are not there, did not reach their end or have no such number are NaN, but for
+            ``complete`` and ``end_time_s``. Variables of the table of variables have ``units`` and ``long_name``.
         """
         xr = optional("xarray", "to_xarray()")
         dimensions: dict[str, int] = {}
@@ -94,7 +95,7 @@ class Sweep(list[dict[str, Any]]):
                 continue
             values = np.full(int(np.prod(shape)), np.nan)
             for row in self:
-                value = row.get(name)
+                value = _number(row, name)
                 values[row["case"]] = np.nan if not isinstance(value, (int, float)) else value
             unit, meaning = known.get(name, (None, None))
             attributes = {} if unit is None else {"units": unit, "long_name": meaning}
@@ -103,7 +104,7 @@ class Sweep(list[dict[str, Any]]):
         return dataset
 
     def plot(self, name: str) -> matplotlib.figure.Figure:
-        """Draw a quantity over two axes as a heat map; else over the last axis, one line per level of the others; over one of a
+        """Draw a quantity over two axes as a heat map, with a cross for cases that failed; else over the last axis, one line per level of the others; over one of a
         sample its points.
 
         Parameters
@@ -131,7 +132,7 @@ class Sweep(list[dict[str, Any]]):
         lines: dict[tuple[Any, ...], list[tuple[Any, Any]]] = {}
         for row in self:
             levels = tuple(_level(row[other]) for other in others)
-            lines.setdefault(levels, []).append((_level(row[last]), row.get(name)))
+            lines.setdefault(levels, []).append((_level(row[last]), _number(row, name)))
         figure = Figure(figsize=(7, 4), layout="constrained")
         axes = figure.subplots()
         for levels, points in lines.items():
@@ -150,10 +151,13 @@ class Sweep(list[dict[str, Any]]):
         # Levels as they are listed: the colours say what they hold, whatever their spacing.
         places = {axis: {str(level): place for place, level in enumerate(self.axes[axis])} for axis in (across, up)}
         values = np.full((len(places[up]), len(places[across])), np.nan)
+        failed = []
         for row in self:
-            number = row.get(name)
+            number = _number(row, name)
             cell = places[up][str(row[up])], places[across][str(row[across])]
             values[cell] = np.nan if number is None else number
+            if not row["complete"]:
+                failed.append(cell)
         figure = Figure(figsize=(7, 5), layout="constrained")
         axes = figure.subplots()
         known = values[np.isfinite(values)]
@@ -166,11 +170,14 @@ class Sweep(list[dict[str, Any]]):
         for axis, set_ticks in ((across, axes.set_xticks), (up, axes.set_yticks)):
             every = -(-len(self.axes[axis]) // 12)
             set_ticks(range(0, len(self.axes[axis]), every), [str(_level(level)) for level in self.axes[axis][::every]])
+        if failed:
+            axes.plot([x for _, x in failed], [y for y, _ in failed], "x", color="0.5", label="failed", linestyle="none")
         if known.size:
             for label, marker, place in (("largest", "o", np.nanargmax(values)), ("least", "s", np.nanargmin(values))):
                 y, x = np.unravel_index(place, values.shape)
                 axes.plot(x, y, marker, color="k", markeredgecolor="w", label=f"{label}: {values[y, x]:.4g}", linestyle="none")
-            figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", fontsize="small", ncols=2)
+        if known.size or failed:
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", fontsize="small", ncols=3)
         axes.set(xlabel=across, ylabel=up)
         return figure
 
@@ -337,6 +344,11 @@ def _is_order_independent(scene: Scene) -> bool:
     except Error:
         return False
     return other._standalone("") == scene._standalone("")
+
+
+def _number(row: dict[str, Any], name: str) -> Any:
+    """What a case has in a column; None if the case did not reach its end, as means of a part of a run are no means of it."""
+    return row.get(name) if row["complete"] or name in ("complete", "end_time_s") else None
 
 
 def _level(level: Any) -> Any:

@@ -7,7 +7,7 @@ use super::quantities::{ComparedQuantity, describe_errors, quantities};
 use super::reference::{RUN_OPTIONS, Reference, RunResults};
 use crate::error::Result;
 use crate::integrator::StepControl;
-use crate::number_format::{percent, two_digits};
+use crate::number_format::{percent, significant, two_digits};
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
 use crate::study::study_run::{SimulationMethod, StudyRun};
@@ -147,9 +147,9 @@ impl AccuracyReport<'_> {
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
             let errors = reference.errors;
             findings.answers.push(format!(
-                "Reference on {nodes} nodes: {}, energy put in {:.6e} J; two independent references agree to {}.",
+                "Reference on {nodes} nodes: {}, energy put in {} J; two independent references agree to {}.",
                 reference.result.first_in_words(self.is_held()),
-                reference.result.work,
+                significant(reference.result.work, 7),
                 describe_errors(self.quantities(), errors.map(|e| format!("{e:.1e}")))
             ));
             let mut numbers = json!({ "energy_put_in_j": reference.result.work });
