@@ -32,6 +32,7 @@ use twox_hash::XxHash3_128;
 
 pub use actuation::ActuationTable;
 pub use document::Document;
+#[cfg(feature = "report")]
 pub(crate) use error_location::rephrase;
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};

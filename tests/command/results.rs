@@ -710,3 +710,44 @@ fn what_moves_less_than_a_billionth_of_its_length_does_not_swim() {
         assert_eq!(summary["efficiency"].is_number(), swims, "{}", summary["efficiency"]);
     }
 }
+
+#[test]
+fn a_page_lists_every_number_of_the_summary_once_with_its_unit_and_nothing_that_is_not_there() {
+    let folder = scene(EEL);
+    done(folder.path(), &["run", "scene.toml", "--out", "out"]);
+    let read = |file: &str| std::fs::read_to_string(folder.path().join("out").join(file)).unwrap();
+    let (page, summary) = (read("report.html"), read("summary.json"));
+    let summary: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&summary).unwrap();
+    let table = page.split("<table id=\"numbers\">").nth(1).unwrap().split("</table>").next().unwrap();
+    let row = |key: &str| {
+        let mut rows = table.split("<tr>").filter(|row| row.contains(&format!(">{key}</td>")));
+        (rows.next().map(str::to_string), rows.count())
+    };
+    let (mut listed, mut left_out) = (0, Vec::new());
+    for (key, value) in &summary {
+        let (found, again) = row(key);
+        assert_eq!(again, 0, "{key}");
+        match found {
+            Some(found) => {
+                assert!(!value.is_null() && !found.contains("null"), "{found}");
+                listed += 1;
+            }
+            None => left_out.push((key.as_str(), value.clone())),
+        }
+    }
+    assert_eq!(table.matches("<td title=").count(), listed);
+    let zero = |value: &serde_json::Value| match value.as_array() {
+        Some(values) => values.iter().all(|x| x.as_f64() == Some(0.0)),
+        None => value.as_f64() == Some(0.0),
+    };
+    for (key, value) in left_out {
+        let elsewhere = ["notes", "final_positions_m"].contains(&key) || key.contains("_spread");
+        assert!(elsewhere || value.is_null() || zero(&value), "{key}: {value}");
+    }
+    let speed = summary["cycle_speed_m_s"].as_f64().unwrap();
+    let found = row("cycle_speed_m_s").0.unwrap();
+    let shown = found.rsplit_once("\">").unwrap().1;
+    assert!(shown.contains(" ± ") && shown.contains(" m&#x2f;s<"), "{found}");
+    let shown: f64 = shown.split(' ').next().unwrap().parse().unwrap();
+    assert!((shown / speed - 1.0).abs() < 1e-5, "{found}");
+}
