@@ -145,7 +145,7 @@ impl SolverTable {
 
 impl Scene {
     /// Checks that the model supports every part of the scene.
-    pub(super) fn check_model(&self) -> std::result::Result<(), KeyError> {
+    pub(crate) fn check_model(&self) -> std::result::Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let kind = self.kind()?;
         if kind.is_some_and(|kind| kind.needs_drag) && self.drag.is_none() {

@@ -275,7 +275,15 @@ impl Simulation {
                 "vx_m_s" => OutputSource::Velocity(0),
                 "vy_m_s" => OutputSource::Velocity(1),
                 _ => {
-                    own.outputs.push(Output::named(name, own.problem.model())?);
+                    let output = Output::named(name, own.problem.model()).map_err(|unknown| {
+                        if !name.starts_with(CYCLE_PREFIX) {
+                            return unknown;
+                        }
+                        refusal(format!(
+                            "{name}: found a mean over cycles, of which a run has one; allowed: what changes in time, or value_and_grad for means"
+                        ))
+                    })?;
+                    own.outputs.push(output);
                     OutputSource::Output(own.outputs.len() - 1)
                 }
             };

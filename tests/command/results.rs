@@ -720,7 +720,7 @@ fn a_page_lists_every_number_of_the_summary_once_with_its_unit_and_nothing_that_
     let summary: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&summary).unwrap();
     let table = page.split("<table id=\"numbers\">").nth(1).unwrap().split("</table>").next().unwrap();
     let row = |key: &str| {
-        let mut rows = table.split("<tr>").filter(|row| row.contains(&format!(">{key}</td>")));
+        let mut rows = table.split("<tr>").filter(|row| row.contains(&format!(">{key}</td><td")));
         (rows.next().map(str::to_string), rows.count())
     };
     let (mut listed, mut left_out) = (0, Vec::new());
@@ -735,7 +735,7 @@ fn a_page_lists_every_number_of_the_summary_once_with_its_unit_and_nothing_that_
             None => left_out.push((key.as_str(), value.clone())),
         }
     }
-    assert_eq!(table.matches("<td title=").count(), listed);
+    assert_eq!(table.matches("</td></tr>").count(), listed);
     let zero = |value: &serde_json::Value| match value.as_array() {
         Some(values) => values.iter().all(|x| x.as_f64() == Some(0.0)),
         None => value.as_f64() == Some(0.0),

@@ -578,7 +578,7 @@ def test_a_study_goes_on_with_the_runs_that_an_engine_made(tmp_path):
     scene = caudal.load(file, set={"solver.duration_s": 0.05})
     caudal.study("stability", scene, out=tmp_path / "ours", **options)
     out = tmp_path / "theirs"
-    runs = caudal._caudal._runs_of(scene, {"stability": options}, out, False)
+    runs = caudal._caudal._runs_of(scene, "stability", options, out, False)
     lines, times = caudal._caudal._runs(runs.bundle(), [3, 5])
     assert runs.keep(lines) == 2 and runs.keep(lines) == 0 and len(times) == 2
     assert set(range(runs.size)) - set(runs.todo()) == {3, 5}

@@ -385,6 +385,11 @@ def test_torch_takes_the_type_of_the_first_tensor_of_floats_and_texts_as_names()
         assert path.is_floating_point() and torch.allclose(path.double(), exact, rtol=1e-6)
 
 
+def test_a_mean_over_cycles_is_no_output_over_time():
+    with pytest.raises(caudal.errors.DerivativeError, match="cycle_thrust_n: found a mean over cycles.*value_and_grad"):
+        caudal.simulate("models/silicone-tail.toml", "cycle_thrust_n")
+
+
 def test_wrong_values_of_parameters_are_named():
     for name, value, problem in [
         ("actuation_phase_rad", [], r"found the shape \(0,\); allowed: \(1,\)"),

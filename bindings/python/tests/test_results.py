@@ -168,9 +168,9 @@ def test_cases_that_failed_have_no_numbers_over_the_axes_and_a_cross_in_a_map(tm
     assert np.isnan(dataset["mean_thrust_n"].values).tolist() == [[False, True], [False, True]]
     assert np.isfinite(dataset["end_time_s"].values).all()
     (shown,) = rows.plot("mean_thrust_n").axes[:1]
-    assert np.isnan(np.ma.filled(shown.images[0].get_array(), np.nan)).tolist() == [[False, False], [True, True]]
+    assert np.isnan(np.ma.filled(shown.images[0].get_array(), np.nan)).tolist() == [[False, True], [False, True]]
     (failed,) = (line for line in shown.lines if line.get_label() == "failed")
-    assert sorted(zip(*failed.get_data())) == [(0, 1), (1, 1)]
+    assert sorted(zip(*failed.get_data())) == [(1, 0), (1, 1)]
 
 
 def test_a_design_is_an_object_and_its_scene_runs(tmp_path):

@@ -89,6 +89,13 @@ pub fn plan(
             }
         }
         for simulation in SimulationMethod::cheaper(scene).into_iter().filter(asked) {
+            if let Err(refused) = scene.with_model(simulation.kind).check_model() {
+                let reason = format!("the model {:?}: {}", simulation.kind.name, refused.problem);
+                if !left_out.contains(&reason) {
+                    left_out.push(reason);
+                }
+                continue;
+            }
             let case = |tolerance: &f64| case(&simulation, StepControl::Adaptive(*tolerance), *nodes);
             cases.extend(tolerances.iter().map(case));
         }
