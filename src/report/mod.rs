@@ -9,7 +9,7 @@ pub mod film;
 mod findings;
 mod folder;
 mod heat_map;
-mod numbers;
+mod number_groups;
 pub mod outcome_map;
 mod output;
 mod page;

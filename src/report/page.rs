@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 use super::Summary;
 use super::chart::Figure;
-use super::numbers::{NumberGroup, groups};
+use super::number_groups::{NumberGroup, groups};
 use super::run_record::Frame;
 use crate::error::{Error, Result};
 use crate::number_format::{number, significant};

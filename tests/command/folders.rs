@@ -325,7 +325,6 @@ fn a_folder_that_was_there_stays_when_what_should_go_into_it_fails() {
     let folder = scenes();
     for there in ["results", "deep/er"] {
         std::fs::create_dir_all(folder.path().join(there)).unwrap();
-        // Symplectic Euler with such a step blows up in the first of them.
         for (arguments, created) in [
             (format!("run eel.toml --set rod.nodes=2 --out {there}"), "nothing"),
             (format!("run eel.toml --set solver.integrator=unknown --out {there}/new/folder"), "new"),

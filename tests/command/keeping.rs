@@ -182,6 +182,12 @@ fn a_disk_that_is_full_at_the_start_leaves_no_folder() {
         assert!(errors(&output).contains("cannot be written"), "{verb}: {}", errors(&output));
         assert_ne!(output.status.code(), Some(0));
         assert_eq!(names(folder.path()), ["eel.toml", "sweep.toml"], "{verb}");
+        // A folder that was there stays, empty as it was.
+        let there = folder.path().join("there");
+        std::fs::create_dir(&there).unwrap();
+        let output = limited(folder.path(), "ulimit -f 0;", &format!("{verb} --out there"));
+        assert_ne!(output.status.code(), Some(0));
+        std::fs::remove_dir(&there).unwrap_or_else(|error| panic!("{verb}: {error}"));
     }
 }
 

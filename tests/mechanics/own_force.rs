@@ -651,15 +651,15 @@ fn a_force_on_an_edge_that_is_not_there_ends_in_an_error() {
 
 /// A push across on the last node, and a spring between the first node and a place, both of which the host sets.
 #[derive(Debug)]
-struct Pushed {
-    push: Arc<Shared>,
-    place: Arc<Shared>,
+struct HostDrivenForce {
+    push: Arc<HostInput>,
+    place: Arc<HostInput>,
 }
 
 /// A number that a force shares with its host. It is an input, so `Debug` does not tell it.
-struct Shared(AtomicU64);
+struct HostInput(AtomicU64);
 
-impl Shared {
+impl HostInput {
     fn of(value: f64) -> Arc<Self> {
         Arc::new(Self(AtomicU64::new(value.to_bits())))
     }
@@ -673,13 +673,13 @@ impl Shared {
     }
 }
 
-impl std::fmt::Debug for Shared {
+impl std::fmt::Debug for HostInput {
     fn fmt(&self, text: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         text.write_str("an input")
     }
 }
 
-impl Pushed {
+impl HostDrivenForce {
     const STIFFNESS: f64 = 5.0;
 
     fn off(&self, rod: &Kinematics<'_>) -> Vector2<f64> {
@@ -687,7 +687,7 @@ impl Pushed {
     }
 }
 
-impl Force for Pushed {
+impl Force for HostDrivenForce {
     fn name(&self) -> &'static str {
         "pushed"
     }
@@ -741,9 +741,9 @@ fn an_input_of_an_own_force_acts_as_the_same_input_of_the_stepper() {
     for method in ["newmark", "generalized-alpha", "implicit-euler", "esdirk3"] {
         let scene = scene(&[&format!("solver.integrator={method}")]);
         let run = |own: bool, told: bool| {
-            let [push, place] = [0.0, 0.0].map(Shared::of);
+            let [push, place] = [0.0, 0.0].map(HostInput::of);
             let mut model = scene.model().unwrap();
-            model.forces.0.push(Box::new(Pushed { push: push.clone(), place }));
+            model.forces.0.push(Box::new(HostDrivenForce { push: push.clone(), place }));
             let mut tail = Stepper::of_model(&scene, model).unwrap();
             for k in 0..20 {
                 if k % 5 == 0 {
@@ -781,9 +781,9 @@ fn an_input_of_an_own_force_acts_as_the_same_input_of_the_stepper() {
 #[test]
 fn the_energy_that_an_input_of_an_own_force_stores_at_once_is_counted() {
     let scene = scene(&["solver.integrator=newmark", "medium.flow_m_s=[0.0, 0.0]"]);
-    let [push, place] = [0.0, 0.0].map(Shared::of);
+    let [push, place] = [0.0, 0.0].map(HostInput::of);
     let mut model = scene.model().unwrap();
-    model.forces.0.push(Box::new(Pushed { push, place: place.clone() }));
+    model.forces.0.push(Box::new(HostDrivenForce { push, place: place.clone() }));
     let mut tail = Stepper::of_model(&scene, model).unwrap();
     tail.do_step(0.05).unwrap();
     let of = |tail: &Stepper| (tail.metrics().now.energy.fluid, tail.metrics().totals.work.flow);

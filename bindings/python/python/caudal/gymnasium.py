@@ -122,12 +122,9 @@ class TailEnv(gymnasium.Env):
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
             raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
         for name, bounds in actions.items():
-            if np.shape(bounds) != (2,):
+            if np.shape(bounds) != (2,) or not -np.inf < bounds[0] < bounds[1] < np.inf:
                 raise ValueError(f"actions[{name!r}]: found {bounds!r}; allowed: two numbers, the smaller first")
-            least, most = bounds
-            if not -np.inf < least < most < np.inf:
-                raise ValueError(f"actions[{name!r}]: found ({least}, {most}); allowed: two numbers, the smaller first")
-            for bound in (least, most):
+            for bound in bounds:
                 try:
                     self._stepper.set(name, np.full(known[name].shape, bound) if known[name].shape else bound)
                 except Error as error:

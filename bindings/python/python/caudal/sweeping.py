@@ -104,8 +104,8 @@ class Sweep(list[dict[str, Any]]):
         return dataset
 
     def plot(self, name: str) -> matplotlib.figure.Figure:
-        """Draw a quantity over two axes as a heat map, with a cross for cases that failed; else over the last axis, one line per level of the others; over one of a
-        sample its points.
+        """Draw a quantity over two axes as a heat map, with a cross for cases that failed; else over the last axis, one line per
+        level of the others; over one of a sample its points.
 
         Parameters
         ----------
