@@ -27,6 +27,7 @@ use crate::model::{Dynamics, Model};
 use crate::rod::{Damping, Rod};
 use crate::start::Start;
 use crate::system::{Form, Linearisation, System};
+use crate::tendons::Tendons;
 
 /// Up to this many nodes shapes are computed from dense matrices: beyond, vectors lose digits (2e-8 of the first frequency
 /// at 129 nodes), and the iteration needs that many.
@@ -424,6 +425,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
         rod: rod.clone(),
         actuation: None,
         active_moments: false,
+        tendons: Tendons::default(),
         start: Start::Jump,
         forces,
         fluid: Fluid { flow: Vector2::zeros(), acceleration: Vector2::zeros(), ..fluid },

@@ -25,6 +25,7 @@ use crate::scene::{HeadKind, NodesTable, Scene, StartKind};
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
+use crate::tendons::Tendon;
 
 /// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³. So is what follows from
 /// the shapes that the drive prescribes, which are many whole states.
@@ -361,6 +362,9 @@ impl Assessment {
             ),
             None => {}
         }
+        for tendon in model.tendons.iter() {
+            fact("tendon", describe_tendon(tendon, rod));
+        }
         let tip = match regime {
             Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
             Ok(_) => " m, half of how far the tip moves",
@@ -373,6 +377,8 @@ impl Assessment {
             ": far below 1 the rod bends as far as the moments bend it at rest"
         } else if resists && scene.actuation.is_some() {
             ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
+        } else if scene.actuation.is_none() && !scene.tendons.is_empty() {
+            ": far below 1 the rod bends as far as its tendons bend it at rest"
         } else if scene.actuation.is_none() {
             ": far below 1 the rod follows its head without bending"
         } else {
@@ -783,6 +789,21 @@ fn describe_section(rod: &Rod) -> String {
     let hole = if section.inner > 0.0 { format!(", the hole {:.4e} m", 2.0 * section.inner) } else { String::new() };
     let at = if sections.profiles().all(Profile::is_even) { "" } else { ", in the middle" };
     format!("{outline}{hole}{at}")
+}
+
+/// Where a tendon runs, how long it is at rest, and what it bends and strains the unloaded rod by for each newton.
+fn describe_tendon(tendon: &Tendon, rod: &Rod) -> String {
+    let side = if tendon.offset < 0.0 { "right" } else { "left" };
+    let length = rod.spacing * tendon.edges.len() as f64;
+    let middle = (tendon.joints.start + tendon.joints.end) / 2;
+    format!(
+        "{} m to the {side}, along nodes {} to {}, {} m long at rest; in its middle 1 N bends the rod at rest by {} 1/m",
+        significant(tendon.offset.abs(), 3),
+        tendon.edges.start,
+        tendon.edges.end,
+        significant(length, 4),
+        significant(tendon.offset / rod.joint_stiffness(middle), 3)
+    )
 }
 
 /// The `damping` of a `rod` of these natural `modes` that is driven at a frequency (rad/s), if it is: where `given` by a natural curvature

@@ -20,10 +20,11 @@ use serde::{Deserialize, Serialize, Serializer};
 use crate::fluid::{Fluid, Force};
 use crate::head::Signal;
 use crate::metrics::{Measurements, Power, RunMetrics};
-use crate::model::{Dynamics, Model};
+use crate::model::{Dynamics, Inputs, Model};
 use crate::number_format::percent;
 use crate::rod::node;
 use crate::system::State;
+use crate::tendons::MAX_TENDONS;
 
 /// The largest number of cycles that are kept and averaged.
 pub const MAX_CYCLES: usize = 4;
@@ -109,11 +110,11 @@ fn set_work(of: &mut Integrals, Power { actuation, material, viscous, wake, spra
 enum CycleSource {
     /// The actuation, at its current frequency.
     Actuation,
-    /// The driven head or the flow, at this frequency (Hz).
+    /// The driven head, the flow or tendons, at this frequency (Hz).
     Head(f64),
-    /// A head or a flow given by a table, which has no period.
+    /// A head, a flow or a tendon given by a table, which has no period.
     Table,
-    /// Sinusoids of head and flow whose frequencies are not multiples of the lowest.
+    /// Sinusoids of head, flow and tendons whose frequencies are not multiples of the lowest.
     Mixed,
     /// Nothing.
     Nothing,
@@ -121,7 +122,8 @@ enum CycleSource {
 
 impl CycleSource {
     fn of(model: &Model) -> Self {
-        let signals = || model.head.iter().flatten().chain(model.flow.iter().flatten());
+        let pulls = || model.tendons.iter().map(|tendon| &tendon.tension);
+        let signals = || model.head.iter().flatten().chain(model.flow.iter().flatten()).chain(pulls());
         let frequency = |signal: &Signal| match signal {
             Signal::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
                 Some(frequency.abs())
@@ -159,18 +161,21 @@ impl CycleSource {
         match self {
             Self::Actuation if dynamics.inputs.drive.frequency == 0.0 => "the actuation's frequency is 0".to_string(),
             Self::Actuation => shorter(dynamics.inputs.drive.frequency.recip()),
-            Self::Head(_) if !steady(dynamics) => "a host moves the head or the flow".to_string(),
+            Self::Head(_) if !steady(dynamics) => "a host moves the head or the flow, or pulls a tendon".to_string(),
             Self::Head(frequency) => shorter(frequency.recip()),
-            Self::Table => "the head or the flow moves by a table, which has no period".to_string(),
-            Self::Mixed => "the sinusoids of head and flow have no common period among their own".to_string(),
+            Self::Table => {
+                "the head or the flow moves, or a tendon is pulled, by a table, which has no period".to_string()
+            }
+            Self::Mixed => "the sinusoids of head, flow and tendons have no common period among their own".to_string(),
             Self::Nothing => "nothing drives the tail periodically".to_string(),
         }
     }
 }
 
-/// True if no host drives the head or the flow.
+/// True if no host drives the head or the flow, or pulls a tendon.
 fn steady(dynamics: &Dynamics) -> bool {
-    dynamics.inputs.head.is_none() && !dynamics.inputs.flow_taken
+    let Inputs { head, flow_taken, tension, .. } = &dynamics.inputs;
+    head.is_none() && !flow_taken && *tension == [0.0; MAX_TENDONS]
 }
 
 /// The integrals and their rates at one time.

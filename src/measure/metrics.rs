@@ -14,11 +14,12 @@ use crate::fluid::{Fluid, Forces, Kinematics, PowerKind};
 use crate::head::{Row, hermite};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::linear::Real;
-use crate::model::{ActiveMoments, Dynamics, Mechanics};
+use crate::model::{ActiveMoments, DeformedRod, Dynamics, Mechanics};
 use crate::rod::damping::KelvinVoigt;
 use crate::rod::energies::{MovingRod, RodSums};
 use crate::rod::{Cell, DampedRate, Edge, Rod, bend, node};
 use crate::system::{Link, State, System};
+use crate::tendons::MAX_TENDONS;
 
 /// What a batched step measured: the sums over a rod, of one case or of all lanes.
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
@@ -144,6 +145,7 @@ impl Power {
             Some(PowerKind::Flow) => self.flow -= against_fluid,
             Some(PowerKind::Spray) => self.spray += against_fluid,
             Some(PowerKind::Load) => self.load -= against_fluid,
+            Some(PowerKind::Drive) => self.actuation -= against_fluid,
             Some(PowerKind::Other) => self.other -= against_fluid,
             None => (),
         }
@@ -186,7 +188,7 @@ impl Resultants {
             Some(PowerKind::Spray) => &mut self.spray,
             Some(PowerKind::Load) => &mut self.load,
             Some(PowerKind::Flow) => &mut self.flow,
-            Some(PowerKind::Other) => &mut self.other,
+            Some(PowerKind::Drive | PowerKind::Other) => &mut self.other,
             None => &mut self.inertia,
         }
     }
@@ -216,6 +218,26 @@ impl Momentum {
     /// Of both.
     pub fn total(&self) -> Vector2<f64> {
         self.rod + self.fluid
+    }
+}
+
+/// A tendon at one time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct TendonReading {
+    /// Its tension, N.
+    pub tension: f64,
+    /// Its length Λ, m.
+    pub length: f64,
+    /// dΛ/dt, m/s.
+    pub length_rate: f64,
+    /// Σ ℓ_e of its edges, m.
+    pub edge_length: f64,
+}
+
+impl TendonReading {
+    /// The power (W) that whatever pulls it puts in, −T dΛ/dt.
+    pub fn power(&self) -> f64 {
+        -self.tension * self.length_rate
     }
 }
 
@@ -260,6 +282,8 @@ pub struct Measurements {
     natural: Vec<f64>,
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
+    /// Of each tendon.
+    pub tendons: [TendonReading; MAX_TENDONS],
     /// Its cross-flow velocity.
     across: CrossFlowSquares,
 }
@@ -402,6 +426,7 @@ impl Measurements {
         }
         let material = self.resist(dynamics, taken, &mut sums.actuation);
         self.activate(dynamics, state, taken, &mut sums);
+        self.read_tendons(&bent);
         let held = || holding.unwrap_or_else(|| bent.reaction());
         let forces = |power: &mut Power, resultants: &mut Resultants| {
             let moving = bent.kinematics();
@@ -488,6 +513,20 @@ impl Measurements {
                 strained * active.rate[k]
             } else {
                 active.moment[k] * self.curvature_rate(dynamics, state, k) - elastic * active.natural_rate[k]
+            };
+        }
+    }
+
+    /// Reads the tendons.
+    fn read_tendons(&mut self, bent: &DeformedRod<'_>) {
+        let DeformedRod { dynamics, state } = bent;
+        for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
+            let turning: f64 = tendon.joints.clone().map(|k| self.curvature_rate(dynamics, state, k)).sum();
+            self.tendons[i] = TendonReading {
+                tension: dynamics.tensions[0][i],
+                length: tendon.length(bent.edges(), &self.kappa),
+                length_rate: tendon.edge_length_rate(bent.edges(), &state.v) - tendon.offset * turning,
+                edge_length: tendon.edge_length(bent.edges()),
             };
         }
     }
@@ -638,7 +677,7 @@ impl Measurements {
         Power { load, ..Power::by_part(work) }
     }
 
-    /// Work (J) since `before`, by the trapezoidal rule: in time for drag and flow, in κ̄ or κ for the actuation, in position and angle for the
+    /// Work (J) since `before`, by the trapezoidal rule: in time for drag and flow, in κ̄, κ or length for the actuation, in position and angle for the
     /// head. `load` is the work of the loads.
     fn work_since(&self, before: &Self, load: f64, head_mass: f64) -> Power {
         let half_time = 0.5 * (self.time - before.time);
@@ -650,6 +689,9 @@ impl Measurements {
         for active in [&self.active, &before.active] {
             let bent = active.iter().zip(self.kappa.iter().zip(&before.kappa));
             actuation += bent.map(|(moment, (now, old))| 0.5 * moment * (now - old)).sum::<f64>();
+        }
+        for (now, old) in self.tendons.iter().zip(&before.tendons) {
+            actuation -= 0.5 * (now.tension + old.tension) * (now.edge_length - old.edge_length);
         }
         let translation = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
         let inertia = 0.5 * head_mass * (self.head[1].norm_squared() - before.head[1].norm_squared());

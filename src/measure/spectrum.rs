@@ -1,4 +1,4 @@
-//! The spectrum of what drives a rod: the frequencies of actuation, head and flow, and how fast each moves the rod.
+//! The spectrum of what drives a rod: the frequencies of actuation, head, flow and tendons, and how fast each moves the rod.
 //!
 //! A line is a frequency f and the root mean square v of the velocity that it gives the rod against the fluid. A line with a small v
 //! counts for less: a method of third order follows it as well as the strongest line at steps that are (v/v_max)^⅓ times shorter
@@ -17,6 +17,7 @@ use crate::model::{Drive, Model};
 use crate::rod::{Rod, node};
 use crate::start::Start;
 use crate::system::State;
+use crate::tendons::Tendon;
 
 /// Number of phases of a cycle at which the prescribed shape is evaluated.
 const PHASES: u32 = 48;
@@ -58,12 +59,14 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// That of an actuation of `rod` by natural curvature with its drive, of the motion of its head and of a flow that changes in time.
+    /// That of an actuation of `rod` by natural curvature with its drive, of the motion of its head, of a flow that changes in time and of
+    /// tendons.
     pub fn of(
         rod: &Rod,
         actuation: Option<(&dyn Actuation, Drive)>,
         head: Option<&HeadMotion>,
         flow: Option<&[Signal; 2]>,
+        tendons: &[Tendon],
     ) -> Self {
         let mut spectrum = Self::default();
         if let Some((actuation, drive)) = actuation {
@@ -77,16 +80,24 @@ impl Spectrum {
         for signal in flow.into_iter().flatten() {
             spectrum.add_signal(signal, 1.0, false);
         }
+        for tendon in tendons {
+            // A tension T bends an unloaded rod by T d/EI, which moves it by half of that times the square of the distance, L²/√5 in the
+            // mean square.
+            let middle = (tendon.joints.start + tendon.joints.end) / 2;
+            let length = tendon.edges.len() as f64 * rod.spacing;
+            let arm = tendon.offset.abs() * length * length / (2.0 * 5f64.sqrt() * rod.joint_stiffness(middle));
+            spectrum.add_signal(&tendon.tension, arm, true);
+        }
         spectrum
     }
 
     /// That of a model.
     pub fn of_model(model: &Model) -> Self {
-        let Model { rod, head, flow, .. } = model;
+        let Model { rod, head, flow, tendons, .. } = model;
         let driven = model.with_curvature_wave(|actuation, drive| {
-            Self::of(rod, Some((actuation, drive)), head.as_ref(), flow.as_ref())
+            Self::of(rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons)
         });
-        driven.unwrap_or_else(|| Self::of(rod, None, head.as_ref(), flow.as_ref()))
+        driven.unwrap_or_else(|| Self::of(rod, None, head.as_ref(), flow.as_ref(), tendons))
     }
 
     /// The frequencies, each with its speed.

@@ -10,6 +10,8 @@ pub mod loads;
 
 pub mod head;
 
+pub mod tendons;
+
 pub mod start;
 
 pub mod model;

@@ -22,7 +22,9 @@ use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
-use crate::head::{HeadInput, HeadMotion, HostHead, Pose, RESOLVING_STEPS_PER_PERIOD, Signal, pose, pose_before};
+use crate::head::{
+    HeadInput, HeadMotion, HostHead, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose, pose_before,
+};
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
 use crate::rod::damping::{Damping, KelvinVoigt, StrainRates};
@@ -31,6 +33,7 @@ use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
 use crate::system::{Form, Linearisation, Link, State, System};
+use crate::tendons::{MAX_TENDONS, Tendons, slack_below_zero};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
@@ -74,6 +77,8 @@ pub struct Model {
     pub actuation: Option<(Box<dyn Actuation>, Drive)>,
     /// True where it gives active moments (N m), not natural curvatures.
     pub active_moments: bool,
+    /// The tendons; their pull on the edges is one of the forces.
+    pub tendons: Tendons,
     /// How the run starts.
     pub start: Start,
     /// What acts on the rod from outside, beside constant loads.
@@ -141,6 +146,8 @@ pub struct Inputs {
     pub natural: Option<Vec<f64>>,
     /// A host's own active moment of each joint (N m), one entry per node.
     pub moment: Option<Vec<f64>>,
+    /// What a host adds to the tension of each tendon, N.
+    pub tension: [f64; MAX_TENDONS],
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
@@ -181,6 +188,7 @@ impl Inputs {
             phase_origin: [0.0; 2],
             natural: None,
             moment: None,
+            tension: [0.0; MAX_TENDONS],
             force: None,
             fluid: model.fluid,
             flow_taken: false,
@@ -196,6 +204,7 @@ impl Inputs {
         parts(self) == parts(other)
             && self.natural == other.natural
             && self.moment == other.moment
+            && self.tension == other.tension
             && self.force == other.force
     }
 
@@ -305,6 +314,13 @@ impl ActiveMoments {
     }
 }
 
+/// Adds the active moments (N m) of `tendons` of these `tensions` (N) to those of the joints, one entry per node.
+fn add_tendon_moments(tendons: &Tendons, tensions: &[f64], moments: &mut [f64]) {
+    for (tendon, tension) in tendons.iter().zip(tensions) {
+        moments[tendon.joints.clone()].iter_mut().for_each(|moment| *moment += tension * tendon.offset);
+    }
+}
+
 /// A model in motion: its inputs and all that follows from time and inputs alone, with room to work in.
 #[derive(Debug)]
 pub struct Dynamics {
@@ -323,6 +339,8 @@ pub struct Dynamics {
     pub natural_rate: Vec<f64>,
     /// The active moments in them, where there are any.
     pub active: Option<ActiveMoments>,
+    /// The tension of each tendon, N, and its rate, N/s, at the time last moved to.
+    pub tensions: [[f64; MAX_TENDONS]; 2],
     /// Pose of a held head at the time last moved to.
     pub held: Option<Pose>,
     /// Where the step ends (s) that is under way, or was made last: there the head is as the step brings it, see
@@ -353,6 +371,7 @@ impl Dynamics {
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             active: None,
+            tensions: Default::default(),
             held: None,
             step_end: None,
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
@@ -489,6 +508,7 @@ impl Dynamics {
         if let Some(own) = &by.moment {
             active.moment.iter_mut().zip(own).for_each(|(moment, own)| *moment += own);
         }
+        add_tendon_moments(&self.model.tendons, &self.tension_change(by), &mut active.moment);
         active.bend(rod, [natural, rate]);
     }
 
@@ -556,8 +576,33 @@ impl Dynamics {
             if let Some(extrapolation) = &self.extrapolation {
                 extrapolation.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, active);
             }
+            let second: [f64; MAX_TENDONS] = std::array::from_fn(|i| self.pull(i, t).acceleration);
+            add_tendon_moments(&self.model.tendons, &second, active);
             rod.joints().for_each(|k| out[k] += active[k] / rod.joint[k]);
         }
+    }
+
+    /// The tension of tendon `i` at time `t` (s), N, with its first two rates: the scene's, which grows with the ramp of the start, and what
+    /// the host adds.
+    fn pull(&self, i: usize, t: f64) -> Sample {
+        let Model { tendons, start, .. } = &*self.model;
+        let Some(tendon) = tendons.get(i) else { return Sample::default() };
+        let ([gain, gain_rate], gain_acceleration) = (start.gain(t), start.gain_acceleration(t));
+        let Sample { value, rate, acceleration } = tendon.tension.at(t);
+        let added = |order: usize| {
+            let extrapolation = self.extrapolation.as_ref();
+            extrapolation.map_or(0.0, |extrapolation| extrapolation.derivative(order, t, |inputs| inputs.tension[i]))
+        };
+        slack_below_zero(Sample {
+            value: gain * value + self.inputs.tension[i],
+            rate: gain * rate + gain_rate * value + added(1),
+            acceleration: gain * acceleration + 2.0 * gain_rate * rate + gain_acceleration * value + added(2),
+        })
+    }
+
+    /// The change of the tension of each tendon (N) when the inputs change by `by`; none of a slack one.
+    pub(crate) fn tension_change(&self, by: &Inputs) -> [f64; MAX_TENDONS] {
+        std::array::from_fn(|i| if self.tensions[0][i] > 0.0 { by.tension[i] } else { 0.0 })
     }
 
     fn add_wave_acceleration(&self, t: f64, out: &mut [f64]) {
@@ -571,9 +616,13 @@ impl Dynamics {
     /// Evaluates natural curvature and head pose at time `t`.
     fn evaluate(&mut self, t: f64) {
         self.follow_extrapolation(t);
-        let Model { rod, actuation, start, active_moments, .. } = &*self.model;
+        for i in 0..self.model.tendons.len() {
+            let Sample { value, rate, .. } = self.pull(i, t);
+            (self.tensions[0][i], self.tensions[1][i]) = (value, rate);
+        }
+        let Model { rod, actuation, start, active_moments, tendons, .. } = &*self.model;
         // All of it follows from inputs and time, and nothing from what was before.
-        if *active_moments || self.inputs.moment.is_some() {
+        if *active_moments || self.inputs.moment.is_some() || !tendons.is_empty() {
             self.active.get_or_insert_with(|| ActiveMoments::zeros(rod.nodes)).clear();
         } else {
             self.active = None;
@@ -600,6 +649,9 @@ impl Dynamics {
             let rate = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.rate().moment.as_ref());
             for (to, own) in [(&mut active.moment, self.inputs.moment.as_ref()), (&mut active.rate, rate)] {
                 to.iter_mut().zip(own.into_iter().flatten()).for_each(|(to, own)| *to += own);
+            }
+            for (tensions, to) in self.tensions.iter().zip([&mut active.moment, &mut active.rate]) {
+                add_tendon_moments(tendons, tensions, to);
             }
             active.bend(rod, [&mut self.natural, &mut self.natural_rate]);
         }
@@ -778,22 +830,24 @@ impl Dynamics {
     /// The longest step (s) from time `t` (s), which this was last moved to, that resolves what drives the rod, however little
     /// that moves it: the wave, the ramp of the start, the signals of head and flow.
     pub fn longest_step(&self, t: f64) -> f64 {
-        let Model { actuation, start, flow, .. } = &*self.model;
+        let Model { actuation, start, flow, tendons, .. } = &*self.model;
         let own_flow = flow.iter().flatten().filter(|_| !self.inputs.flow_taken);
-        let signals = own_flow.chain(self.own_head());
+        let pulls = tendons.iter().map(|tendon| &tendon.tension);
+        let signals = own_flow.chain(self.own_head()).chain(pulls);
         let mut longest = signals.map(|signal| signal.longest_step(t)).fold(f64::INFINITY, f64::min);
         if let Some(host) = &self.inputs.head {
             let axes = host.axes.iter().zip([self.model.rod.length, self.model.rod.length, 1.0]);
             let steps = axes.filter_map(|(axis, unit)| Some(axis.as_ref()?.longest_step(t, unit)));
             longest = steps.fold(longest, f64::min);
         }
+        if let Start::Ramp { duration } = *start
+            && t < duration
+            && (actuation.is_some() || !tendons.is_empty())
+        {
+            longest = longest.min(duration / RESOLVING_STEPS_PER_PERIOD);
+        }
         if let Some((actuation, _)) = actuation {
             let drive = self.inputs.drive_state(start, t, self.extrapolation.as_deref());
-            if let Start::Ramp { duration } = *start
-                && t < duration
-            {
-                longest = longest.min(duration / RESOLVING_STEPS_PER_PERIOD);
-            }
             if drive.size != [0.0; 3] {
                 longest =
                     longest.min(self.longest_turn(TAU / RESOLVING_STEPS_PER_PERIOD / actuation.fastest(), &drive, t));
@@ -897,6 +951,7 @@ impl Dynamics {
             fluid: self.inputs.fluid,
             layers: self.inputs.layers.as_ref(),
             around: FluidAlong::default(),
+            tensions: &self.tensions[0],
         }
     }
 
@@ -1020,7 +1075,7 @@ impl Dynamics {
         jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.bend(state)?;
-        let Self { model, edges, joints, inputs, workspace, runs, rates, .. } = self;
+        let Self { model, edges, joints, inputs, workspace, runs, rates, tensions, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
         let damped = KelvinVoigt::of(rod.damping.as_ref(), rates.as_ref());
@@ -1033,6 +1088,7 @@ impl Dynamics {
             fluid: inputs.fluid,
             layers: inputs.layers.as_ref(),
             around: (&*runs).into(),
+            tensions: &tensions[0],
         };
         let deformed = Deformed { cells: &rod.cells, mass: &rod.mass, edges, joints, a: a.as_chunks().0 };
         let jacobian = jacobian.map(|Linearisation { matrix, direction }| (matrix.rows_mut(), direction));

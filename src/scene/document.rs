@@ -548,7 +548,13 @@ const MAX_ERRORS: usize = 12;
 /// and unknown keys of `[solver]`, which it reports after missing ones.
 fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     for (key, value) in root {
-        if value.get_ref().is_array() {
+        if key.get_ref() == "tendons" {
+            let entries = value.get_ref().as_array();
+            if entries.is_none_or(|entries| entries.iter().any(|tendon| !tendon.get_ref().is_table())) {
+                let problem = "found something else than tables; allowed: one [[tendons]] for each tendon";
+                return Err(KeyError { key: "tendons".into(), problem: problem.into() });
+            }
+        } else if value.get_ref().is_array() {
             return Err(KeyError { key: key.get_ref().to_string(), problem: refused("a list", "a table") });
         }
     }

@@ -525,7 +525,7 @@ impl Scene {
         self.drag.as_ref().map_or(Ok(()), |drag| drag.check(self))
     }
 
-    /// The spectrum of its drive. Head or flow are left out if their tables cannot be read.
+    /// The spectrum of its drive. Head, flow or tendons are left out if their tables cannot be read.
     pub fn spectrum(&self) -> Spectrum {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let rod = self.rod_on(nodes(waves) as usize);
@@ -534,7 +534,8 @@ impl Scene {
         let moments = self.has_active_moments();
         let wave = self.drive(&rod).map(|(wave, drive)| (if moments { bending(&*wave, &rod) } else { wave }, drive));
         let wave = wave.as_ref().map(|(wave, drive)| (&**wave, *drive));
-        Spectrum::of(&rod, wave, head.as_ref(), flow.as_ref())
+        let tendons = self.tendons_on(&rod).unwrap_or_default();
+        Spectrum::of(&rod, wave, head.as_ref(), flow.as_ref(), &tendons)
     }
 
     /// The fluid, and its flow if it is unsteady; [`Fluid::NONE`] without a medium.

@@ -84,7 +84,7 @@ impl Scene {
     }
 
     /// A signal, or value `column` of `columns` of a table.
-    fn signal(&self, wanted: &SignalValue, column: usize, columns: usize) -> Result<Signal> {
+    pub(super) fn signal(&self, wanted: &SignalValue, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             SignalValue::Formula(signal) => signal.clone(),
             SignalValue::Table(file) => {
@@ -99,7 +99,7 @@ impl Scene {
         let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
         let flow = self.medium.iter().flat_map(|medium| &medium.flow_m_s.0);
         let mut tables: Vec<&str> = Vec::new();
-        for wanted in position.chain(angle).chain(flow) {
+        for wanted in position.chain(angle).chain(flow).chain(self.tendon_signals()) {
             if let SignalValue::Table(file) = wanted
                 && !tables.contains(&file.as_str())
             {

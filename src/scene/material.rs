@@ -137,7 +137,7 @@ impl Scene {
         };
         let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
         let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
-        let head = position.chain(angle).filter_map(of);
+        let head = position.chain(angle).chain(self.tendon_signals()).filter_map(of);
         let actuation = self.actuation.as_ref();
         let driven = actuation.map(|actuation| (actuation.frequency_hz.get(), actuation.amplitude() != 0.0));
         let all: Vec<(f64, bool)> = driven.into_iter().chain(head).filter(|(frequency, _)| *frequency > 0.0).collect();
@@ -149,11 +149,14 @@ impl Scene {
 
     /// What moves the natural curvature, whose rate the material may resist or not, must be there.
     pub(super) fn check_damped_rate(&self) -> std::result::Result<(), KeyError> {
-        if self.has_active_moments() && self.rod.damping_of == Some(DampedRate::Elastic) {
+        let moments = if self.has_active_moments() { Some("actuation.moment_amp_n_m") } else { None };
+        let moments = moments.or((!self.tendons.is_empty()).then_some("[[tendons]]"));
+        if let Some(moments) = moments.filter(|_| self.rod.damping_of == Some(DampedRate::Elastic)) {
             return Err(KeyError {
                 key: "rod.damping_of".into(),
-                problem: "found \"elastic\" with actuation.moment_amp_n_m: moments do not change the natural curvature, so the total curvature is the elastic one; allowed: \"whole\""
-                    .into(),
+                problem: format!(
+                    "found \"elastic\" with {moments}: moments do not change the natural curvature, so the total curvature is the elastic one; allowed: \"whole\""
+                ),
             });
         }
         Ok(())

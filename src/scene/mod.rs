@@ -22,6 +22,7 @@ pub(crate) mod schema;
 mod solver;
 mod start;
 mod start_error;
+mod tendons;
 pub mod value;
 mod variants;
 
@@ -49,6 +50,7 @@ pub use rod::RodTable;
 pub(crate) use solver::whole_steps;
 pub use solver::{FormKey, SolverTable};
 pub use start::{StartKind, StartTable};
+pub use tendons::TendonTable;
 use value::Finite;
 
 use crate::error::{Error, Result};
@@ -72,6 +74,9 @@ pub struct Scene {
     pub rod: RodTable,
     /// The wave of natural curvature, or of active moment, that drives the rod. Without this table the rod is passive.
     pub actuation: Option<ActuationTable>,
+    /// Tendons: cables along the rod, at a distance from its centreline, that bend it.
+    #[serde(default)]
+    pub tendons: Vec<TendonTable>,
     /// Shape and motion of the rod at the start.
     #[serde(default)]
     pub start: StartTable,
@@ -146,6 +151,7 @@ impl Scene {
         self.check_name()?;
         self.rod.check()?;
         self.actuation.as_ref().map_or(Ok(()), ActuationTable::check)?;
+        self.check_tendons()?;
         self.start.check(&self.head)?;
         self.check_body()?;
         self.check_fluid()?;
@@ -193,11 +199,15 @@ impl Scene {
         let layers = self.medium.as_ref().and_then(MediumTable::stack);
         // In layers buoyancy is a force that depends on the place.
         let uniform = layers.is_none_or(|layers| layers.iter().len() == 0);
+        let mut forces = self.forces(&rod).map_err(|KeyError { key, problem }| self.error(&key, problem))?;
+        let tendons = self.tendons_on(&rod)?;
+        forces.0.extend(tendons::force(&tendons));
         Ok(Model {
             actuation: self.drive(&rod),
             active_moments: self.has_active_moments(),
             start: self.start.build(),
-            forces: self.forces(&rod).map_err(|KeyError { key, problem }| self.error(&key, problem))?,
+            forces,
+            tendons,
             fluid,
             flow,
             layers,

@@ -24,9 +24,17 @@ pub struct ScalarParameter {
 }
 
 impl ScalarParameter {
-    /// The key, followed by `[0]`, `[1]`, … if it has several components.
+    /// The key, with `[0]`, `[1]`, … for its component if it has several, and for the place of its table in a list of tables.
     pub fn name(&self) -> String {
-        self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
+        let mut name = String::with_capacity(self.key.len() + 3);
+        for part in self.key.split('.') {
+            match part.parse::<usize>() {
+                Ok(place) => name += &format!("[{place}]"),
+                Err(_) if name.is_empty() => name += part,
+                Err(_) => name += &format!(".{part}"),
+            }
+        }
+        self.component.map_or(name.clone(), |i| format!("{name}[{i}]"))
     }
 
     /// True if it may change between steps while the state stays, see [`Stepper::change_parameters`](crate::stepper::Stepper::change_parameters).
@@ -190,6 +198,14 @@ impl Scene {
                 list.push("actuation.harmonics", Some(i), "1", &description, size);
             }
         }
+        for (i, tendon) in self.tendons.iter().enumerate() {
+            let key = |name: &str| format!("tendons.{i}.{name}");
+            let offset = format!("distance of tendon {} from the centreline, to the left", i + 1);
+            list.add(&key("offset_m"), "m", &offset, tendon.offset_m);
+            if let Some(tension) = tendon.constant_tension() {
+                list.add(&key("tension_n"), "N", &format!("tension of tendon {}", i + 1), tension);
+            }
+        }
         if let Some(ramp) = self.start.ramp_s {
             list.add("start.ramp_s", "s", "duration of the ramp", ramp);
         }
@@ -300,6 +316,7 @@ impl Scene {
         let tables = [
             ("rod", a.rod == b.rod),
             ("actuation", a.actuation == b.actuation),
+            ("tendons", a.tendons == b.tendons && a.contents == b.contents),
             ("start", a.start == b.start),
             ("medium", a.medium == b.medium),
             ("drag", a.drag == b.drag),

@@ -101,6 +101,9 @@ pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::resu
 /// The model that the program chooses.
 const AUTO: &str = "auto";
 
+/// The part of a scene that holds tendons, as messages name it.
+const TENDONS: &str = "[[tendons]]";
+
 /// The errors of cheaper models are estimated on no more nodes than this.
 const MAX_ESTIMATE_NODES: u64 = 17;
 
@@ -253,6 +256,9 @@ impl Scene {
 
     /// The property of its medium that reduced models do not support, if any.
     fn requires_full_model(&self) -> Option<&'static str> {
+        if !self.tendons.is_empty() {
+            return Some(TENDONS);
+        }
         let stack = self.medium.as_ref().filter(|medium| medium.is_stacked())?;
         Some(if stack.interfaces().next().is_some() { "an interface in [medium]" } else { "[medium.shear]" })
     }
@@ -262,8 +268,11 @@ impl Scene {
     /// # Errors
     /// Those of [`model`](Self::model) and [`integrator`](Self::integrator).
     pub fn estimates(&self) -> Result<Estimates> {
-        if self.requires_full_model().is_some() {
-            return Ok(Estimates::none("it cannot hold a medium that changes with the place"));
+        if let Some(part) = self.requires_full_model() {
+            return Ok(Estimates::none(match part {
+                TENDONS => "it has no tendons",
+                _ => "it cannot hold a medium that changes with the place",
+            }));
         }
         let step = self.typical_step();
         let (method, _) = self.method().map_err(|KeyError { key, problem }| self.error(&key, problem))?;

@@ -13,7 +13,8 @@ use crate::model::{DeformedRod, Dynamics, Model};
 use crate::rod::damping::{KelvinVoigt, MaterialLaw};
 use crate::rod::{add, bend, elastic, node};
 use crate::system::State;
-use crate::variable;
+use crate::tendons::MAX_TENDONS;
+use crate::variable::{self, VARIABLES};
 
 /// A quantity at one time. Nodes count from the head, axes are x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +73,12 @@ pub enum Quantity {
     RodMomentum(usize),
     /// Momentum of the fluid along an axis, N s.
     FluidMomentum(usize),
+    /// Tension of a tendon, N.
+    TendonTension(usize),
+    /// Length of a tendon, m.
+    TendonLength(usize),
+    /// Power put in by what pulls a tendon, W.
+    TendonPower(usize),
 }
 
 /// Work summed over the steps as in [`RunMetrics`](crate::metrics::RunMetrics), J.
@@ -120,60 +127,6 @@ impl From<WorkKind> for Output {
     }
 }
 
-/// The names of the outputs in the table of variables.
-const NAMES: [&str; 50] = [
-    "x_com_m",
-    "y_com_m",
-    "stretching_energy_j",
-    "bending_energy_j",
-    "kinetic_energy_j",
-    "actuation_power_w",
-    "fluid_energy_j",
-    "material_power_w",
-    "viscous_power_w",
-    "wake_power_w",
-    "spray_power_w",
-    "other_power_w",
-    "load_power_w",
-    "head_power_w",
-    "flow_power_w",
-    "head_dx_m",
-    "head_dy_m",
-    "mid_dx_m",
-    "mid_dy_m",
-    "tip_dx_m",
-    "tip_dy_m",
-    "tip_x_m",
-    "tip_y_m",
-    "body_x_m",
-    "body_y_m",
-    "body_angle_rad",
-    "head_force_x_n",
-    "head_force_y_n",
-    "head_moment_n_m",
-    "drag_force_x_n",
-    "drag_force_y_n",
-    "reactive_force_x_n",
-    "reactive_force_y_n",
-    "wake_force_x_n",
-    "wake_force_y_n",
-    "rod_momentum_x_n_s",
-    "rod_momentum_y_n_s",
-    "fluid_momentum_x_n_s",
-    "fluid_momentum_y_n_s",
-    "net_displacement_m",
-    "actuation_work_j",
-    "material_work_j",
-    "viscous_work_j",
-    "wake_work_j",
-    "spray_work_j",
-    "other_work_j",
-    "load_work_j",
-    "head_work_j",
-    "flow_work_j",
-    "numerical_dissipation_j",
-];
-
 impl Quantity {
     /// Returns an error for a node, joint or axis that `model` does not have.
     fn check(self, model: &Model) -> Result<()> {
@@ -181,6 +134,9 @@ impl Quantity {
         let (nodes, joints) = (model.rod.nodes, model.rod.joints());
         let (within, allowed) = match self {
             Q::Position(k, _) | Q::Velocity(k, _) => (k < nodes, format!("nodes 0 to {}", nodes - 1)),
+            Q::TendonTension(i) | Q::TendonLength(i) | Q::TendonPower(i) => {
+                (i < model.tendons.len(), format!("tendons from 0, of which there are {}", model.tendons.len()))
+            }
             Q::JointMoment(k) | Q::JointStrain(k) => {
                 (joints.contains(&k), format!("joints at nodes {} to {}", joints.start, joints.end - 1))
             }
@@ -203,6 +159,24 @@ impl Quantity {
         };
         Err(Error::Derivative { problem: format!("{self:?} is not there to read; allowed: {problem}") })
     }
+}
+
+/// The names of the outputs in the table of variables.
+fn names() -> impl Iterator<Item = &'static str> {
+    let recorded = VARIABLES.iter().filter(|variable| variable.recorded && variable.name != "time_s");
+    recorded.map(|variable| variable.name).chain(["tip_x_m", "tip_y_m"])
+}
+
+/// The tendon, from 0, and the quantity that `name` reads of it.
+fn tendon_reading(name: &str) -> Option<(usize, fn(usize) -> Quantity)> {
+    let (number, what) = name.strip_prefix("tendon_")?.split_once('_')?;
+    let reading: fn(usize) -> Quantity = match what {
+        "tension_n" => Quantity::TendonTension,
+        "length_m" => Quantity::TendonLength,
+        "power_w" => Quantity::TendonPower,
+        _ => return None,
+    };
+    Some((number.parse::<usize>().ok()?.checked_sub(1)?, reading))
 }
 
 impl Output {
@@ -292,9 +266,10 @@ impl Output {
                 work.extend(model.head.is_some().then_some((1.0, WorkKind::Head)));
                 Self { now, since_start: true, work }
             }
-            _ => {
-                return Err(variable::unknown(name, NAMES.into_iter()));
-            }
+            _ => match tendon_reading(name).filter(|(i, _)| *i < model.tendons.len()) {
+                Some((i, reading)) => reading(i).into(),
+                None => return Err(variable::unknown(name, names())),
+            },
         })
     }
 }
@@ -395,6 +370,8 @@ pub(super) struct StepInterval {
     pub(super) natural: Vec<f64>,
     /// Sum of the active moments at both ends, one entry per node.
     pub(super) active: Vec<f64>,
+    /// Sum of the tensions of each tendon at both ends, N.
+    pub(super) tensions: [f64; MAX_TENDONS],
     /// Change of a host's forces over it, two entries per node.
     pub(super) force: Vec<f64>,
     /// Poses of a held head at its start and end.
@@ -815,7 +792,7 @@ impl Quantity {
                         power += moment * rate;
                     }
                 }
-                power
+                power - at.power_to(PowerKind::Drive, -factor, g)
             }
             Self::MaterialPower => {
                 let Some(KelvinVoigt { damping, rates }) = dynamics.damped() else { return 0.0 };
@@ -902,6 +879,31 @@ impl Quantity {
                 }
                 momentum
             }
+            Self::TendonTension(i) => dynamics.tensions[0][i],
+            Self::TendonLength(i) => {
+                let tendon = &dynamics.model.tendons[i];
+                tendon.visit_slopes(at.bent.edges(), |k, slope| add(&mut g.q, k, slope * factor));
+                tendon.joints.clone().for_each(|k| at.point.scatter(k, -factor * tendon.offset, &mut g.q));
+                tendon.length(at.bent.edges(), at.bent.kappa())
+            }
+            Self::TendonPower(i) => {
+                // −T dΛ/dt.
+                let (tendon, tension) = (&dynamics.model.tendons[i], dynamics.tensions[0][i]);
+                let mut rate = 0.0;
+                for e in tendon.edges.clone() {
+                    let (edge, stretching) = (&at.bent.edges()[e], at.bent.edge_rate(e));
+                    for (by, direction) in [(&mut g.q, Direction::POSITIONS), (&mut g.v, Direction::VELOCITIES)] {
+                        let slope = stretching.stretching_slope(edge, direction) * (-factor * tension);
+                        add(by, e, -slope);
+                        add(by, e + 1, slope);
+                    }
+                    rate += stretching.stretching;
+                }
+                for k in tendon.joints.clone() {
+                    rate -= tendon.offset * at.add_curvature_rate(k, factor * tension * tendon.offset, g);
+                }
+                -tension * rate
+            }
             Self::HeadPower => {
                 let Some([x, y, angle]) = dynamics.held else { return 0.0 };
                 let v = Vector2::new(x.rate, y.rate);
@@ -961,6 +963,13 @@ impl WorkKind {
                     at.point.scatter(k, half * factor * span.active[k], &mut g.q);
                     g.active_ends[k] += half * factor * kappa;
                     work += half * kappa * span.active[k];
+                }
+                // The same of the tensions of tendons, along the change of the length of their edges.
+                for (tendon, tensions) in at.bent.dynamics.model.tendons.iter().zip(&span.tensions) {
+                    let size = if end { -0.5 * tensions } else { 0.5 * tensions };
+                    let edges = at.bent.edges();
+                    tendon.visit_slopes(edges, |k, slope| add(&mut g.q, k, slope * (size * factor)));
+                    work += size * tendon.edge_length(edges);
                 }
                 work
             }

@@ -6,6 +6,7 @@ use super::parameter::ActuationShape;
 use super::time_grid::TimeGrid;
 use crate::model::Dynamics;
 use crate::system::{State, System};
+use crate::tendons::MAX_TENDONS;
 
 /// Controls and poses of the head over the steps before and after a state.
 #[derive(Debug)]
@@ -14,6 +15,7 @@ pub(super) struct StepEnds {
     pub(super) shapes: [ActuationShape; 3],
     natural: [Vec<f64>; 3],
     active: [Vec<f64>; 3],
+    tensions: [[f64; MAX_TENDONS]; 3],
     force: [Vec<f64>; 3],
     /// The step that ends at this time, and the one that begins there.
     pub(super) intervals: [StepInterval; 2],
@@ -26,6 +28,7 @@ impl StepEnds {
             shapes: std::array::from_fn(|_| ActuationShape::new(nodes)),
             natural: std::array::from_fn(|_| vec![0.0; nodes]),
             active: std::array::from_fn(|_| vec![0.0; nodes]),
+            tensions: Default::default(),
             force: std::array::from_fn(|_| vec![0.0; 2 * nodes]),
             intervals: std::array::from_fn(|_| StepInterval {
                 natural: vec![0.0; nodes],
@@ -55,6 +58,7 @@ impl StepEnds {
             if let Some(force) = &dynamics.inputs.force {
                 self.force[i].copy_from_slice(force);
             }
+            self.tensions[i] = dynamics.tensions[0];
             poses[i] = dynamics.held;
         }
         for (i, span) in self.intervals.iter_mut().enumerate() {
@@ -64,6 +68,9 @@ impl StepEnds {
             }
             for (k, sum) in span.active.iter_mut().enumerate() {
                 *sum = self.active[i + 1][k] + self.active[i][k];
+            }
+            for (k, sum) in span.tensions.iter_mut().enumerate() {
+                *sum = self.tensions[i + 1][k] + self.tensions[i][k];
             }
             for (k, change) in span.force.iter_mut().enumerate() {
                 *change = self.force[i + 1][k] - self.force[i][k];

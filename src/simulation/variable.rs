@@ -13,6 +13,7 @@ use crate::newton::SolverWork;
 use crate::rod::{DampedRate, bend, node};
 use crate::scene::parameter::MATERIAL;
 use crate::system::{Form, State};
+use crate::tendons::MAX_TENDONS;
 
 /// What determines the value of a variable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -249,12 +250,23 @@ const NATURAL: &[DirectFeedthrough] = &[
         condition: FeedthroughCondition::OfBending,
     },
 ];
+/// What a host adds to the tensions of the tendons.
+const TENSIONS: [DirectFeedthrough; MAX_TENDONS] = [
+    always("tendon_1_added_tension_n", FeedthroughEntries::All),
+    always("tendon_2_added_tension_n", FeedthroughEntries::All),
+    always("tendon_3_added_tension_n", FeedthroughEntries::All),
+    always("tendon_4_added_tension_n", FeedthroughEntries::All),
+];
+const TENSION_1: &[DirectFeedthrough] = TENSIONS.split_at(1).0;
+const TENSION_2: &[DirectFeedthrough] = TENSIONS.split_at(1).1.split_at(1).0;
+const TENSION_3: &[DirectFeedthrough] = TENSIONS.split_at(2).1.split_at(1).0;
+const TENSION_4: &[DirectFeedthrough] = TENSIONS.split_at(3).1;
 const FORCES: &[DirectFeedthrough] =
     &[always("force_x_n", FeedthroughEntries::All), always("force_y_n", FeedthroughEntries::All)];
 /// The feedthrough of quantities that follow from balance in the shape model.
 const BALANCE: [DirectFeedthrough; 18] = of_shape(&join::<18>(&FLUID, FORCES));
-const NATURAL_RATE: [DirectFeedthrough; 24] = join(
-    &BALANCE,
+const NATURAL_RATE: [DirectFeedthrough; 28] = join(
+    &join::<22>(&BALANCE, &TENSIONS),
     &[
         always("actuation_amplitude", FeedthroughEntries::All),
         always("actuation_moment_n_m", FeedthroughEntries::All),
@@ -268,7 +280,7 @@ const DRIVE_FREQUENCY: DirectFeedthrough = elastically_damped("actuation_frequen
 const MATERIAL_POWER: [DirectFeedthrough; 3] =
     [elastically_damped("actuation_amplitude"), elastically_damped("actuation_phase_rad"), DRIVE_FREQUENCY];
 /// What the moments of these entries of joints are fed by.
-const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 24] {
+const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 28] {
     let own = [
         elastic("natural_curvature_1_m", entries),
         elastic("active_moment_n_m", entries),
@@ -277,10 +289,10 @@ const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 24] {
         WAVE[2],
         DRIVE_FREQUENCY,
     ];
-    join(&BALANCE, &own)
+    join(&BALANCE, &join::<10>(&own, &TENSIONS))
 }
-const OWN_NATURAL: [DirectFeedthrough; 24] = of_joints(FeedthroughEntries::Own);
-const HEAD_NATURAL: [DirectFeedthrough; 24] = of_joints(FeedthroughEntries::First(1));
+const OWN_NATURAL: [DirectFeedthrough; 28] = of_joints(FeedthroughEntries::Own);
+const HEAD_NATURAL: [DirectFeedthrough; 28] = of_joints(FeedthroughEntries::First(1));
 const LOADS: [DirectFeedthrough; 11] = join(
     &[
         with_buoyancy("density_kg_m3"),
@@ -295,8 +307,8 @@ const LOADS: [DirectFeedthrough; 11] = join(
     ],
     FORCES,
 );
-const HEAD: [DirectFeedthrough; 22] = join(
-    &FLUID,
+const HEAD: [DirectFeedthrough; 26] = join(
+    &join::<20>(&FLUID, &TENSIONS),
     &[
         in_positions("natural_curvature_1_m", FeedthroughEntries::First(2)),
         in_positions("active_moment_n_m", FeedthroughEntries::First(2)),
@@ -306,18 +318,18 @@ const HEAD: [DirectFeedthrough; 22] = join(
         DRIVE_FREQUENCY,
     ],
 );
-const HEAD_X: [DirectFeedthrough; 24] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
-const HEAD_Y: [DirectFeedthrough; 24] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
-const HEAD_POWER: [DirectFeedthrough; 28] = join(
-    &FLUID,
+const HEAD_X: [DirectFeedthrough; 28] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
+const HEAD_Y: [DirectFeedthrough; 28] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
+const HEAD_POWER: [DirectFeedthrough; 32] = join(
+    &join::<20>(&FLUID, &TENSIONS),
     &[
         WAVE[0],
         WAVE[1],
         WAVE[2],
         HEAD_NATURAL[18],
         HEAD_NATURAL[19],
-        HEAD[16],
-        HEAD[17],
+        HEAD[20],
+        HEAD[21],
         always("force_x_n", FeedthroughEntries::First(1)),
         always("force_y_n", FeedthroughEntries::First(1)),
         BALANCE[16],
@@ -489,9 +501,16 @@ impl Variable {
     pub fn follows_time(&self, dynamics: &Dynamics, form: Form) -> bool {
         let model = &*dynamics.model;
         let drive = model.actuation.is_some() && self.is_fed_by("actuation_phase_rad", dynamics, form);
+        let inputs = [
+            "tendon_1_added_tension_n",
+            "tendon_2_added_tension_n",
+            "tendon_3_added_tension_n",
+            "tendon_4_added_tension_n",
+        ];
+        let pulled = inputs[..model.tendons.len()].iter().any(|input| self.is_fed_by(input, dynamics, form));
         let flow = model.flow.is_some() && self.is_fed_by("flow_x_m_s", dynamics, form);
         let head = model.head.is_some() && self.turned;
-        self.causality == Causality::Output && (drive || flow || head)
+        self.causality == Causality::Output && (drive || pulled || flow || head)
     }
 
     /// The nodes of its entries. A scalar has one entry.
@@ -651,6 +670,10 @@ const SPRAY: Requirement = Requirement { met: has_spray, what: "[reactive] and a
 const FREE: Requirement = Requirement { met: is_free, what: "a free head" };
 const FLOW_X: Requirement = Requirement { met: has_flow::<0>, what: "a [medium] that may flow along this axis" };
 const FLOW_Y: Requirement = Requirement { met: has_flow::<1>, what: "a [medium] that may flow along this axis" };
+const TENDON_1: Requirement = Requirement { met: has_tendon::<1>, what: "one of [[tendons]]" };
+const TENDON_2: Requirement = Requirement { met: has_tendon::<2>, what: "two of [[tendons]]" };
+const TENDON_3: Requirement = Requirement { met: has_tendon::<3>, what: "three of [[tendons]]" };
+const TENDON_4: Requirement = Requirement { met: has_tendon::<4>, what: "four of [[tendons]]" };
 const INTERFACE_1: Requirement =
     Requirement { met: has_interface::<1>, what: "[medium.beyond] or one of [[medium.layers]]" };
 const INTERFACE_2: Requirement = Requirement { met: has_interface::<2>, what: "two layers in [[medium.layers]]" };
@@ -686,6 +709,17 @@ fn has_flow<const AXIS: usize>(model: &Model) -> bool {
 /// True if the medium has at least that many interfaces and forces act in it.
 fn has_interface<const COUNT: usize>(model: &Model) -> bool {
     !model.forces.is_empty() && model.layers.is_some_and(|layers| layers.iter().len() >= COUNT)
+}
+
+/// True if a rod has at least that many tendons.
+fn has_tendon<const COUNT: usize>(model: &Model) -> bool {
+    model.tendons.len() >= COUNT
+}
+
+/// The differential of the power of tendon `i`.
+fn tendon_power_change(now: &View<'_>, change: &View<'_>, i: usize) -> f64 {
+    let [now, change] = [now, change].map(|view| view.metrics.now.tendons[i]);
+    -change.tension * now.length_rate - now.tension * change.length_rate
 }
 
 /// Interface `j` with the fluid beyond.
@@ -870,7 +904,7 @@ pub static VARIABLES: &[Variable] = &[
     output("bending_energy_j", "J", "bending energy", |v, _| v.metrics.now.energy.bending).fed(NATURAL).recorded(),
     output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.metrics.now.energy.kinetic).recorded(),
     output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.metrics.now.energy.fluid).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("actuation_power_w", "W", "power put in by the moving natural curvature and by active moments", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
+    output("actuation_power_w", "W", "power put in by the moving natural curvature, by active moments and by tendons", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
     output("material_power_w", "W", "power dissipated by the damped material", |v, _| v.metrics.now.power.material).when(DAMPED).fed(&MATERIAL_POWER).recorded().elastic(),
     output("viscous_power_w", "W", "power dissipated by drag", |v, _| v.metrics.now.power.viscous).fed(&FLUID).recorded(),
     output("wake_power_w", "W", "power lost to the wake", |v, _| v.metrics.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
@@ -925,9 +959,21 @@ pub static VARIABLES: &[Variable] = &[
     output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.metrics.totals.impulse.head.y).when(INERTIAL_FLUID),
     output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.metrics.momentum_defect().x).when(INERTIAL_FLUID),
     output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID),
+    output("tendon_1_tension_n", "N", "tension of tendon 1", |v, _| v.metrics.now.tendons[0].tension).when(TENDON_1).fed(TENSION_1).recorded(),
+    output("tendon_1_length_m", "m", "length of tendon 1", |v, _| v.metrics.now.tendons[0].length).when(TENDON_1).recorded(),
+    output("tendon_1_power_w", "W", "power put in by what pulls tendon 1", |v, _| v.metrics.now.tendons[0].power()).when(TENDON_1).fed(TENSION_1).changing(|now, change, _| tendon_power_change(now, change, 0)).recorded(),
+    output("tendon_2_tension_n", "N", "tension of tendon 2", |v, _| v.metrics.now.tendons[1].tension).when(TENDON_2).fed(TENSION_2).recorded(),
+    output("tendon_2_length_m", "m", "length of tendon 2", |v, _| v.metrics.now.tendons[1].length).when(TENDON_2).recorded(),
+    output("tendon_2_power_w", "W", "power put in by what pulls tendon 2", |v, _| v.metrics.now.tendons[1].power()).when(TENDON_2).fed(TENSION_2).changing(|now, change, _| tendon_power_change(now, change, 1)).recorded(),
+    output("tendon_3_tension_n", "N", "tension of tendon 3", |v, _| v.metrics.now.tendons[2].tension).when(TENDON_3).fed(TENSION_3).recorded(),
+    output("tendon_3_length_m", "m", "length of tendon 3", |v, _| v.metrics.now.tendons[2].length).when(TENDON_3).recorded(),
+    output("tendon_3_power_w", "W", "power put in by what pulls tendon 3", |v, _| v.metrics.now.tendons[2].power()).when(TENDON_3).fed(TENSION_3).changing(|now, change, _| tendon_power_change(now, change, 2)).recorded(),
+    output("tendon_4_tension_n", "N", "tension of tendon 4", |v, _| v.metrics.now.tendons[3].tension).when(TENDON_4).fed(TENSION_4).recorded(),
+    output("tendon_4_length_m", "m", "length of tendon 4", |v, _| v.metrics.now.tendons[3].length).when(TENDON_4).recorded(),
+    output("tendon_4_power_w", "W", "power put in by what pulls tendon 4", |v, _| v.metrics.now.tendons[3].power()).when(TENDON_4).fed(TENSION_4).changing(|now, change, _| tendon_power_change(now, change, 3)).recorded(),
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.metrics.net_displacement()),
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral),
-    output("actuation_work_j", "J", "work put in by the moving natural curvature and by active moments since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
+    output("actuation_work_j", "J", "work put in by the moving natural curvature, by active moments and by tendons since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
     output("material_work_j", "J", "work dissipated by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded(),
     output("viscous_work_j", "J", "work dissipated by drag since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
     output("wake_work_j", "J", "work lost to the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
@@ -980,6 +1026,10 @@ pub static VARIABLES: &[Variable] = &[
     input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(ACTUATION),
     input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, in addition to the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), |d, first, x| set_joints(d, |inputs| &mut inputs.natural, first, x)),
     input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, which bends them against their stiffness, in addition to the actuation's; the shape model takes the curvature to which it would bend them", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
+    input("tendon_1_added_tension_n", "N", "tension that the host adds to that of tendon 1; together they are at least 0", |v, _| v.inputs.tension[0], |d, _, x| d.inputs.tension[0] = x[0]).when(TENDON_1),
+    input("tendon_2_added_tension_n", "N", "tension that the host adds to that of tendon 2; together they are at least 0", |v, _| v.inputs.tension[1], |d, _, x| d.inputs.tension[1] = x[0]).when(TENDON_2),
+    input("tendon_3_added_tension_n", "N", "tension that the host adds to that of tendon 3; together they are at least 0", |v, _| v.inputs.tension[2], |d, _, x| d.inputs.tension[2] = x[0]).when(TENDON_3),
+    input("tendon_4_added_tension_n", "N", "tension that the host adds to that of tendon 4; together they are at least 0", |v, _| v.inputs.tension[3], |d, _, x| d.inputs.tension[3] = x[0]).when(TENDON_4),
     input_array("force_x_n", "N", "the host's forces on the nodes, x", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k), |d, first, x| set_force(d, 0, first, x)),
     input_array("force_y_n", "N", "the host's forces on the nodes, y", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k + 1), |d, first, x| set_force(d, 1, first, x)),
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(FLUID_THERE).at_least_zero(),

@@ -49,6 +49,7 @@ pub fn random_of(seed: u64, rod: &str) -> Document {
     set(format!("rod.youngs_modulus_pa={modulus:e}"));
     // Without a draw of chance.
     let moments = seed % 3 == 1;
+    let tendons = seed % 5 == 3;
     set(format!("rod.density_kg_m3={}", dice.along(0.25, 900.0, 1300.0)));
     set(format!("rod.outer_radius_m={}", dice.along(0.3, 0.004, 0.01)));
     if dice.of(0.3) {
@@ -249,12 +250,23 @@ pub fn random_of(seed: u64, rod: &str) -> Document {
             }
             time => set(format!("rod.damping_time_s={time}")),
         }
-        if dice.of(0.4) && !moments {
+        if dice.of(0.4) && !moments && !tendons {
             set("rod.damping_of=elastic".into());
         }
     }
     if dice.of(0.15) && head != "free" {
         set("loads.point=[{node=-1,force_n=[-0.02,0.01],follows=true},{node=2,force_n=[0.01,0.0]}]".into());
+    }
+    if tendons {
+        // That which bends a round rod of 7 mm by 1/m or so, and a short one on the other side.
+        let tension = modulus * 1.89e-9 / 0.005;
+        set(format!(
+            "tendons=[{{offset_m=0.005,tension_n={{offset={:e},amplitude={:e},frequency_hz={frequency:e},phase_rad=0.4}}}},\
+             {{offset_m=-0.003,from_xi=0.3,to_xi=0.8,tension_n={:e}}}]",
+            1.1 * tension,
+            -tension,
+            0.7 * tension
+        ));
     }
     let method = dice.one(&["implicit-euler", "newmark", "generalized-alpha"]);
     set(format!("solver.integrator={method}"));

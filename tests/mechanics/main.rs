@@ -33,4 +33,5 @@ mod section;
 mod solvers;
 mod stability;
 mod study;
+mod tendons;
 mod waves;

@@ -40,12 +40,14 @@ pub struct Kinematics<'a> {
     pub layers: Option<&'a Layers>,
     /// The fluid along the rod; empty until it has been computed.
     pub around: FluidAlong<'a>,
+    /// The tension of each tendon, N.
+    pub tensions: &'a [f64],
 }
 
 impl<'a> Kinematics<'a> {
     /// The motion `q`, `v`, `a` of a rod of `edges` in one and the same fluid, at time 0.
     pub fn within(fluid: Fluid, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Self {
-        Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: FluidAlong::default() }
+        Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: FluidAlong::default(), tensions: &[] }
     }
 
     /// The fluid at node `k`, with its slope.
@@ -209,6 +211,8 @@ pub enum PowerKind {
     Spray,
     /// None: the force is a load such as gravity, which stores the energy that [`energy`](Force::energy) returns.
     Load,
+    /// None: the drive supplies it, as tendons do.
+    Drive,
     /// Elsewhere.
     Other,
 }
@@ -450,9 +454,10 @@ impl Forces {
         linear.find_map(|(i, force)| Some((i, force.fused()?)))
     }
 
-    /// True if any force is neither one of the fluid nor a load that stores energy.
+    /// True if any force is neither one of the fluid, nor a load that stores energy, nor one of the drive.
     pub fn are_others(&self) -> bool {
-        self.iter().any(|force| !force.is_of_fluid() && force.power_kind() != Some(PowerKind::Load))
+        let own = [Some(PowerKind::Load), Some(PowerKind::Drive)];
+        self.iter().any(|force| !force.is_of_fluid() && !own.contains(&force.power_kind()))
     }
 
     /// True if any of them depends on accelerations.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Drive, Dynamics, Inputs, Model};
 use crate::fluid::{Fluid, Layers};
+use crate::tendons::MAX_TENDONS;
 
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
@@ -224,6 +225,7 @@ impl Inputs {
         (self.fluid, self.flow_taken) = (Fluid::NONE, false);
         self.layers = self.layers.as_ref().map(Layers::none);
         self.head = None;
+        self.tension = [0.0; MAX_TENDONS];
         let arrays = [&mut self.natural, &mut self.moment, &mut self.force];
         arrays.into_iter().flatten().for_each(|values| values.fill(0.0));
     }
@@ -236,6 +238,7 @@ impl Inputs {
         self.layers = other.layers;
         self.natural.clone_from(&other.natural);
         self.moment.clone_from(&other.moment);
+        self.tension = other.tension;
         self.force.clone_from(&other.force);
     }
 
@@ -245,6 +248,7 @@ impl Inputs {
         self.drive.frequency += factor * other.drive.frequency;
         self.phase_offset += factor * other.phase_offset;
         self.fluid.add(&other.fluid, factor);
+        self.tension.iter_mut().zip(other.tension).for_each(|(to, from)| *to += factor * from);
         if let (Some(to), Some(from)) = (&mut self.layers, &other.layers) {
             to.add(from, factor);
         }

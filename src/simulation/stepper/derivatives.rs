@@ -12,14 +12,15 @@ use super::Stepper;
 use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::{Property, by_key};
-use crate::fluid::{Fluid, Layers, PowerKind};
+use crate::fluid::{Fluid, Kinematics, Layers, PowerKind};
 use crate::linear::Direction;
 use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{ActiveMoments, DeformedRod, Dynamics, Inputs, Mechanics};
 use crate::newton::SolverWork;
 use crate::rod::damping::KelvinVoigt;
-use crate::rod::{DampedRate, bend, node};
+use crate::rod::{DampedRate, add, bend, node};
 use crate::system::{State, System};
+use crate::tendons::MAX_TENDONS;
 use crate::variable::{Variable, View};
 
 /// The motion of a head is differenced over this fraction of an internal step to either side.
@@ -41,6 +42,8 @@ pub(super) struct StateTangent {
     /// Of the active moments in them.
     active: ActiveMoments,
     force: Vec<f64>,
+    /// Of the tension of each tendon, N.
+    tensions: [f64; MAX_TENDONS],
     fluid: Fluid,
     layers: Option<Layers>,
     /// Differential of the force that opposes the motion.
@@ -71,6 +74,7 @@ impl StateTangent {
             natural_rate: vec![0.0; nodes],
             active: ActiveMoments::zeros(nodes),
             force: zeros(),
+            tensions: [0.0; MAX_TENDONS],
             fluid: Fluid::NONE,
             layers: None,
             opposing: zeros(),
@@ -89,6 +93,7 @@ impl StateTangent {
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
         self.active.clear();
+        self.tensions = [0.0; MAX_TENDONS];
         (self.fluid, self.layers, self.angle) = (Fluid::NONE, None, [0.0; 2]);
         self.inputs.clear();
     }
@@ -99,6 +104,7 @@ impl StateTangent {
         let rod = &dynamics.model.rod;
         let natural = [&mut self.natural, &mut self.natural_rate].map(Vec::as_mut_slice);
         dynamics.natural_change(&self.inputs, state.t, natural, &mut self.active);
+        self.tensions = dynamics.tension_change(&self.inputs);
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
@@ -121,7 +127,7 @@ impl StateTangent {
         let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
-        let Self { state: d, metrics, natural, natural_rate, active, force, fluid, layers, .. } = self;
+        let Self { state: d, metrics, natural, natural_rate, active, force, tensions, fluid, layers, .. } = self;
         let (opposing, applied, angle) = (&mut self.opposing, &mut self.applied, &self.angle);
         // Of a rod that takes its natural curvature the moments follow from balance, further down.
         let shape = dynamics.mechanics == Mechanics::Shape;
@@ -164,6 +170,21 @@ impl StateTangent {
                 0.5 * kappa[e] * bent.spin(e) * kappa_change + bend::curvature_per_turning(kappa[e]) * spinning(e);
             damping.moment(rod, e, rate - damping.given(natural_rate[e]))
         };
+        now.tendons = Default::default();
+        for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
+            let reading = &mut now.tendons[i];
+            reading.tension = tensions[i];
+            for e in tendon.edges.clone() {
+                reading.length += change(e)[0];
+                reading.length_rate += rate_change(e)[0];
+            }
+            for k in tendon.joints.clone() {
+                let s = bend::curvature_per_turning(kappa[k]);
+                let turned = s * (change(k)[1] - if k == 0 { angle } else { change(k - 1)[1] });
+                reading.length -= tendon.offset * turned;
+                reading.length_rate -= tendon.offset * (0.5 * kappa[k] * bent.spin(k) * turned + s * spinning(k));
+            }
+        }
         let mut before = angle;
         for (e, edge) in edges.iter().enumerate() {
             let [longer, turned] = change(e);
@@ -220,6 +241,11 @@ impl StateTangent {
         for own in dynamics.model.forces.iter() {
             opposing.fill(0.0);
             force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
+            if own.power_kind() == Some(PowerKind::Drive) {
+                // Linear in the tensions.
+                let pulled = Kinematics { tensions: &tensions[..], ..moving };
+                force::visit_alone(own, &pulled, |k, change| add(opposing, k, change));
+            }
             let mut stored = [0.0; 2];
             for (key, change) in by_key(fluid, layers.as_ref()) {
                 if change != 0.0 {
@@ -265,6 +291,7 @@ impl StateTangent {
                 Some(PowerKind::Flow) => power.flow -= taken,
                 Some(PowerKind::Spray) => power.spray += taken,
                 Some(PowerKind::Load) => power.load -= taken,
+                Some(PowerKind::Drive) => power.actuation -= taken,
                 Some(PowerKind::Other) => power.other -= taken,
                 None => {
                     // The energy depends on velocities against the flow.
@@ -426,6 +453,7 @@ impl Stepper {
         let mut rate = Vec::new();
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
+        tangent.tensions = self.dynamics.tensions[1];
         if let Some(active) = &self.dynamics.active {
             let natural_rate = tangent.natural_rate.iter().zip(&rate).enumerate();
             let joint = &self.dynamics.model.rod.joint;

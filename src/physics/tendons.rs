@@ -1,0 +1,139 @@
+//! Tendons: cables along the rod, at a distance from its centreline, that pull its edges together and bend its joints.
+//!
+//! A cable at the distance d to the left of the rod, from node a to node b, is shorter than the rod by 2 d tan(θ_k/2) = d κ_k at every
+//! joint that it passes: its length is Λ = Σ ℓ_e − d Σ κ_k, exactly. A tension T does the work −T dΛ: it adds T to the tension of the
+//! edges, a [`Force`], and is an active moment T d of the joints, see [`ActiveMoments`](crate::model::ActiveMoments). A tendon that
+//! begins where a held head or a body holds the rod is fastened to it, and passes the half-cell joint there.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use nalgebra::Vector2;
+
+use crate::fluid::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerKind};
+use crate::fluid::validity::Validity;
+use crate::head::{Sample, Signal};
+use crate::linear::{Block, Direction, pair};
+use crate::rod::{Edge, Rod, node};
+
+/// The largest number of tendons of a rod.
+pub const MAX_TENDONS: usize = 4;
+
+/// A tendon.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tendon {
+    /// Distance d from the centreline, m; positive to the left of the rod, from head to tip.
+    pub offset: f64,
+    /// The edges that it runs along.
+    pub edges: Range<usize>,
+    /// The joints that it passes.
+    pub joints: Range<usize>,
+    /// Its tension, N, before the ramp of the start and without what a host adds.
+    pub tension: Signal,
+}
+
+impl Tendon {
+    /// The tendon that runs from `xi[0]` to `xi[1]` of `rod`, each the next node; `None` if no joint is between.
+    pub fn along(rod: &Rod, offset: f64, xi: [f64; 2], tension: Signal) -> Option<Self> {
+        let last = rod.nodes - 1;
+        let [from, to] = xi.map(|xi| rod.front + (xi * (last - rod.front) as f64).round() as usize);
+        let first = if from == rod.front { rod.first_joint.max(from) } else { from + 1 };
+        (first < to).then_some(Self { offset, edges: from..to, joints: first..to, tension })
+    }
+
+    /// Σ ℓ_e of its edges, m.
+    pub fn edge_length(&self, edges: &[Edge]) -> f64 {
+        edges[self.edges.clone()].iter().map(|edge| edge.length).sum()
+    }
+
+    /// Its length Λ (m) along these `edges`, where the joints have the curvatures `kappa`.
+    pub fn length(&self, edges: &[Edge], kappa: &[f64]) -> f64 {
+        self.edge_length(edges) - self.offset * kappa[self.joints.clone()].iter().sum::<f64>()
+    }
+
+    /// Calls `add` with t of each of its edges at either end: ∂(Σ ℓ_e)/∂x.
+    pub fn visit_slopes(&self, edges: &[Edge], mut add: impl FnMut(usize, Vector2<f64>)) {
+        for e in self.edges.clone() {
+            add(e, -edges[e].t);
+            add(e + 1, edges[e].t);
+        }
+    }
+
+    /// The rate of Σ ℓ_e (m/s), where the nodes move at `v`.
+    pub fn edge_length_rate(&self, edges: &[Edge], v: &[f64]) -> f64 {
+        self.edges.clone().map(|e| edges[e].t.dot(&(node(v, e + 1) - node(v, e)))).sum()
+    }
+}
+
+/// A tension, N, that is `pull` unless that is negative: a cable does not push.
+pub(crate) fn slack_below_zero(pull: Sample) -> Sample {
+    if pull.value > 0.0 || pull.value == 0.0 && pull.rate > 0.0 { pull } else { Sample::default() }
+}
+
+/// The tendons of a rod; the force of their tension on the edges: F = −T t on the end of an edge, T t on its begin, with
+/// ∂(T t)/∂e = T n nᵀ/ℓ.
+#[derive(Debug, Clone, Default)]
+pub struct Tendons(Arc<[Tendon]>);
+
+impl Tendons {
+    /// These tendons, of which there are at most [`MAX_TENDONS`].
+    pub fn new(tendons: Vec<Tendon>) -> Self {
+        Self(tendons.into())
+    }
+}
+
+impl std::ops::Deref for Tendons {
+    type Target = [Tendon];
+
+    fn deref(&self) -> &[Tendon] {
+        &self.0
+    }
+}
+
+impl Force for Tendons {
+    fn name(&self) -> &'static str {
+        "tendons"
+    }
+
+    fn validity(&self) -> Validity {
+        Validity { range: "any motion", bounds: &[], source: "by definition" }
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        false
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
+    }
+
+    fn is_linear(&self) -> bool {
+        true // in the velocities, on which it does not depend
+    }
+
+    fn power_kind(&self) -> Option<PowerKind> {
+        Some(PowerKind::Drive)
+    }
+
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
+        for (tendon, tension) in self.iter().zip(rod.tensions).filter(|(_, tension)| **tension != 0.0) {
+            let shared = tendon.edges.start.max(edges.start)..tendon.edges.end.min(edges.end);
+            for e in shared {
+                let edge = &rod.edges[e];
+                let slope = Block::outer(
+                    edge.n() * (tension * along.map_or(0.0, |along| along.q) * edge.per_length),
+                    pair(edge.n()),
+                );
+                let pull = pair(edge.t * *tension);
+                let on = EdgeForce { force: [-pull, pull], own: [Block::ZERO; 2], edge: [Block::ZERO - slope, slope] };
+                sums.one(e - edges.start, &on);
+            }
+        }
+    }
+}

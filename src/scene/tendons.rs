@@ -1,0 +1,119 @@
+//! `[[tendons]]`: cables along the rod that a winch or a servo pulls.
+
+use serde::Deserialize;
+
+use super::Scene;
+use super::key_error::KeyError;
+use super::value::{self, Finite, NotNegative, ScalarSignal, Share, SignalValue};
+use crate::error::Result;
+use crate::fluid::Force;
+use crate::head::Signal;
+use crate::number_format::number;
+use crate::rod::Rod;
+use crate::tendons::{MAX_TENDONS, Tendon, Tendons};
+
+/// One of `[[tendons]]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct TendonTable {
+    /// Distance from the centreline of the rod, m, positive to the left of the rod from head to tip: a tendon on the left bends the tip to
+    /// the left.
+    pub offset_m: Finite,
+    /// Where it begins, as a fraction of the rod's length from the head; the nearest node is taken. By default 0: fastened to the head or
+    /// the body that holds the rod there.
+    #[serde(default)]
+    pub from_xi: Option<Share>,
+    /// Where it ends. By default 1, the tip.
+    #[serde(default)]
+    pub to_xi: Option<Share>,
+    /// Tension, N, at least 0: a number, a sinusoid or a table. By default 0, for a host that sets it. The ramp of the start counts for it.
+    #[serde(default)]
+    pub tension_n: Option<ScalarSignal>,
+}
+
+impl TendonTable {
+    fn ends(&self) -> [f64; 2] {
+        [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
+    }
+
+    /// Its tension, N, where that is a number.
+    pub(super) fn constant_tension(&self) -> Option<NotNegative> {
+        match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
+            Some(Signal::Constant(tension)) => Some(NotNegative::constant(*tension)),
+            _ => None,
+        }
+    }
+
+    /// The least tension that it names, N, if that is known before its table is read.
+    fn least_tension(&self) -> f64 {
+        match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
+            Some(Signal::Constant(tension)) => *tension,
+            Some(Signal::Sinusoid { offset, amplitude, .. }) => offset - amplitude.abs(),
+            _ => 0.0,
+        }
+    }
+}
+
+impl Scene {
+    /// Checks the tendons.
+    pub(super) fn check_tendons(&self) -> std::result::Result<(), KeyError> {
+        let refuse = |key: String, problem: String| Err(KeyError { key, problem });
+        if self.tendons.len() > MAX_TENDONS {
+            let found = format!("{} tendons", self.tendons.len());
+            let allowed = format!("at most {MAX_TENDONS}");
+            return refuse(format!("tendons.{MAX_TENDONS}"), value::refused(found, allowed));
+        }
+        for (i, tendon) in self.tendons.iter().enumerate() {
+            let [from, to] = tendon.ends();
+            if from >= to {
+                let found = format!("{to} with from_xi = {from}");
+                return refuse(format!("tendons.{i}.to_xi"), value::refused(found, "a number beyond from_xi, up to 1"));
+            }
+            let least = tendon.least_tension();
+            if least < 0.0 {
+                let found = format!("a tension of {} N", number(least));
+                let allowed = "at least 0 at all times: a cable does not push; give the sinusoid an offset of its amplitude, or add a tendon on the other side";
+                return refuse(format!("tendons.{i}.tension_n"), value::refused(found, allowed));
+            }
+        }
+        Ok(())
+    }
+
+    /// The tendons of `rod`.
+    pub(super) fn tendons_on(&self, rod: &Rod) -> Result<Tendons> {
+        let tendon = |(i, table): (usize, &TendonTable)| {
+            let tension = match &table.tension_n {
+                Some(ScalarSignal(tension)) => self.signal(tension, 0, 1)?,
+                None => Signal::Constant(0.0),
+            };
+            if let Signal::Table(rows) = &tension
+                && let Some(row) = rows.iter().find(|row| row.value < 0.0)
+            {
+                let found = format!("a tension of {} N at {} s in the table", row.value, row.time);
+                let allowed = "tensions of at least 0: a cable does not push";
+                return Err(self.error(&format!("tendons.{i}.tension_n"), value::refused(found, allowed)));
+            }
+            let [from, to] = table.ends();
+            Tendon::along(rod, table.offset_m.get(), [from, to], tension).ok_or_else(|| {
+                let found = format!("{from} to {to}, between nodes without a joint");
+                let allowed = format!(
+                    "a tendon that passes a joint; those of this mesh are {} apart",
+                    number(1.0 / (rod.nodes - rod.front - 1) as f64)
+                );
+                self.error(&format!("tendons.{i}.to_xi"), value::refused(found, allowed))
+            })
+        };
+        self.tendons.iter().enumerate().map(tendon).collect::<Result<Vec<_>>>().map(Tendons::new)
+    }
+
+    /// The signals of its tendons.
+    pub(super) fn tendon_signals(&self) -> impl Iterator<Item = &SignalValue> {
+        self.tendons.iter().filter_map(|tendon| tendon.tension_n.as_ref()).map(|ScalarSignal(tension)| tension)
+    }
+}
+
+/// The force of the tendons on the edges, where there are any.
+pub(super) fn force(tendons: &Tendons) -> Option<Box<dyn Force>> {
+    (!tendons.is_empty()).then(|| Box::new(tendons.clone()) as Box<dyn Force>)
+}
