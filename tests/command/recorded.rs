@@ -50,6 +50,7 @@ recorded! {
     run_sperm_overdamped: "run models/sperm.toml --set solver.model=overdamped --set record.interval_s=0.2";
     run_fish: "run models/fish.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
     run_muscle_eel: "run models/muscle-eel.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
+    run_tendon_fish: "run models/tendon-fish.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
     run_heaving_foil: "run models/heaving-foil.toml --set solver.duration_s=2.2 --set record.interval_s=0.53";
     run_out_of_glycerol: "run models/out-of-glycerol.toml --set solver.duration_s=2.0 --set record.interval_s=0.53";
     run_glycerol: "run models/glycerol.toml --set solver.duration_s=2.0 --set record.interval_s=0.53";
@@ -96,6 +97,7 @@ recorded! {
         check models/spinning-bar.toml";
     check_swimmers: "check models/fish.toml
         check models/muscle-eel.toml
+        check models/tendon-fish.toml
         check models/snake.toml
         check models/worm-over-a-wall.toml
         check models/design-silicone-eel.toml
@@ -202,6 +204,7 @@ recorded! {
         check models/silicone-tail.toml --set solver.integrator=esdirk3 --set solver.time_step_s=0.2"#;
     variables: "variables models/dipping-tail.toml";
     variables_of_others: "variables models/muscle-eel.toml
+        variables models/tendon-fish.toml
         variables models/driven-head.toml";
 
     // Studies.

@@ -83,7 +83,7 @@ type Mistake = (&'static str, &'static str, isize, &'static str, &'static str);
 #[rustfmt::skip]
 const MISTAKES: &[Mistake] = &[
     // names
-    ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
+    ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `tendons`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
     ("name = \"full\"", "name = 3", 0, "name", "found 3; allowed: a text in quotes"),
     ("name = \"full\"", "name = \"a/b\"", 0, "name", "found '/' in it; allowed: a name that can be a folder's"),
     ("name = \"full\"", "name = 'a\\b'", 0, "name", "found '\\\\' in it; allowed: a name that can be a folder's"),
@@ -93,7 +93,7 @@ const MISTAKES: &[Mistake] = &[
     ("name = \"full\"", "\"a`b\" = 3", 0, "a`b", "unknown key; allowed: `name`, ..."),
     ("name = \"full\"", "\"a.b\" = 3", 0, "a.b", "unknown key; allowed: `name`, ..."),
     // unknown keys and tables, wrong units
-    ("[rod]", "[rods]", 0, "rods", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `rod`?"),
+    ("[rod]", "[rods]", 0, "rods", "unknown key; allowed: `name`, `rod`, `actuation`, `tendons`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `rod`?"),
     ("nodes = 9", "node = 9", 0, "rod.node", "unknown key; allowed: `nodes`, `length_m`, `section`, `outer_radius_m`, `inner_radius_m`, `depth_m`, `youngs_modulus_pa`, `density_kg_m3`, `axial_stiffness_n`, `bending_stiffness_n_m2`, `mass_per_length_kg_m`, `mass_profile`, `stiffness_gradient`, `stiffness_profile`, `damping_time_s`, `loss_factor`, `loss_frequency_hz`, `damping_of`, `mass_lumping`; did you mean `nodes`?"),
     ("length_m = 1.0", "length_mm = 1000", 0, "rod.length_mm", "unknown key; allowed: `nodes`, `length_m`, `section`, `outer_radius_m`, `inner_radius_m`, `depth_m`, `youngs_modulus_pa`, `density_kg_m3`, `axial_stiffness_n`, `bending_stiffness_n_m2`, `mass_per_length_kg_m`, `mass_profile`, `stiffness_gradient`, `stiffness_profile`, `damping_time_s`, `loss_factor`, `loss_frequency_hz`, `damping_of`, `mass_lumping`; did you mean `length_m`?"),
     ("length_m = 1.0", "length = 1.0", 0, "rod.length", "unknown key; ..."),
