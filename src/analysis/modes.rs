@@ -426,6 +426,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
         actuation: None,
         active_moments: false,
         tendons: Tendons::default(),
+        hinge: None,
         start: Start::Jump,
         forces,
         fluid: Fluid { flow: Vector2::zeros(), acceleration: Vector2::zeros(), ..fluid },

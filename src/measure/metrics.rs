@@ -241,6 +241,22 @@ impl TendonReading {
     }
 }
 
+/// A head on a hinge at one time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct HingeReading {
+    /// Torque T of its motor, N m.
+    pub torque: f64,
+    /// Angular velocity, rad/s.
+    pub spin: f64,
+}
+
+impl HingeReading {
+    /// The power (W) that the motor puts in.
+    pub fn power(&self) -> f64 {
+        self.torque * self.spin
+    }
+}
+
 /// All measurements at one time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measurements {
@@ -260,10 +276,14 @@ pub struct Measurements {
     pub head_force: Vector2<f64>,
     /// Moment of the tail on a held head about node 0, N m.
     pub head_moment: f64,
+    /// Of a head on a hinge.
+    pub hinge: HingeReading,
     /// Position and velocity of node 0.
     head: [Vector2<f64>; 2],
     /// Angle and spin of a held head.
     head_angle: [f64; 2],
+    /// The moment (N m) against which that angle is turned: of the tail, or of what holds a hinge.
+    head_couple: f64,
     /// Force (N) that a held head exerts beyond the inertia of node 0.
     head_push: Vector2<f64>,
     /// Curvature κ_k, dimensionless, one entry per node.
@@ -620,7 +640,13 @@ impl Measurements {
             self.head_push = held - node(&state.a, 0) * mass;
             self.head = [node(&state.q, 0), node(&state.v, 0)];
             self.head_angle = [angle.value, angle.rate];
-            power.head = held.dot(&self.head[1]) - moment * angle.rate;
+            self.head_couple = moment;
+            if let Some(hinge) = &dynamics.model.hinge {
+                self.hinge = HingeReading { torque: dynamics.hinge_torque(), spin: angle.rate };
+                self.head_couple = hinge.damping * angle.rate - self.hinge.torque;
+                energy.kinetic += 0.5 * hinge.inertia * angle.rate * angle.rate;
+            }
+            power.head = held.dot(&self.head[1]) - self.head_couple * angle.rate;
         }
         if !(energy.total() + power.net()).is_finite() {
             let node = self.moment.iter().position(|m| !(m * m).is_finite()).unwrap_or(0);
@@ -695,7 +721,7 @@ impl Measurements {
         }
         let translation = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
         let inertia = 0.5 * head_mass * (self.head[1].norm_squared() - before.head[1].norm_squared());
-        let twist = 0.5 * (self.head_moment + before.head_moment) * (self.head_angle[0] - before.head_angle[0]);
+        let twist = 0.5 * (self.head_couple + before.head_couple) * (self.head_angle[0] - before.head_angle[0]);
         Power { actuation, load, head: translation + inertia - twist, ..Power::by_part(trapezoid) }
     }
 }
@@ -734,6 +760,8 @@ pub struct RunningTotals {
     pub max_couple: f64,
     /// Largest power (W) of the actuation and of a held head at any step.
     pub max_power: [f64; 2],
+    /// Largest torque (N m) of the motor of a hinge at any step.
+    pub max_hinge_torque: f64,
     /// Number of accepted steps.
     pub steps: u64,
     /// Number of halved steps.
@@ -812,6 +840,7 @@ impl RunMetrics {
                 max_on_head: now.on_head(),
                 max_couple: now.largest_couple(),
                 max_power: now.power.of_drives(),
+                max_hinge_torque: now.hinge.torque.abs(),
                 ..RunningTotals::default()
             },
             first_energy: now.energy.total(),
@@ -896,6 +925,7 @@ impl RunMetrics {
         totals.max_couple = totals.max_couple.max(next.largest_couple());
         let [actuation, head] = next.power.of_drives();
         totals.max_power = [totals.max_power[0].max(actuation), totals.max_power[1].max(head)];
+        totals.max_hinge_torque = totals.max_hinge_torque.max(next.hinge.torque.abs());
         std::mem::swap(&mut self.now, next);
         Ok(())
     }

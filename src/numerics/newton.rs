@@ -292,7 +292,7 @@ impl Newton {
                         [largest(increment, 2, t, "Newton's increment")?.1, residual]
                     }
                 };
-                state.move_all_back(direction, increment);
+                system.move_back(direction, increment, state);
                 Ok(Iteration { increment: direction.q * size, residual })
             }
             EquationSolver::Chain { matrix, solver, residual, worst } => {
@@ -312,8 +312,8 @@ impl Newton {
                     }
                     turn_size = of_node.get(5).map_or(turn_size, |turn| turn_size.max(turn.abs()));
                 }
-                let size = (direction.q.abs() * move_size).max(length * turn_size);
-                system.move_links(increment, state);
+                let beside = system.move_links(increment, state);
+                let size = (direction.q.abs() * move_size).max(length * turn_size).max(beside);
                 Ok(Iteration { increment: size, residual: force })
             }
         }

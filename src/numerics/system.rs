@@ -28,7 +28,8 @@ pub struct Link {
     pub curvature: f64,
 }
 
-/// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries per node: x₀, y₀, x₁, y₁, …
+/// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries per node: x₀, y₀, x₁, y₁, …, and one more for the arc of a
+/// [hinge](crate::head::Hinge).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Time, s.
@@ -146,8 +147,16 @@ pub trait System {
         None
     }
 
-    /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments.
-    fn move_links(&self, _increment: &[f64], _state: &mut State) {}
+    /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments. Returns by how much
+    /// an unknown beside nodes and links was moved, m.
+    fn move_links(&self, _increment: &[f64], _state: &mut State) -> f64 {
+        0.0
+    }
+
+    /// Moves `state` back by Newton's `increment` of the positions along `direction`.
+    fn move_back(&self, direction: Direction, increment: &mut [f64], state: &mut State) {
+        state.move_all_back(direction, increment);
+    }
 
     /// Betters the guess `to` of the state that follows `from`; what moves, moves along `direction`.
     fn better_guess(&self, from: &State, _direction: Direction, to: &mut State) {

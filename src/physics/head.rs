@@ -1,9 +1,11 @@
 //! How a held head moves: position and angle as functions of time, from a scene or from a host.
 
+pub mod hinge;
 pub mod pose_extrapolation;
 
 use std::f64::consts::TAU;
 
+pub use hinge::{Demand, Hinge};
 pub use pose_extrapolation::{HeadInput, HostHead};
 use serde::{Deserialize, Serialize};
 

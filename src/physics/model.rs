@@ -22,8 +22,9 @@ use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
+use crate::head::hinge::HingeResidual;
 use crate::head::{
-    HeadInput, HeadMotion, HostHead, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose, pose_before,
+    Demand, HeadInput, HeadMotion, Hinge, HostHead, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose, pose_before,
 };
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
@@ -93,8 +94,10 @@ pub struct Model {
     pub load: Option<Vec<f64>>,
     /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` where the scene has none.
     pub buoyancy: Option<Vec<f64>>,
-    /// Motion of a held head; `None` is a free head.
+    /// Motion of a held head; `None` is a free head. The angle of one on a hinge is the commanded one.
     pub head: Option<HeadMotion>,
+    /// The hinge of a held head whose angle is free.
+    pub hinge: Option<Hinge>,
     /// The time to which a host's pose of that head belongs.
     pub head_input: HeadInput,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
@@ -148,6 +151,8 @@ pub struct Inputs {
     pub moment: Option<Vec<f64>>,
     /// What a host adds to the tension of each tendon, N.
     pub tension: [f64; MAX_TENDONS],
+    /// What a host adds to the torque (N m) and to the commanded angle (rad) of a hinge.
+    pub hinge: Demand,
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
@@ -189,6 +194,7 @@ impl Inputs {
             natural: None,
             moment: None,
             tension: [0.0; MAX_TENDONS],
+            hinge: Demand::default(),
             force: None,
             fluid: model.fluid,
             flow_taken: false,
@@ -205,6 +211,7 @@ impl Inputs {
             && self.natural == other.natural
             && self.moment == other.moment
             && self.tension == other.tension
+            && self.hinge == other.hinge
             && self.force == other.force
     }
 
@@ -314,6 +321,16 @@ impl ActiveMoments {
     }
 }
 
+/// Moves the arc of a hinge in a `state` of `nodes` nodes back by `increment` along `direction`.
+fn move_arc_back(nodes: usize, direction: Direction, increment: f64, state: &mut State) {
+    let parts = [(&mut state.q, direction.q), (&mut state.v, direction.v), (&mut state.a, direction.a)];
+    for (values, along) in parts {
+        if let Some(arc) = values.get_mut(2 * nodes) {
+            *arc -= along * increment;
+        }
+    }
+}
+
 /// Adds the active moments (N m) of `tendons` of these `tensions` (N) to those of the joints, one entry per node.
 fn add_tendon_moments(tendons: &Tendons, tensions: &[f64], moments: &mut [f64]) {
     for (tendon, tension) in tendons.iter().zip(tensions) {
@@ -341,8 +358,12 @@ pub struct Dynamics {
     pub active: Option<ActiveMoments>,
     /// The tension of each tendon, N, and its rate, N/s, at the time last moved to.
     pub tensions: [[f64; MAX_TENDONS]; 2],
-    /// Pose of a held head at the time last moved to.
+    /// Pose of a held head at the time last moved to; the angle of one on a hinge is that of the state that was looked at last.
     pub held: Option<Pose>,
+    /// What the motor of a hinge is asked for at the time last moved to.
+    pub demand: Demand,
+    /// What the last assembly in the chain form left of the equation of a hinge.
+    hinge_residual: Option<HingeResidual>,
     /// Where the step ends (s) that is under way, or was made last: there the head is as the step brings it, see
     /// [`Signal::before`].
     pub(crate) step_end: Option<f64>,
@@ -373,6 +394,8 @@ impl Dynamics {
             active: None,
             tensions: Default::default(),
             held: None,
+            demand: Demand::default(),
+            hinge_residual: None,
             step_end: None,
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
@@ -397,8 +420,17 @@ impl Dynamics {
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
         let [curvature, rate] = self.free_of_moment([&self.natural, &self.natural_rate].map(Vec::clone));
-        let Model { rod, start, spin, initial_curvature, .. } = &*self.model;
+        let Model { rod, start, spin, initial_curvature, hinge, .. } = &*self.model;
         start.place(rod, [&curvature, &rate], initial_curvature.as_deref(), self.held.as_ref(), state);
+        if let (Some(_), Some([_, _, angle])) = (hinge, &self.held) {
+            // A rod that is placed at rest has a head at rest.
+            let spin = if matches!(start, Start::Shaped) { angle.rate } else { 0.0 };
+            for (values, angle) in [(&mut state.q, angle.value), (&mut state.v, spin)] {
+                if let Some(arc) = values.get_mut(2 * rod.nodes) {
+                    *arc = angle * rod.length;
+                }
+            }
+        }
         if *spin != 0.0 {
             add_spin(rod, *spin, state);
         }
@@ -657,6 +689,62 @@ impl Dynamics {
         }
         let pose = if self.step_end == Some(t) { pose_before } else { pose };
         self.held = self.pose(t, pose);
+        self.demand = self.demand_at(t);
+    }
+
+    /// What the motor of a hinge is asked for at time `t` (s): the torque grows with the ramp of the start.
+    fn demand_at(&self, t: f64) -> Demand {
+        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return Demand::default() };
+        let [gain, _] = self.model.start.gain(t);
+        Demand {
+            torque: gain * hinge.torque.at(t).value + self.inputs.hinge.torque,
+            angle: angle.value + self.inputs.hinge.angle,
+        }
+    }
+
+    /// Takes the angle of a head on a hinge from `state`.
+    fn follow_hinge(&mut self, state: &State) {
+        let Model { rod, hinge, .. } = &*self.model;
+        if let (Some(_), Some([_, _, angle])) = (hinge, &mut self.held) {
+            *angle = Hinge::angle(state, rod.nodes, rod.length);
+        }
+    }
+
+    /// The angle (rad) of a held head in `state`, with both rates.
+    fn head_angle(&self, state: &State) -> Option<Sample> {
+        let Model { rod, hinge, .. } = &*self.model;
+        let own = hinge.as_ref().map(|_| Hinge::angle(state, rod.nodes, rod.length));
+        own.or_else(|| self.held.map(|[_, _, angle]| angle))
+    }
+
+    /// T, the torque (N m) of the motor of a hinge, where the head is as in the state that was looked at last.
+    pub fn hinge_torque(&self) -> f64 {
+        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return 0.0 };
+        hinge.torque(self.demand, angle.value)[0]
+    }
+
+    /// Writes the equation of a hinge in the place of the first one of node 0, which is prescribed, with what it has in common with node 1.
+    fn write_hinge(&self, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) {
+        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return };
+        let direction = jacobian.as_ref().map_or(Direction::POSITIONS, |jacobian| jacobian.direction);
+        let Joint { couple, stiffness } = self.joints[0];
+        let own = hinge.residual(self.demand, *angle, couple, direction);
+        // Each row as a force, each column by an arc.
+        let per_length = 1.0 / self.model.rod.length;
+        residual[0] = own.moment * per_length;
+        let Some(Linearisation { matrix, .. }) = jacobian else { return };
+        let edge = &self.edges[0];
+        let damped = self.rates.as_ref().map(|rates| (rates.viscosity[0], rates.edges[0].spin_slope(edge, direction)));
+        let (viscosity, spin_slope) = damped.unwrap_or_default();
+        let couple_slope = direction.q * stiffness + direction.v * viscosity;
+        let across = edge.n() * (edge.per_length * per_length);
+        let by_node = -across * (direction.q * stiffness) - spin_slope * (viscosity * per_length);
+        let by_arc = -across * couple_slope;
+        if let [first, second, ..] = matrix.rows_mut() {
+            first[2][0] = (own.slope + couple_slope) * per_length * per_length;
+            [first[3][0], first[3][1]] = by_node.into();
+            [second[1][0], second[1][2]] = by_arc.into();
+        }
     }
 
     /// Where a held head is at time `t` (s) of the last step, and its velocity (m/s).
@@ -685,6 +773,7 @@ impl Dynamics {
     }
 
     fn bend(&mut self, state: &State) -> Result<()> {
+        self.follow_hinge(state);
         self.locate_fluid(&state.q);
         if state.links.is_empty() {
             self.shape_edges(&state.q, state.t)?;
@@ -750,9 +839,19 @@ impl Dynamics {
         self.held.as_ref().map(|pose| self.along_head(pose))
     }
 
-    /// The same at the time `t` (s) that a step begins at.
-    pub(crate) fn clamp_tangent_before(&self, t: f64) -> Option<Vector2<f64>> {
-        self.pose(t, pose_before).map(|pose| self.along_head(&pose))
+    /// The same in `state`, at the time last moved to.
+    fn clamp_tangent_of(&self, state: &State) -> Option<Vector2<f64>> {
+        let [x, y, _] = self.held?;
+        Some(self.along_head(&[x, y, self.head_angle(state)?]))
+    }
+
+    /// The same in the state `before` that a step begins at.
+    pub(crate) fn clamp_tangent_before(&self, before: &State) -> Option<Vector2<f64>> {
+        let mut pose = self.pose(before.t, pose_before)?;
+        if self.model.hinge.is_some() {
+            pose[2] = self.head_angle(before)?;
+        }
+        Some(self.along_head(&pose))
     }
 
     fn along_head(&self, [_, _, angle]: &Pose) -> Vector2<f64> {
@@ -830,9 +929,9 @@ impl Dynamics {
     /// The longest step (s) from time `t` (s), which this was last moved to, that resolves what drives the rod, however little
     /// that moves it: the wave, the ramp of the start, the signals of head and flow.
     pub fn longest_step(&self, t: f64) -> f64 {
-        let Model { actuation, start, flow, tendons, .. } = &*self.model;
+        let Model { actuation, start, flow, tendons, hinge, .. } = &*self.model;
         let own_flow = flow.iter().flatten().filter(|_| !self.inputs.flow_taken);
-        let pulls = tendons.iter().map(|tendon| &tendon.tension);
+        let pulls = tendons.iter().map(|tendon| &tendon.tension).chain(hinge.iter().map(|hinge| &hinge.torque));
         let signals = own_flow.chain(self.own_head()).chain(pulls);
         let mut longest = signals.map(|signal| signal.longest_step(t)).fold(f64::INFINITY, f64::min);
         if let Some(host) = &self.inputs.head {
@@ -842,7 +941,7 @@ impl Dynamics {
         }
         if let Start::Ramp { duration } = *start
             && t < duration
-            && (actuation.is_some() || !tendons.is_empty())
+            && (actuation.is_some() || !tendons.is_empty() || hinge.is_some())
         {
             longest = longest.min(duration / RESOLVING_STEPS_PER_PERIOD);
         }
@@ -1112,7 +1211,7 @@ impl System for Dynamics {
     }
 
     fn lumped_masses(&self) -> Option<&[f64]> {
-        (!self.model.forces.are_inertial()).then_some(&self.model.rod.mass)
+        (!self.model.forces.are_inertial() && self.model.hinge.is_none()).then_some(&self.model.rod.mass)
     }
 
     fn length(&self) -> f64 {
@@ -1128,6 +1227,7 @@ impl System for Dynamics {
                 (state.q[i], state.v[i], state.a[i]) = (s.value, s.rate, acceleration);
             }
         }
+        self.follow_hinge(state);
     }
 
     fn assemble(&mut self, state: &State, residual: &mut [f64], mut jacobian: Option<Linearisation<'_>>) -> Result<()> {
@@ -1135,9 +1235,10 @@ impl System for Dynamics {
         self.unconstrained(state, residual, part)?;
         if self.held.is_some() {
             residual[..2].fill(0.0);
-            if let Some(Linearisation { matrix, .. }) = jacobian {
+            if let Some(Linearisation { matrix, .. }) = &mut jacobian {
                 matrix.prescribe(0);
             }
+            self.write_hinge(residual, jacobian);
         }
         Ok(())
     }
@@ -1156,8 +1257,17 @@ impl System for Dynamics {
         self.assemble_links(state, direction, residual, matrix)
     }
 
-    fn move_links(&self, increment: &[f64], state: &mut State) {
+    fn move_links(&self, increment: &[f64], state: &mut State) -> f64 {
+        let moved = self.move_hinge_back(increment, state);
         self.move_links_back(increment, state);
+        moved
+    }
+
+    fn move_back(&self, direction: Direction, increment: &mut [f64], state: &mut State) {
+        if self.model.hinge.is_some() {
+            move_arc_back(self.model.rod.nodes, direction, std::mem::take(&mut increment[0]), state);
+        }
+        state.move_all_back(direction, increment);
     }
 
     /// In positions every edge keeps its length, where the step does not resolve the slowest stretching mode: a guess that
@@ -1182,7 +1292,7 @@ impl System for Dynamics {
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
         // Each state beside the head as it was then: a head may turn far within a step.
         let clamp_tangents =
-            self.clamp_tangent_before(before.t).zip(self.clamp_tangent()).map(|(before, after)| [before, after]);
+            self.clamp_tangent_before(before).zip(self.clamp_tangent_of(after)).map(|(before, after)| [before, after]);
         if lengths::least_turn(clamp_tangents, before.q.as_chunks().0, after.q.as_chunks().0)
             .is_some_and(|cos| cos >= 0.0)
         {

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use serde::Deserialize;
 
 use super::key_error::KeyError;
-use super::value::{ScalarSignal, SignalValue, VectorSignal};
+use super::value::{self, NotNegative, Positive, ScalarSignal, SignalValue, VectorSignal};
 use super::{Scene, csv_table};
 use crate::error::Result;
-use crate::head::{HeadInput, HeadMotion, Signal};
+use crate::head::{HeadInput, HeadMotion, Hinge, Signal};
 
 /// `[head]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -18,10 +18,23 @@ pub struct HeadTable {
     /// How the head is held. By default `free`.
     #[serde(default)]
     pub kind: HeadKind,
-    /// Position of a driven head, m.
+    /// Position of a driven or hinged head, m.
     pub position_m: Option<VectorSignal>,
-    /// Angle of a driven head from +x, rad.
+    /// Angle of a driven head from +x, rad. Of a hinged head it is the angle at the start, and the one that the servo of
+    /// `stiffness_n_m` turns it to.
     pub angle_rad: Option<ScalarSignal>,
+    /// Torque of the motor of a hinged head, N m: a number, a sinusoid or a table. By default 0. The ramp of the start counts for it.
+    pub torque_n_m: Option<ScalarSignal>,
+    /// Stiffness of the servo of a hinged head, N m/rad: it adds the torque k (angle_rad - angle). By default 0.
+    pub stiffness_n_m: Option<NotNegative>,
+    /// Damping of the bearing of a hinged head, N m s/rad. By default 0.
+    pub damping_n_m_s: Option<NotNegative>,
+    /// Moment of inertia of what turns with a hinged head, kg m^2: the rotor of its motor with the gear, and the head itself. A hinged head
+    /// needs it.
+    pub inertia_kg_m2: Option<Positive>,
+    /// The largest torque that the motor of a hinged head can give, N m: it gives M tanh(T/M) of the torque T that is asked for. By default
+    /// without limit.
+    pub largest_torque_n_m: Option<Positive>,
     /// The time that a pose set by a host belongs to. By default `now`.
     pub input: Option<HeadInput>,
 }
@@ -38,6 +51,8 @@ pub enum HeadKind {
     Clamped,
     /// Held in a pose that the scene or a host prescribes over time.
     Driven,
+    /// Held in a position that the scene or a host prescribes, and free to turn under the torque of a motor.
+    Hinged,
 }
 
 impl HeadTable {
@@ -46,14 +61,48 @@ impl HeadTable {
             let problem = "found with a free head; allowed: only with a held one".into();
             return Err(KeyError { key: "head.input".into(), problem });
         }
-        let found = [("head.position_m", self.position_m.is_some()), ("head.angle_rad", self.angle_rad.is_some())];
-        match found.into_iter().find(|(_, found)| *found && self.kind != HeadKind::Driven) {
-            Some((key, _)) => {
-                let problem = "found without kind = \"driven\"; allowed: only with it".into();
-                Err(KeyError { key: key.into(), problem })
-            }
-            None => Ok(()),
+        let moved = [("head.position_m", self.position_m.is_some()), ("head.angle_rad", self.angle_rad.is_some())];
+        let turned = [
+            ("head.torque_n_m", self.torque_n_m.is_some()),
+            ("head.stiffness_n_m", self.stiffness_n_m.is_some()),
+            ("head.damping_n_m_s", self.damping_n_m_s.is_some()),
+            ("head.inertia_kg_m2", self.inertia_kg_m2.is_some()),
+            ("head.largest_torque_n_m", self.largest_torque_n_m.is_some()),
+        ];
+        let held = matches!(self.kind, HeadKind::Driven | HeadKind::Hinged);
+        let first = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, found)| *found).map(|(key, _)| *key);
+        if let Some(key) = first(&moved).filter(|_| !held) {
+            let problem = "found without kind = \"driven\" or \"hinged\"; allowed: only with one of them".into();
+            return Err(KeyError { key: key.into(), problem });
         }
+        if self.kind != HeadKind::Hinged {
+            return first(&turned).map_or(Ok(()), |key| {
+                let problem = "found without kind = \"hinged\"; allowed: only with it: any other head is free, or turns as it is told";
+                Err(KeyError { key: key.into(), problem: problem.into() })
+            });
+        }
+        if self.inertia_kg_m2.is_none() {
+            let problem = "missing; a hinged head needs the inertia of what turns with it: the rotor of the motor times the square of the gear's ratio, and the head's own";
+            return Err(KeyError { key: "head.inertia_kg_m2".into(), problem: problem.into() });
+        }
+        let constant = |ScalarSignal(angle): &ScalarSignal| matches!(angle.formula(), Some(Signal::Constant(_)));
+        let commanded = self.angle_rad.as_ref().is_some_and(|angle| !constant(angle));
+        if commanded && self.stiffness() == 0.0 {
+            let found = "an angle that changes, without head.stiffness_n_m";
+            let allowed = "a number, the angle at the start: without a servo's stiffness nothing turns the head to an angle";
+            return Err(KeyError { key: "head.angle_rad".into(), problem: value::refused(found, allowed) });
+        }
+        Ok(())
+    }
+
+    /// The signals that move it.
+    pub(super) fn signals(&self) -> impl Iterator<Item = &SignalValue> {
+        let position = self.position_m.iter().flat_map(|VectorSignal(signals)| signals);
+        position.chain(self.angle_rad.iter().chain(&self.torque_n_m).map(|ScalarSignal(signal)| signal))
+    }
+
+    fn stiffness(&self) -> f64 {
+        self.stiffness_n_m.map_or(0.0, NotNegative::get)
     }
 }
 
@@ -63,7 +112,7 @@ impl Scene {
         match self.head.kind {
             HeadKind::Free => Ok(None),
             HeadKind::Clamped => Ok(Some([still.clone(), still.clone(), still])),
-            HeadKind::Driven => {
+            HeadKind::Driven | HeadKind::Hinged => {
                 let [x, y] = match &self.head.position_m {
                     Some(position) => self.vector_signal(position)?,
                     None => [still.clone(), still.clone()],
@@ -75,6 +124,22 @@ impl Scene {
                 Ok(Some([x, y, angle]))
             }
         }
+    }
+
+    /// The hinge of a hinged head.
+    pub(super) fn hinge(&self) -> Result<Option<Hinge>> {
+        let HeadTable { inertia_kg_m2, torque_n_m, damping_n_m_s, largest_torque_n_m, .. } = &self.head;
+        let Some(inertia) = inertia_kg_m2.filter(|_| self.head.kind == HeadKind::Hinged) else { return Ok(None) };
+        Ok(Some(Hinge {
+            torque: match torque_n_m {
+                Some(ScalarSignal(torque)) => self.signal(torque, 0, 1)?,
+                None => Signal::Constant(0.0),
+            },
+            stiffness: self.head.stiffness(),
+            damping: damping_n_m_s.map_or(0.0, NotNegative::get),
+            inertia: inertia.get(),
+            largest_torque: largest_torque_n_m.map(Positive::get),
+        }))
     }
 
     /// The signals x and y. A single table contains both.
@@ -95,11 +160,9 @@ impl Scene {
 
     /// The names of its tables, without repetition, in the order of their keys.
     pub fn tables(&self) -> Vec<&str> {
-        let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
-        let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
         let flow = self.medium.iter().flat_map(|medium| &medium.flow_m_s.0);
         let mut tables: Vec<&str> = Vec::new();
-        for wanted in position.chain(angle).chain(flow).chain(self.tendon_signals()) {
+        for wanted in self.head.signals().chain(flow).chain(self.tendon_signals()) {
             if let SignalValue::Table(file) = wanted
                 && !tables.contains(&file.as_str())
             {

@@ -9,7 +9,7 @@ use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor}
 use super::Scene;
 use super::fluid::DragTable;
 use super::key_error::KeyError;
-use super::value::{NotNegative, NumberOrProfile, ScalarSignal, SignalValue, VectorSignal};
+use super::value::{NotNegative, NumberOrProfile, SignalValue};
 use crate::head::Signal;
 use crate::rod::{DampedRate, MaterialDamping};
 
@@ -135,9 +135,7 @@ impl Scene {
             Some(Signal::Sinusoid { frequency, amplitude, .. }) => Some((frequency.abs(), amplitude != &0.0)),
             _ => None,
         };
-        let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
-        let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
-        let head = position.chain(angle).chain(self.tendon_signals()).filter_map(of);
+        let head = self.head.signals().chain(self.tendon_signals()).filter_map(of);
         let actuation = self.actuation.as_ref();
         let driven = actuation.map(|actuation| (actuation.frequency_hz.get(), actuation.amplitude() != 0.0));
         let all: Vec<(f64, bool)> = driven.into_iter().chain(head).filter(|(frequency, _)| *frequency > 0.0).collect();

@@ -214,6 +214,7 @@ impl Scene {
             load: loads.and_then(|loads| loads.build(&rod)),
             buoyancy: loads.filter(|_| uniform).and_then(|loads| loads.buoyancy(&rod)),
             head: self.head_motion()?,
+            hinge: self.hinge()?,
             head_input: self.head.input.unwrap_or_default(),
             spin: self.start.spin_rad_s.map_or(0.0, Finite::get),
             initial_curvature: self.start.initial_curvature(&rod),

@@ -24,8 +24,9 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{COLLAPSED, Dynamics};
+use super::{COLLAPSED, Dynamics, move_arc_back};
 use crate::error::{Error, Result};
+use crate::head::hinge::HingeResidual;
 use crate::linear::{ChainMatrix, ChainRow, ChainTerms, Direction};
 use crate::rod::damping::{EdgeRate, KelvinVoigt};
 use crate::rod::{Edge, Rod, bend, node};
@@ -119,7 +120,7 @@ fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
 impl Dynamics {
     /// The first state of a run in `form`; its links are exact where positions are rounded.
     pub fn first_state_in(&mut self, form: Form) -> State {
-        let mut state = State::zeros(2 * self.model.rod.nodes);
+        let mut state = State::zeros(2 * self.model.rod.nodes + usize::from(self.model.hinge.is_some()));
         if form == Form::Chain {
             state.links = vec![Link::default(); self.model.rod.nodes];
         }
@@ -164,14 +165,10 @@ impl Dynamics {
         Ok(())
     }
 
-    /// Turning of the joint at node `k` by the links' directions.
+    /// Turning of the joint at node `k` by the links' directions, where that of a held head is `head`.
     #[inline]
-    fn turning(&self, links: &[Link], k: usize) -> f64 {
-        let before = match (&self.held, k) {
-            (Some([_, _, angle]), 0) => angle.value,
-            _ => links[k - 1].angle,
-        };
-        links[k].angle - before
+    fn turning(&self, links: &[Link], k: usize, head: f64) -> f64 {
+        links[k].angle - if k == 0 { head } else { links[k - 1].angle }
     }
 
     /// Of a damped joint at node `k`, where dκ/dθ is `s` and the edges move at the rates last found: τ (s), the rate r (1/s) that it
@@ -191,6 +188,8 @@ impl Dynamics {
         matrix: &mut ChainMatrix,
     ) -> Result<()> {
         let links = &state.links;
+        self.follow_hinge(state);
+        let head = self.held.map_or(0.0, |[_, _, angle]| angle.value);
         self.shape_edges_of(state, Some(direction))?;
         self.locate_fluid(&state.q);
         let rod = &self.model.rod;
@@ -216,7 +215,7 @@ impl Dynamics {
                 pull_before = pull;
                 let mut row = ChainRow { own: [inertia * c_a, 0.0, 0.0, inertia * c_a], ..ChainRow::default() };
                 if joints.contains(&k) {
-                    let kappa = if moves { curvature(self.turning(links, k)) } else { link.curvature };
+                    let kappa = if moves { curvature(self.turning(links, k, head)) } else { link.curvature };
                     let s = bend::curvature_per_turning(kappa);
                     if s * bend::FOLD >= 2.0 {
                         return Err(Error::FoldOver { time_s: state.t, node: k }); // s = 2/(1 + cos φ)
@@ -289,6 +288,17 @@ impl Dynamics {
                 add(&mut rows[k].before, ((before + last) * (edge.n() * (edge.length / c_q))).into());
             }
         }
+        self.hinge_residual = None;
+        if let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) {
+            // Its angle follows from the moment of its joint: D δφ − δM = r, so that the joint is that much more flexible.
+            let own = hinge.residual(self.demand, *angle, links[0].moment, direction);
+            if moves {
+                let flexibility = rows[0].slope * c_q / own.slope;
+                rows[0].flexibility += flexibility;
+                residual[2] += per_radian * flexibility * own.moment;
+            }
+            self.hinge_residual = Some(own);
+        }
         if self.held.is_some() {
             residual[..2].fill(0.0);
             rows[0].own = [per_metre, 0.0, 0.0, per_metre];
@@ -297,8 +307,18 @@ impl Dynamics {
         Ok(())
     }
 
+    /// Moves the arc of a hinge in `state` back with the moment of its joint, by Newton's `increment`. Returns how far, m.
+    pub(super) fn move_hinge_back(&self, increment: &[f64], state: &mut State) -> f64 {
+        let Some(HingeResidual { moment, slope, direction }) = self.hinge_residual else { return 0.0 };
+        let rod = &self.model.rod;
+        let arc = rod.length * (moment + increment[2]) / slope;
+        move_arc_back(rod.nodes, direction, arc, state);
+        (direction.q * arc).abs()
+    }
+
     /// See [`System::move_links`](crate::system::System::move_links).
     pub(super) fn move_links_back(&self, increment: &[f64], state: &mut State) {
+        let head = self.head_angle(state).unwrap_or_default();
         let State { v, links, .. } = state;
         for (link, d) in links.iter_mut().zip(increment.chunks(6)) {
             link.moment -= d[2];
@@ -314,9 +334,9 @@ impl Dynamics {
             let (sin, cos) = links[e].angle.sin_cos();
             (node(v, e + 1) - node(v, e)).dot(&Vector2::new(-sin, cos)) * self.edges[e].per_length
         };
-        let mut before = self.damped().map_or(0.0, |damped| damped.rates.clamp_spin);
+        let mut before = head.rate;
         for k in rod.joints() {
-            let guess = curvature(self.turning(links, k));
+            let guess = curvature(self.turning(links, k, head.value));
             let mut resisting = 0.0;
             if let Some(damping) = &rod.damping {
                 if k == rod.joints().start && k > 0 {

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Drive, Dynamics, Inputs, Model};
 use crate::fluid::{Fluid, Layers};
+use crate::head::Demand;
 use crate::tendons::MAX_TENDONS;
 
 /// The highest derivative that a host may set.
@@ -226,6 +227,7 @@ impl Inputs {
         self.layers = self.layers.as_ref().map(Layers::none);
         self.head = None;
         self.tension = [0.0; MAX_TENDONS];
+        self.hinge = Demand::default();
         let arrays = [&mut self.natural, &mut self.moment, &mut self.force];
         arrays.into_iter().flatten().for_each(|values| values.fill(0.0));
     }
@@ -239,6 +241,7 @@ impl Inputs {
         self.natural.clone_from(&other.natural);
         self.moment.clone_from(&other.moment);
         self.tension = other.tension;
+        self.hinge = other.hinge;
         self.force.clone_from(&other.force);
     }
 
@@ -248,6 +251,8 @@ impl Inputs {
         self.drive.frequency += factor * other.drive.frequency;
         self.phase_offset += factor * other.phase_offset;
         self.fluid.add(&other.fluid, factor);
+        self.hinge.torque += factor * other.hinge.torque;
+        self.hinge.angle += factor * other.hinge.angle;
         self.tension.iter_mut().zip(other.tension).for_each(|(to, from)| *to += factor * from);
         if let (Some(to), Some(from)) = (&mut self.layers, &other.layers) {
             to.add(from, factor);

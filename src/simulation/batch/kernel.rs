@@ -363,7 +363,7 @@ impl Kernel {
             write_vector(to, lane, clamp_tangent);
         }
         at.clamp_spin.set(lane, dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate));
-        if let (Some(to), Some(clamp_tangent)) = (&mut at.clamp_tangent_before, dynamics.clamp_tangent_before(from.t)) {
+        if let (Some(to), Some(clamp_tangent)) = (&mut at.clamp_tangent_before, dynamics.clamp_tangent_before(from)) {
             write_vector(to, lane, clamp_tangent);
         }
         for (to, (force, factor)) in at.loads.iter_mut().zip(dynamics.loads()) {

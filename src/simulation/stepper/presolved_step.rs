@@ -53,6 +53,7 @@ impl Stepper {
         let same = self.model_stepper.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
+            && model.hinge.is_none()
             && (model.flow.is_none() || !model.forces.are_inertial());
         let shape = BatchKey {
             nodes: model.rod.nodes,
