@@ -158,6 +158,10 @@ impl SteadyState {
             );
             return Err(unsteady("drag.law", &problem));
         }
+        if model.hinge.is_some() {
+            let problem = "found \"hinged\", whose angle is no unknown here; allowed: \"clamped\" or \"driven\", held at its angle";
+            return Err(unsteady("head.kind", problem));
+        }
         if model.flow.is_some() {
             let problem = "the flow changes in time; allowed: a steady one, as [1.0, 0.0]";
             return Err(unsteady("medium.flow_m_s", problem));

@@ -140,6 +140,7 @@ fn largest(summary: &Summary) -> Option<String> {
     let parts = [
         list("a joint", &[(Some(summary.max_joint_moment_n_m), "N m")]),
         list("the actuation", &[(summary.max_actuation_power_w, "W")]),
+        list("the motor of the hinge", &[(summary.max_hinge_torque_n_m, "N m")]),
         list(
             "the held head",
             &[(summary.max_head_force_n, "N"), (summary.max_head_moment_n_m, "N m"), (summary.max_head_power_w, "W")],

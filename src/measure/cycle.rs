@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use crate::fluid::{Fluid, Force};
 use crate::head::Signal;
 use crate::metrics::{Measurements, Power, RunMetrics};
+use crate::head::Demand;
 use crate::model::{Dynamics, Inputs, Model};
 use crate::number_format::percent;
 use crate::rod::node;
@@ -82,10 +83,11 @@ mod index {
     pub(super) const PATH: usize = 9;
     pub(super) const FORCE_MODULUS: usize = 10;
     pub(super) const MOMENT_MODULUS: usize = 11;
-    pub(super) const DRAG: usize = 12;
-    pub(super) const REACTIVE: usize = 14;
-    pub(super) const WORK: usize = 16;
-    pub(super) const ALL: usize = 25;
+    pub(super) const TORQUE_SQUARE: usize = 12;
+    pub(super) const DRAG: usize = 13;
+    pub(super) const REACTIVE: usize = 15;
+    pub(super) const WORK: usize = 17;
+    pub(super) const ALL: usize = 26;
 }
 
 /// Integrals over time since the start, or their rates.
@@ -122,7 +124,8 @@ enum CycleSource {
 
 impl CycleSource {
     fn of(model: &Model) -> Self {
-        let pulls = || model.tendons.iter().map(|tendon| &tendon.tension);
+        let torque = || model.hinge.iter().map(|hinge| &hinge.torque);
+        let pulls = || model.tendons.iter().map(|tendon| &tendon.tension).chain(torque());
         let signals = || model.head.iter().flatten().chain(model.flow.iter().flatten()).chain(pulls());
         let frequency = |signal: &Signal| match signal {
             Signal::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
@@ -161,7 +164,7 @@ impl CycleSource {
         match self {
             Self::Actuation if dynamics.inputs.drive.frequency == 0.0 => "the actuation's frequency is 0".to_string(),
             Self::Actuation => shorter(dynamics.inputs.drive.frequency.recip()),
-            Self::Head(_) if !steady(dynamics) => "a host moves the head or the flow, or pulls a tendon".to_string(),
+            Self::Head(_) if !steady(dynamics) => "a host moves or turns the head, changes the flow, or pulls a tendon".to_string(),
             Self::Head(frequency) => shorter(frequency.recip()),
             Self::Table => {
                 "the head or the flow moves, or a tendon is pulled, by a table, which has no period".to_string()
@@ -174,8 +177,8 @@ impl CycleSource {
 
 /// True if no host drives the head or the flow, or pulls a tendon.
 fn steady(dynamics: &Dynamics) -> bool {
-    let Inputs { head, flow_taken, tension, .. } = &dynamics.inputs;
-    head.is_none() && !flow_taken && *tension == [0.0; MAX_TENDONS]
+    let Inputs { head, flow_taken, tension, hinge, .. } = &dynamics.inputs;
+    head.is_none() && !flow_taken && *tension == [0.0; MAX_TENDONS] && *hinge == Demand::default()
 }
 
 /// The integrals and their rates at one time.
@@ -218,6 +221,7 @@ fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Int
     rates[index::PATH] = (velocity - flow).norm();
     rates[index::FORCE_MODULUS] = measurements.head_force.norm();
     rates[index::MOMENT_MODULUS] = measurements.head_moment.abs();
+    rates[index::TORQUE_SQUARE] = measurements.hinge.torque.powi(2);
     set_work(&mut rates, measurements.power);
     rates
 }
@@ -615,6 +619,14 @@ measure!(HEAD_MOMENT, "head_moment", "_n_m", "N m", "mean moment of the tail on 
     held(d, c.mean(index::MOMENT))
 });
 measure!(
+    HINGE_TORQUE,
+    "rms_hinge_torque",
+    "_n_m",
+    "N m",
+    "root mean square of the torque of the motor of the hinged head over the last whole cycles",
+    |c, d| d.model.hinge.as_ref().map(|_| c.mean(index::TORQUE_SQUARE).max(0.0).sqrt())
+);
+measure!(
     ACTUATION_POWER,
     "actuation_power",
     "_w",
@@ -686,7 +698,7 @@ measure!(
 );
 
 /// All measures, in the order of display.
-pub const MEASURES: [CycleMeasure; 24] = [
+pub const MEASURES: [CycleMeasure; 25] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
@@ -701,6 +713,7 @@ pub const MEASURES: [CycleMeasure; 24] = [
     HEAD_FORCE_X,
     HEAD_FORCE_Y,
     HEAD_MOMENT,
+    HINGE_TORQUE,
     ACTUATION_POWER,
     MATERIAL_POWER,
     VISCOUS_POWER,

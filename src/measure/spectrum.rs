@@ -12,7 +12,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 use nalgebra::Complex;
 
 use crate::actuation::{Actuation, Wave};
-use crate::head::{HeadMotion, Row, Signal, hermite};
+use crate::head::{HeadMotion, Hinge, Row, Signal, hermite};
 use crate::model::{Drive, Model};
 use crate::rod::{Rod, node};
 use crate::start::Start;
@@ -59,14 +59,15 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// That of an actuation of `rod` by natural curvature with its drive, of the motion of its head, of a flow that changes in time and of
-    /// tendons.
+    /// That of an actuation of `rod` by natural curvature with its drive, of the motion of its head, of a flow that changes in time, of
+    /// tendons and of the torque of a hinge.
     pub fn of(
         rod: &Rod,
         actuation: Option<(&dyn Actuation, Drive)>,
         head: Option<&HeadMotion>,
         flow: Option<&[Signal; 2]>,
         tendons: &[Tendon],
+        hinge: Option<&Hinge>,
     ) -> Self {
         let mut spectrum = Self::default();
         if let Some((actuation, drive)) = actuation {
@@ -88,16 +89,26 @@ impl Spectrum {
             let arm = tendon.offset.abs() * length * length / (2.0 * 5f64.sqrt() * rod.joint_stiffness(middle));
             spectrum.add_signal(&tendon.tension, arm, true);
         }
+        if let Some(Hinge { torque, inertia, .. }) = hinge {
+            // A torque T turns the rigid rod by T/(Iω²).
+            let whole = inertia + rod.total_mass() * rod.length * rod.length / 3.0;
+            let omega = match torque {
+                Signal::Sinusoid { frequency, .. } if *frequency != 0.0 => TAU * frequency,
+                _ => 1.0,
+            };
+            spectrum.add_signal(torque, arms[2] / (whole * omega * omega), true);
+        }
         spectrum
     }
 
     /// That of a model.
     pub fn of_model(model: &Model) -> Self {
-        let Model { rod, head, flow, tendons, .. } = model;
+        let Model { rod, head, flow, tendons, hinge, .. } = model;
+        let hinge = hinge.as_ref();
         let driven = model.with_curvature_wave(|actuation, drive| {
-            Self::of(rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons)
+            Self::of(rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons, hinge)
         });
-        driven.unwrap_or_else(|| Self::of(rod, None, head.as_ref(), flow.as_ref(), tendons))
+        driven.unwrap_or_else(|| Self::of(rod, None, head.as_ref(), flow.as_ref(), tendons, hinge))
     }
 
     /// The frequencies, each with its speed.

@@ -702,6 +702,17 @@ impl Dynamics {
         }
     }
 
+    /// The rate (per s) of what the motor of a hinge is asked for, at time `t` (s).
+    pub(crate) fn demand_rate(&self, t: f64) -> Demand {
+        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, self.pose(t, pose)) else {
+            return Demand::default();
+        };
+        let [gain, gain_rate] = self.model.start.gain(t);
+        let (own, rate) = (hinge.torque.at(t), self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().hinge));
+        let Demand { torque, angle: turning } = rate.unwrap_or_default();
+        Demand { torque: gain * own.rate + gain_rate * own.value + torque, angle: angle.rate + turning }
+    }
+
     /// Takes the angle of a head on a hinge from `state`.
     fn follow_hinge(&mut self, state: &State) {
         let Model { rod, hinge, .. } = &*self.model;

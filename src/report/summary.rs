@@ -106,6 +106,8 @@ pub struct Summary {
     pub mean_head_moment_n_m: Option<f64>,
     pub max_head_force_n: Option<f64>,
     pub max_head_moment_n_m: Option<f64>,
+    /// Largest torque of the motor of a hinged head at any step, N m.
+    pub max_hinge_torque_n_m: Option<f64>,
     pub max_head_power_w: Option<f64>,
     pub max_joint_moment_n_m: f64,
     pub max_actuation_power_w: Option<f64>,

@@ -329,6 +329,12 @@ impl DragTable {
             );
             return fault("drag.law", problem);
         }
+        if scene.head.kind == HeadKind::Hinged {
+            let problem = format!(
+                "{name:?} found with head.kind = \"hinged\", whose angle is no part of its matrix; take another law, or another kind of head"
+            );
+            return fault("drag.law", problem);
+        }
         if scene.solver.form == FormKey::Chain {
             let problem = format!(
                 "\"chain\" found with law = \"{name}\", whose matrix has no band; allowed: \"positions\" or \"auto\""
@@ -535,7 +541,8 @@ impl Scene {
         let wave = self.drive(&rod).map(|(wave, drive)| (if moments { bending(&*wave, &rod) } else { wave }, drive));
         let wave = wave.as_ref().map(|(wave, drive)| (&**wave, *drive));
         let tendons = self.tendons_on(&rod).unwrap_or_default();
-        Spectrum::of(&rod, wave, head.as_ref(), flow.as_ref(), &tendons)
+        let hinge = self.hinge().ok().flatten();
+        Spectrum::of(&rod, wave, head.as_ref(), flow.as_ref(), &tendons, hinge.as_ref())
     }
 
     /// The fluid, and its flow if it is unsteady; [`Fluid::NONE`] without a medium.

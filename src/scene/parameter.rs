@@ -206,6 +206,25 @@ impl Scene {
                 list.add(&key("tension_n"), "N", &format!("tension of tendon {}", i + 1), tension);
             }
         }
+        let head = &self.head;
+        let of_hinge = [
+            ("head.stiffness_n_m", "N m/rad", "stiffness of the servo of the hinged head", head.stiffness_n_m),
+            ("head.damping_n_m_s", "N m s/rad", "damping of the bearing of the hinged head", head.damping_n_m_s),
+        ];
+        for (key, unit, description, value) in of_hinge {
+            if let Some(value) = value {
+                list.add(key, unit, description, value);
+            }
+        }
+        let positive = [
+            ("head.inertia_kg_m2", "kg m^2", "inertia of what turns with the hinged head", head.inertia_kg_m2),
+            ("head.largest_torque_n_m", "N m", "largest torque of the motor", head.largest_torque_n_m),
+        ];
+        for (key, unit, description, value) in positive {
+            if let Some(value) = value {
+                list.add(key, unit, description, value);
+            }
+        }
         if let Some(ramp) = self.start.ramp_s {
             list.add("start.ramp_s", "s", "duration of the ramp", ramp);
         }

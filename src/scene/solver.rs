@@ -104,6 +104,9 @@ const AUTO: &str = "auto";
 /// The part of a scene that holds tendons, as messages name it.
 const TENDONS: &str = "[[tendons]]";
 
+/// The head that has an unknown of its own, as messages name it.
+const HINGE: &str = "head.kind = \"hinged\"";
+
 /// The errors of cheaper models are estimated on no more nodes than this.
 const MAX_ESTIMATE_NODES: u64 = 17;
 
@@ -259,6 +262,9 @@ impl Scene {
         if !self.tendons.is_empty() {
             return Some(TENDONS);
         }
+        if self.head.kind == HeadKind::Hinged {
+            return Some(HINGE);
+        }
         let stack = self.medium.as_ref().filter(|medium| medium.is_stacked())?;
         Some(if stack.interfaces().next().is_some() { "an interface in [medium]" } else { "[medium.shear]" })
     }
@@ -271,6 +277,7 @@ impl Scene {
         if let Some(part) = self.requires_full_model() {
             return Ok(Estimates::none(match part {
                 TENDONS => "it has no tendons",
+                HINGE => "it knows no head that turns by itself",
                 _ => "it cannot hold a medium that changes with the place",
             }));
         }

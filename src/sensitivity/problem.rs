@@ -99,6 +99,7 @@ impl Problem {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
+        scene.refuse_hinge("has no derivatives yet: its angle is an unknown beside those of the nodes")?;
         let StepControl::Fixed(length) = scene.step_control() else {
             let step = 0.5 * scene.typical_step();
             let problem =

@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use crate::cycle::{self, CycleDifference, CycleMeasure, Cycles};
 use crate::error::{Error, nearest};
 use crate::fluid::{DENSITY, Force, Layer, Layers, PowerKind};
+use crate::head::{Hinge, Sample};
 use crate::metrics::RunMetrics;
 use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::SolverWork;
@@ -261,6 +262,11 @@ const TENSION_1: &[DirectFeedthrough] = TENSIONS.split_at(1).0;
 const TENSION_2: &[DirectFeedthrough] = TENSIONS.split_at(1).1.split_at(1).0;
 const TENSION_3: &[DirectFeedthrough] = TENSIONS.split_at(2).1.split_at(1).0;
 const TENSION_4: &[DirectFeedthrough] = TENSIONS.split_at(3).1;
+/// What a host adds to the torque and to the commanded angle of a hinge.
+const HINGE_INPUTS: &[DirectFeedthrough] = &[
+    always("hinge_added_torque_n_m", FeedthroughEntries::All),
+    always("hinge_added_angle_rad", FeedthroughEntries::All),
+];
 const FORCES: &[DirectFeedthrough] =
     &[always("force_x_n", FeedthroughEntries::All), always("force_y_n", FeedthroughEntries::All)];
 /// The feedthrough of quantities that follow from balance in the shape model.
@@ -320,8 +326,8 @@ const HEAD: [DirectFeedthrough; 26] = join(
 );
 const HEAD_X: [DirectFeedthrough; 28] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
 const HEAD_Y: [DirectFeedthrough; 28] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
-const HEAD_POWER: [DirectFeedthrough; 32] = join(
-    &join::<20>(&FLUID, &TENSIONS),
+const HEAD_POWER: [DirectFeedthrough; 34] = join(
+    &join::<22>(&join::<20>(&FLUID, &TENSIONS), HINGE_INPUTS),
     &[
         WAVE[0],
         WAVE[1],
@@ -509,8 +515,9 @@ impl Variable {
         ];
         let pulled = inputs[..model.tendons.len()].iter().any(|input| self.is_fed_by(input, dynamics, form));
         let flow = model.flow.is_some() && self.is_fed_by("flow_x_m_s", dynamics, form);
-        let head = model.head.is_some() && self.turned;
-        self.causality == Causality::Output && (drive || pulled || flow || head)
+        let head = model.head.is_some() && model.hinge.is_none() && self.turned;
+        let torque = model.hinge.is_some() && self.is_fed_by("hinge_added_torque_n_m", dynamics, form);
+        self.causality == Causality::Output && (drive || pulled || flow || head || torque)
     }
 
     /// The nodes of its entries. A scalar has one entry.
@@ -627,7 +634,7 @@ const fn head_input(
 ) -> Variable {
     let mut variable = Variable::new(Causality::Input, name, unit, description, get);
     variable.head = Some([i, order]);
-    variable.when(HELD_HEAD)
+    variable.when(if i == 2 { TURNED_HEAD } else { HELD_HEAD })
 }
 
 const fn output(name: &'static str, unit: &'static str, description: &'static str, get: Get) -> Variable {
@@ -660,7 +667,11 @@ const DENSE_FLUID: Requirement = Requirement {
 };
 const FLUID_THERE: Requirement = Requirement { met: has_fluid, what: "a [medium] that acts on the rod" };
 const HELD_HEAD: Requirement =
-    Requirement { met: has_held_head, what: r#"a held head: [head] with kind = "clamped" or "driven""# };
+    Requirement { met: has_held_head, what: r#"a held head: [head] with kind = "clamped", "driven" or "hinged""# };
+const TURNED_HEAD: Requirement =
+    Requirement { met: has_turned_head, what: r#"a head whose angle is held: [head] with kind = "clamped" or "driven""# };
+const HINGE: Requirement = Requirement { met: has_hinge, what: r#"a [head] with kind = "hinged""# };
+const SERVO: Requirement = Requirement { met: has_servo, what: "a hinged [head] with stiffness_n_m" };
 const INERTIAL_FLUID: Requirement =
     Requirement { met: has_inertial_fluid, what: "a fluid that the rod accelerates: [reactive]" };
 const OTHER_FORCES: Requirement = Requirement { met: has_other_forces, what: "a force of your own" };
@@ -778,6 +789,24 @@ fn has_held_head(model: &Model) -> bool {
     model.head.is_some()
 }
 
+fn has_turned_head(model: &Model) -> bool {
+    has_held_head(model) && !has_hinge(model)
+}
+
+fn has_hinge(model: &Model) -> bool {
+    model.hinge.is_some()
+}
+
+fn has_servo(model: &Model) -> bool {
+    model.hinge.as_ref().is_some_and(|hinge| hinge.stiffness > 0.0)
+}
+
+/// The differential of the power of the motor of a hinge.
+fn hinge_power_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
+    let [now, change] = [now, change].map(|view| view.metrics.now.hinge);
+    change.torque * now.spin + now.torque * change.spin
+}
+
 /// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: as last given by the host, or else as it moves.
 fn given_head(view: &View<'_>, i: usize, order: usize) -> f64 {
     let host = view.inputs.head.as_ref().and_then(|host| host.axes[i].as_ref());
@@ -812,6 +841,11 @@ fn turn(view: &View<'_>, k: usize) -> [f64; 2] {
 /// The differential of that.
 fn turn_change(now: &View<'_>, change: &View<'_>, k: usize) -> [f64; 2] {
     match &now.dynamics.held {
+        Some(_) if k == 0 && has_hinge(now.model()) => {
+            let rod = &now.model().rod;
+            let Sample { value, rate, .. } = Hinge::angle(change.state, rod.nodes, rod.length);
+            [value, rate]
+        }
         Some([_, _, angle]) if k == 0 => [angle.rate, angle.acceleration].map(|rate| rate * change.time),
         _ => {
             let [edge, velocity] = [&now.state.q, &now.state.v].map(|values| across(values, k));
@@ -959,6 +993,10 @@ pub static VARIABLES: &[Variable] = &[
     output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.metrics.totals.impulse.head.y).when(INERTIAL_FLUID),
     output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.metrics.momentum_defect().x).when(INERTIAL_FLUID),
     output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID),
+    output("hinge_angle_rad", "rad", "angle of the hinged head, from +x; it goes on beyond a half turn", |v, _| turn(v, 0)[0]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[0]).recorded(),
+    output("hinge_spin_rad_s", "rad/s", "angular velocity of the hinged head", |v, _| turn(v, 0)[1]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[1]).recorded(),
+    output("hinge_torque_n_m", "N m", "torque of the motor of the hinged head, with that of its servo and within its limit", |v, _| v.metrics.now.hinge.torque).when(HINGE).fed(HINGE_INPUTS).recorded(),
+    output("hinge_power_w", "W", "power put in by the motor of the hinged head", |v, _| v.metrics.now.hinge.power()).when(HINGE).fed(HINGE_INPUTS).changing(hinge_power_change).recorded(),
     output("tendon_1_tension_n", "N", "tension of tendon 1", |v, _| v.metrics.now.tendons[0].tension).when(TENDON_1).fed(TENSION_1).recorded(),
     output("tendon_1_length_m", "m", "length of tendon 1", |v, _| v.metrics.now.tendons[0].length).when(TENDON_1).recorded(),
     output("tendon_1_power_w", "W", "power put in by what pulls tendon 1", |v, _| v.metrics.now.tendons[0].power()).when(TENDON_1).fed(TENSION_1).changing(|now, change, _| tendon_power_change(now, change, 0)).recorded(),
@@ -1026,6 +1064,8 @@ pub static VARIABLES: &[Variable] = &[
     input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(ACTUATION),
     input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, in addition to the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), |d, first, x| set_joints(d, |inputs| &mut inputs.natural, first, x)),
     input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, which bends them against their stiffness, in addition to the actuation's; the shape model takes the curvature to which it would bend them", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
+    input("hinge_added_torque_n_m", "N m", "torque that the host adds to that of the motor of the hinged head, before its limit", |v, _| v.inputs.hinge.torque, |d, _, x| d.inputs.hinge.torque = x[0]).when(HINGE),
+    input("hinge_added_angle_rad", "rad", "angle that the host adds to that which the servo of the hinged head is told", |v, _| v.inputs.hinge.angle, |d, _, x| d.inputs.hinge.angle = x[0]).when(SERVO),
     input("tendon_1_added_tension_n", "N", "tension that the host adds to that of tendon 1; together they are at least 0", |v, _| v.inputs.tension[0], |d, _, x| d.inputs.tension[0] = x[0]).when(TENDON_1),
     input("tendon_2_added_tension_n", "N", "tension that the host adds to that of tendon 2; together they are at least 0", |v, _| v.inputs.tension[1], |d, _, x| d.inputs.tension[1] = x[0]).when(TENDON_2),
     input("tendon_3_added_tension_n", "N", "tension that the host adds to that of tendon 3; together they are at least 0", |v, _| v.inputs.tension[2], |d, _, x| d.inputs.tension[2] = x[0]).when(TENDON_3),

@@ -33,5 +33,6 @@ mod section;
 mod solvers;
 mod stability;
 mod study;
+mod hinge;
 mod tendons;
 mod waves;

@@ -56,16 +56,17 @@ impl Hinge {
         Sample { value: at(&state.q), rate: at(&state.v), acceleration: at(&state.a) }
     }
 
+    /// The part of a further torque that the motor gives if it is asked for it at `angle` (rad).
+    pub fn torque_by_demand(&self, demand: Demand, angle: f64) -> f64 {
+        let asked = demand.torque + self.stiffness * (demand.angle - angle);
+        self.largest_torque.map_or(1.0, |most| 1.0 - (asked / most).tanh().powi(2))
+    }
+
     /// T (N m) at `angle` (rad), and dT/dφ, N m/rad.
     pub fn torque(&self, demand: Demand, angle: f64) -> [f64; 2] {
         let asked = demand.torque + self.stiffness * (demand.angle - angle);
-        match self.largest_torque {
-            None => [asked, -self.stiffness],
-            Some(most) => {
-                let part = (asked / most).tanh();
-                [most * part, -self.stiffness * (1.0 - part * part)]
-            }
-        }
+        let torque = self.largest_torque.map_or(asked, |most| most * (asked / most).tanh());
+        [torque, -self.stiffness * self.torque_by_demand(demand, angle)]
     }
 
     /// The residual where the head is at `angle` and the joint passes on the couple `couple` (N m).

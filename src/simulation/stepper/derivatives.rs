@@ -13,8 +13,9 @@ use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::{Property, by_key};
 use crate::fluid::{Fluid, Kinematics, Layers, PowerKind};
+use crate::head::Demand;
 use crate::linear::Direction;
-use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
+use crate::metrics::{Energy, HingeReading, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{ActiveMoments, DeformedRod, Dynamics, Inputs, Mechanics};
 use crate::newton::SolverWork;
 use crate::rod::damping::KelvinVoigt;
@@ -44,6 +45,8 @@ pub(super) struct StateTangent {
     force: Vec<f64>,
     /// Of the tension of each tendon, N.
     tensions: [f64; MAX_TENDONS],
+    /// Of what the motor of a hinge is asked for.
+    demand: Demand,
     fluid: Fluid,
     layers: Option<Layers>,
     /// Differential of the force that opposes the motion.
@@ -61,7 +64,7 @@ impl StateTangent {
         let nodes = dynamics.nodes();
         let zeros = || vec![0.0; 2 * nodes];
         Self {
-            state: State::zeros(2 * nodes),
+            state: State::zeros(2 * nodes + usize::from(dynamics.model.hinge.is_some())),
             metrics: RunMetrics {
                 now: Measurements::new(nodes),
                 totals: RunningTotals::default(),
@@ -75,6 +78,7 @@ impl StateTangent {
             active: ActiveMoments::zeros(nodes),
             force: zeros(),
             tensions: [0.0; MAX_TENDONS],
+            demand: Demand::default(),
             fluid: Fluid::NONE,
             layers: None,
             opposing: zeros(),
@@ -93,7 +97,7 @@ impl StateTangent {
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
         self.active.clear();
-        self.tensions = [0.0; MAX_TENDONS];
+        (self.tensions, self.demand) = ([0.0; MAX_TENDONS], Demand::default());
         (self.fluid, self.layers, self.angle) = (Fluid::NONE, None, [0.0; 2]);
         self.inputs.clear();
     }
@@ -104,7 +108,7 @@ impl StateTangent {
         let rod = &dynamics.model.rod;
         let natural = [&mut self.natural, &mut self.natural_rate].map(Vec::as_mut_slice);
         dynamics.natural_change(&self.inputs, state.t, natural, &mut self.active);
-        self.tensions = dynamics.tension_change(&self.inputs);
+        (self.tensions, self.demand) = (dynamics.tension_change(&self.inputs), self.inputs.hinge);
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
@@ -235,6 +239,13 @@ impl StateTangent {
             let (v, dv) = (node(&state.v, k), node(&d.v, k));
             energy.kinetic += mass(k) * v.dot(&dv);
             power.load += node(force, k).dot(&v) + dynamics.load(k).dot(&dv);
+        }
+        if let (Some(hinge), Some([_, _, pitch])) = (&dynamics.model.hinge, &dynamics.held) {
+            let by_angle = hinge.torque(dynamics.demand, pitch.value)[1];
+            let by_demand = hinge.torque_by_demand(dynamics.demand, pitch.value);
+            let asked = self.demand.torque + hinge.stiffness * self.demand.angle;
+            now.hinge = HingeReading { torque: by_demand * asked + by_angle * angle, spin: angular_velocity };
+            energy.kinetic += hinge.inertia * pitch.rate * angular_velocity;
         }
         let mut on_head = [Vector2::zeros(); 2];
         let moving = bent.kinematics();
@@ -394,9 +405,16 @@ impl StateTangent {
             now.head_force = -held_change;
             now.resultants.head = held_change;
             now.head_moment = now.moment[0] * s + moment * 0.5 * kappa[0] * now.kappa[0];
+            let [couple, couple_change] = match &dynamics.model.hinge {
+                None => [moment * s, now.head_moment],
+                Some(hinge) => [
+                    hinge.damping * pitch.rate - measurements.hinge.torque,
+                    hinge.damping * angular_velocity - now.hinge.torque,
+                ],
+            };
             power.head = held_change.dot(&Vector2::new(x.rate, y.rate)) + held.dot(&node(&d.v, 0))
-                - now.head_moment * pitch.rate
-                - moment * s * angular_velocity;
+                - couple_change * pitch.rate
+                - couple * angular_velocity;
         }
     }
 }
@@ -454,6 +472,7 @@ impl Stepper {
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
         tangent.tensions = self.dynamics.tensions[1];
+        tangent.demand = self.dynamics.demand_rate(t);
         if let Some(active) = &self.dynamics.active {
             let natural_rate = tangent.natural_rate.iter().zip(&rate).enumerate();
             let joint = &self.dynamics.model.rod.joint;
@@ -471,7 +490,9 @@ impl Stepper {
             for i in 0..if shape { 0 } else { 2 } {
                 d.a[i] = (later[i] - sooner[i]) / (2.0 * half);
             }
-            tangent.angle = [angle.rate, angle.acceleration];
+            // That of a hinge is a part of the state.
+            let turns = moving || self.dynamics.model.hinge.is_none();
+            tangent.angle = if turns { [angle.rate, angle.acceleration] } else { [0.0; 2] };
         }
         if moving && self.dynamics.mechanics != Mechanics::Full {
             // Moments follow from accelerations in a prescribed shape, and these from the shape; without inertia velocities follow from

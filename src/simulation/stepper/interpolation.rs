@@ -277,7 +277,7 @@ fn place_nodes(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], fraction:
     }
 }
 
-/// Writes velocities and accelerations to `out`: the cubic of velocities and accelerations and its rate; without inertia,
+/// Writes velocities and accelerations, and the place of what is no node, to `out`: the cubic of velocities and accelerations and its rate; without inertia,
 /// where velocities are those of the positions, the rate of the cubic of positions and velocities, and zero.
 fn interpolate_motion(dynamics: &Dynamics, [from, to]: [&State; 2], fraction: StepFraction, out: &mut State) {
     let inertia = dynamics.mechanics != Mechanics::Overdamped;
@@ -293,5 +293,10 @@ fn interpolate_motion(dynamics: &Dynamics, [from, to]: [&State; 2], fraction: St
             [fraction.cubic([from.q[i], to.q[i]], [from.v[i], to.v[i]], limit)[1], 0.0]
         };
         (out.v[i], out.a[i]) = (v, a);
+    }
+    // The arc of a hinge is none of the nodes' places, which follow from their edges.
+    for i in 2 * dynamics.model.rod.nodes..from.q.len() {
+        let limit = MAX_RATE_DEVIATION * dynamics.model.rod.length;
+        out.q[i] = fraction.cubic([from.q[i], to.q[i]], [from.v[i], to.v[i]], limit)[0];
     }
 }

@@ -131,6 +131,7 @@ impl Summary {
             mean_head_moment_n_m: held(&cycle::HEAD_MOMENT),
             max_head_force_n: model.head.as_ref().map(|_| metrics.totals.max_on_head[0]),
             max_head_moment_n_m: model.head.as_ref().map(|_| metrics.totals.max_on_head[1]),
+            max_hinge_torque_n_m: model.hinge.as_ref().map(|_| metrics.totals.max_hinge_torque),
             max_head_power_w: model.head.as_ref().map(|_| metrics.totals.max_power[1]),
             max_joint_moment_n_m: metrics.totals.max_couple,
             max_actuation_power_w: model.actuation.as_ref().map(|_| metrics.totals.max_power[0]),

@@ -16,6 +16,7 @@ use crate::metrics::Power;
 use crate::reduced::{FULL, MODELS, ModelKind};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
+use crate::system::State;
 
 /// A run is repeated until all repetitions took this long, or this often; the fastest counts.
 const MIN_MEASURED_TIME: Duration = Duration::from_millis(100);
@@ -288,8 +289,8 @@ impl StudyRun {
         interrupted: &AtomicBool,
     ) -> Result<ControlFlow<()>> {
         let duration = scene.solver.duration_s.get();
-        let tip = |q: &[f64]| [q[q.len() - 2], q[q.len() - 1]];
-        self.tip.push(tip(&stepper.state().q));
+        let tip = |state: &State| state.q.as_chunks().0.last().copied().unwrap_or_default();
+        self.tip.push(tip(stepper.state()));
         self.created.push(0.0);
         // Of a rod at rest there is nothing but rounding.
         let (mut scale, mut largest) = (
@@ -340,10 +341,10 @@ impl StudyRun {
                     if t > stepper.time() {
                         break;
                     }
-                    match stepper.at(t, |view| tip(&view.state.q)) {
+                    match stepper.at(t, |view| tip(view.state)) {
                         Ok(tip) => self.tip.push(tip),
                         // Inside the first part of a halved step nothing is kept: its end has to do.
-                        Err(Error::OutsideStep { .. }) => self.tip.push(tip(&stepper.state().q)),
+                        Err(Error::OutsideStep { .. }) => self.tip.push(tip(stepper.state())),
                         Err(error) => {
                             failed = Some(error);
                             return ControlFlow::Break(());

@@ -236,7 +236,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
 }
 
 /// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
-const RESULT_COLUMNS: [&str; 90] = [
+const RESULT_COLUMNS: [&str; 91] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -319,6 +319,7 @@ const RESULT_COLUMNS: [&str; 90] = [
     "mean_head_moment_n_m",
     "max_head_force_n",
     "max_head_moment_n_m",
+    "max_hinge_torque_n_m",
     "max_head_power_w",
     "max_joint_moment_n_m",
     "max_actuation_power_w",
