@@ -126,6 +126,9 @@ pub enum FeedthroughCondition {
     OfShape,
     /// Any other model, where moments follow from the curvature.
     OfElasticity,
+    /// Such a model whose head moment, or the force on its head, does work at once: it is turned, not free on a hinge, or positions are the
+    /// unknowns.
+    OfHeadWork,
     /// Such a model where the actuation gives natural curvatures, not active moments.
     OfNaturalCurvature,
     /// Such a model, or one of any kind with active moments: it stores energy of bending.
@@ -151,6 +154,7 @@ impl FeedthroughCondition {
             }
             Self::OfShape => shape,
             Self::OfElasticity => !shape,
+            Self::OfHeadWork => !shape && (form != Form::Chain || !has_hinge(&dynamics.model)),
             Self::OfNaturalCurvature => !shape && !dynamics.model.active_moments,
             Self::OfBending => !shape || dynamics.model.active_moments,
             Self::OfWaveRate => shape || !dynamics.model.active_moments,
@@ -191,6 +195,10 @@ const fn elastic(input: &'static str, entries: FeedthroughEntries) -> DirectFeed
 
 const fn elastically_damped(input: &'static str) -> DirectFeedthrough {
     DirectFeedthrough { input, entries: FeedthroughEntries::All, condition: FeedthroughCondition::OfElasticDamping }
+}
+
+const fn of_head_work(feed: DirectFeedthrough) -> DirectFeedthrough {
+    DirectFeedthrough { condition: FeedthroughCondition::OfHeadWork, ..feed }
 }
 
 /// The same feedthrough for the shape model.
@@ -329,11 +337,11 @@ const HEAD_Y: [DirectFeedthrough; 28] = join(&HEAD, &[always("force_y_n", Feedth
 const HEAD_POWER: [DirectFeedthrough; 34] = join(
     &join::<22>(&join::<20>(&FLUID, &TENSIONS), HINGE_INPUTS),
     &[
-        WAVE[0],
-        WAVE[1],
-        WAVE[2],
-        HEAD_NATURAL[18],
-        HEAD_NATURAL[19],
+        of_head_work(WAVE[0]),
+        of_head_work(WAVE[1]),
+        of_head_work(WAVE[2]),
+        of_head_work(HEAD_NATURAL[18]),
+        of_head_work(HEAD_NATURAL[19]),
         HEAD[20],
         HEAD[21],
         always("force_x_n", FeedthroughEntries::First(1)),

@@ -16,7 +16,7 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
     let damped = "rod.damping_time_s={stretch=1e-4,bending=0.01}";
     let turning = "head.angle_rad={amplitude=0.3,frequency_hz=1.0}";
     let hinge = [
-        "head={kind=\"hinged\",inertia_kg_m2=1e-4,stiffness_n_m=0.3,damping_n_m_s=1e-3,angle_rad={amplitude=0.3,frequency_hz=1.0}}",
+        "head={kind=\"hinged\",inertia_kg_m2=1e-3,stiffness_n_m=0.3,damping_n_m_s=1e-3,angle_rad={amplitude=0.3,frequency_hz=1.0}}",
         "head.torque_n_m={amplitude=0.2,frequency_hz=2.0}",
         "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}",
     ];
@@ -32,7 +32,7 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
         ("moments", &[driven[0], driven[1], turning]),
         ("moments and chain", &["solver.form=chain", "head.kind=clamped"]),
         ("moments and damped", &[damped]),
-        ("hinged", &[hinge[0], hinge[1], "head.largest_torque_n_m=0.1", hinge[2], "start.kind=ramp", "start.ramp_s=0.1"]),
+        ("hinged", &[hinge[0], hinge[1], "head.largest_torque_n_m=1.0", hinge[2], "start.kind=ramp", "start.ramp_s=0.1"]),
         ("hinged in chain", &["solver.form=chain", hinge[0], hinge[1]]),
         ("hinged and damped", &[damped, hinge[0], hinge[2]]),
     ];

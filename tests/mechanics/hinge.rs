@@ -15,7 +15,7 @@ nodes = 9
 length_m = 0.2
 outer_radius_m = 0.005
 inner_radius_m = 0.0
-youngs_modulus_pa = 1e10
+youngs_modulus_pa = 1e12
 density_kg_m3 = 1100.0
 [head]
 kind = "hinged"
@@ -61,11 +61,11 @@ fn inertia(stepper: &Stepper) -> f64 {
 #[test]
 fn a_torque_turns_a_stiff_tail_as_an_oscillator_with_its_inertia() {
     // Below resonance, near it and above, by a torque and by a command, with both forms.
-    for frequency in [0.5, 2.0, 3.0, 6.0] {
+    for frequency in [0.5, 2.0, 3.125, 6.25] {
         for (key, by_command) in [("head.torque_n_m", false), ("head.angle_rad", true)] {
             for form in ["positions", "chain"] {
                 let signal = format!("{key}={{amplitude=0.02,frequency_hz={frequency:e}}}");
-                let mut stepper = servo(&[&signal, &format!("solver.form={form}")]);
+                let mut stepper = servo(&[&signal, &format!("solver.form={form}"), "solver.time_step_s=2.5e-4"]);
                 let whole = 1e-4 + inertia(&stepper);
                 let omega = TAU * frequency;
                 let (re, im) = (0.4 - whole * omega * omega, 4e-3 * omega);
@@ -86,8 +86,8 @@ fn a_torque_turns_a_stiff_tail_as_an_oscillator_with_its_inertia() {
                 let (amplitude, late) = (cosine.hypot(sine), (-cosine).atan2(sine));
                 let error = (amplitude / expected - 1.0).abs().max((late - delay).abs());
                 println!("{key}, {form}, {frequency} Hz: {error:e}, decayed to {decayed:e}");
-                // A tail of 1e8 Pa bends a little; measured: up to 4.3e-3, beside resonance.
-                assert!(error < 1e-2 && decayed < 1e-4, "{key}, {form}, {frequency} Hz: {amplitude} for {expected}, {late} for {delay}");
+                // What is left is that the tail bends, and the step; measured: up to 1e-4, at the highest frequency.
+                assert!(error < 1e-3 && decayed < 1e-4, "{key}, {form}, {frequency} Hz: {amplitude} for {expected}, {late} for {delay}");
             }
         }
     }
@@ -228,10 +228,10 @@ fn every_method_turns_the_head_alike() {
     };
     let exact = of("integrator=\"esdirk3\",tolerance=1e-7");
     for (solver, error) in [
-        ("integrator=\"newmark\",time_step_s=1e-3", 1e-4),
-        ("integrator=\"implicit-euler\",time_step_s=1e-4", 1e-3),
-        ("integrator=\"esdirk3\",time_step_s=1e-3", 1e-5),
-        ("integrator=\"symplectic-euler\",time_step_s=1e-6", 1e-4),
+        ("integrator=\"newmark\",time_step_s=1e-3", 1e-5),
+        ("integrator=\"implicit-euler\",time_step_s=1e-4", 1e-4),
+        ("integrator=\"esdirk3\",time_step_s=1e-3", 1e-6),
+        ("integrator=\"symplectic-euler\",time_step_s=1e-6", 1e-6),
     ] {
         let (angle, tip) = of(solver);
         println!("{solver}: {:e} {:e}", angle - exact.0, (tip - exact.1).norm());

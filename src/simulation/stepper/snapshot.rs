@@ -125,7 +125,7 @@ impl Stepper {
         let lengths = [q.len(), v.len(), a.len(), now.metrics.first_positions.len()];
         let inputs = |inputs: &Inputs| {
             [&inputs.natural, &inputs.moment].into_iter().flatten().all(|x| x.len() == nodes)
-                && inputs.force.as_ref().is_none_or(|x| x.len() == unknowns)
+                && inputs.force.as_ref().is_none_or(|x| x.len() == 2 * nodes)
         };
         lengths.iter().all(|len| *len == unknowns)
             && (links.len(), memory.len()) == (here.links.len(), here.memory.len())
