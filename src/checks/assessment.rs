@@ -10,7 +10,7 @@ use crate::error::{Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
 use crate::fluid::{Fluid, Force, Forces};
-use crate::head::pose;
+use crate::head::{Hinge, pose};
 use crate::integrator::{Method, StepControl};
 use crate::metrics::Energy;
 use crate::model::{Drive, Mechanics, Model, chain};
@@ -361,6 +361,9 @@ impl Assessment {
                     .to_string(),
             ),
             None => {}
+        }
+        if let Some(hinge) = &model.hinge {
+            fact("hinge", describe_hinge(hinge, rod));
         }
         for tendon in model.tendons.iter() {
             fact("tendon", describe_tendon(tendon, rod));
@@ -789,6 +792,26 @@ fn describe_section(rod: &Rod) -> String {
     let hole = if section.inner > 0.0 { format!(", the hole {:.4e} m", 2.0 * section.inner) } else { String::new() };
     let at = if sections.profiles().all(Profile::is_even) { "" } else { ", in the middle" };
     format!("{outline}{hole}{at}")
+}
+
+/// How heavy what turns with a hinge is, and how its servo swings with the straight rod.
+fn describe_hinge(hinge: &Hinge, rod: &Rod) -> String {
+    let tail: f64 = (0..rod.nodes).map(|k| rod.mass[k] * rod.arc_length(k).powi(2)).sum();
+    let whole = hinge.inertia + tail;
+    let mut text = format!(
+        "{} kg m^2, beside {} of the straight rod about its head; natural frequencies are those with the head held at its angle",
+        significant(hinge.inertia, 3),
+        significant(tail, 3)
+    );
+    if hinge.stiffness > 0.0 {
+        let omega = (hinge.stiffness / whole).sqrt();
+        text += &format!(
+            "; on its servo the rigid rod swings at {} Hz in vacuum, damping ratio {}",
+            significant(omega / TAU, 3),
+            significant(0.5 * hinge.damping / (whole * omega), 3)
+        );
+    }
+    text
 }
 
 /// Where a tendon runs, how long it is at rest, and what it bends and strains the unloaded rod by for each newton.

@@ -14,7 +14,7 @@ use super::description::{Xml, element, leaf};
 /// A terminal: name, description, kind, matching rule, and member names with their variables.
 type Terminal = (&'static str, &'static str, &'static str, &'static str, &'static [(&'static str, &'static str)]);
 
-const TERMINALS: [Terminal; 3] = [
+const TERMINALS: [Terminal; 4] = [
     (
         "head",
         "flange in the plane at the held head: pose, rates and accelerations in, force and moment of the tail out",
@@ -47,6 +47,19 @@ const TERMINALS: [Terminal; 3] = [
             ("vx", "tip_vx_m_s"),
             ("vy", "tip_vy_m_s"),
             ("spin", "tip_spin_rad_s"),
+        ],
+    ),
+    (
+        "hinge",
+        "motor of a head on a hinge: torque and commanded angle in, angle, angular velocity and torque out",
+        "motor",
+        "bus",
+        &[
+            ("added_torque", "hinge_added_torque_n_m"),
+            ("added_angle", "hinge_added_angle_rad"),
+            ("angle", "hinge_angle_rad"),
+            ("spin", "hinge_spin_rad_s"),
+            ("torque", "hinge_torque_n_m"),
         ],
     ),
     (

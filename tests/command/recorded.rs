@@ -51,6 +51,7 @@ recorded! {
     run_fish: "run models/fish.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
     run_muscle_eel: "run models/muscle-eel.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
     run_tendon_fish: "run models/tendon-fish.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
+    run_servo_tail: "run models/servo-tail.toml --set solver.duration_s=1.1 --set record.interval_s=0.27";
     run_heaving_foil: "run models/heaving-foil.toml --set solver.duration_s=2.2 --set record.interval_s=0.53";
     run_out_of_glycerol: "run models/out-of-glycerol.toml --set solver.duration_s=2.0 --set record.interval_s=0.53";
     run_glycerol: "run models/glycerol.toml --set solver.duration_s=2.0 --set record.interval_s=0.53";
@@ -98,6 +99,7 @@ recorded! {
     check_swimmers: "check models/fish.toml
         check models/muscle-eel.toml
         check models/tendon-fish.toml
+        check models/servo-tail.toml
         check models/snake.toml
         check models/worm-over-a-wall.toml
         check models/design-silicone-eel.toml
@@ -205,6 +207,7 @@ recorded! {
     variables: "variables models/dipping-tail.toml";
     variables_of_others: "variables models/muscle-eel.toml
         variables models/tendon-fish.toml
+        variables models/servo-tail.toml
         variables models/driven-head.toml";
 
     // Studies.

@@ -117,7 +117,7 @@ fn spectrum_of(head: Signal, changes: &[&str]) -> Spectrum {
     let model = scene_of(TAIL, changes).model().unwrap();
     let still = || Signal::Constant(0.0);
     let wave = model.actuation.as_ref().map(|(wave, drive)| (&**wave, *drive));
-    Spectrum::of(&model.rod, wave, Some(&[still(), head, still()]), None, &[])
+    Spectrum::of(&model.rod, wave, Some(&[still(), head, still()]), None, &[], None)
 }
 
 #[test]

@@ -46,7 +46,7 @@ fn scenes() -> Vec<(String, Document)> {
 #[test]
 fn every_scene_ends_at_the_same_place_with_each_linear_solver() {
     let scenes = scenes();
-    assert_eq!(scenes.len(), 36);
+    assert_eq!(scenes.len(), 37);
     for (name, document) in scenes {
         let mut scene = document.scene().unwrap();
         assert_eq!(scene.solver.linear, SolverChoice::Auto);

@@ -420,7 +420,7 @@ fn a_variable_that_a_scene_has_not_is_told_with_what_it_needs() {
     }
     assert!(missing.len() > 30, "{}", missing.len());
     let held = stepper.get("head_force_x_n").unwrap_err().to_string();
-    assert!(held.ends_with("it needs a held head: [head] with kind = \"clamped\" or \"driven\""), "{held}");
+    assert!(held.ends_with("it needs a held head: [head] with kind = \"clamped\", \"driven\" or \"hinged\""), "{held}");
     let misspelt = stepper.get("tip_x").unwrap_err().to_string();
     assert_eq!(misspelt, "there is no variable `tip_x` in this scene; did you mean `tip_x_m`?");
 }

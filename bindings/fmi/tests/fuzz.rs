@@ -218,7 +218,16 @@ fn judge(statuses: [usize; 5], steps: usize) {
 
 #[test]
 fn any_calls_of_fmi_3_end_in_a_status() {
-    let fmu = Unpacked::of(&document("driven-head", &["rod.nodes=9"]), Standard::Fmi3);
+    any_calls_of_fmi_3(&[]);
+}
+
+#[test]
+fn any_calls_of_fmi_3_end_in_a_status_with_a_head_on_a_hinge() {
+    any_calls_of_fmi_3(&[common::HINGE]);
+}
+
+fn any_calls_of_fmi_3(head: &[&str]) {
+    let fmu = Unpacked::of(&document("driven-head", &[head, &["rod.nodes=9"]].concat()), Standard::Fmi3);
     let fmi = common::Fmi3::of(&fmu);
     let states = States {
         save: fmi.save,
@@ -337,7 +346,16 @@ fn any_calls_of_fmi_3_end_in_a_status() {
 
 #[test]
 fn any_calls_of_fmi_2_end_in_a_status() {
-    let fmu = Unpacked::of(&document("driven-head", &["rod.nodes=9"]), Standard::Fmi2);
+    any_calls_of_fmi_2(&[]);
+}
+
+#[test]
+fn any_calls_of_fmi_2_end_in_a_status_with_a_head_on_a_hinge() {
+    any_calls_of_fmi_2(&[common::HINGE]);
+}
+
+fn any_calls_of_fmi_2(head: &[&str]) {
+    let fmu = Unpacked::of(&document("driven-head", &[head, &["rod.nodes=9"]].concat()), Standard::Fmi2);
     let states = States {
         save: fmu.function("fmi2GetFMUstate"),
         restore: fmu.function("fmi2SetFMUstate"),

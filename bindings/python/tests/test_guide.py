@@ -80,6 +80,11 @@ GALLERY = {
     "heaving-foil": [("{:.0f} mN", "cycle_thrust_n", 1e3)],
     "driven-head": [("{:.2f} mN", "cycle_thrust_n", 1e3), ("{:.1f} mW", "cycle_head_power_w", 1e3)],
     "dipping-tail": [("{:.3f} N of thrust", "cycle_thrust_n", 1)],
+    "servo-tail": [
+        ("{:.0f} mN m at most", "max_hinge_torque_n_m", 1e3),
+        ("{:.0f} mN m in the root mean square", "cycle_rms_hinge_torque_n_m", 1e3),
+        ("{:.0f} mN of thrust", "cycle_thrust_n", 1e3),
+    ],
     "tendon-fish": [("{:.3f} m/s", "cycle_forward_speed_m_s", 1), ("{:.2f} body lengths per beat", "cycle_body_lengths", 1)],
 }
 
