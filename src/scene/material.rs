@@ -106,7 +106,7 @@ impl Scene {
         }
         let problem = match self.loss_frequencies()[..] {
             [_] => return Ok(()),
-            [] => "found without a frequency; allowed: with rod.loss_frequency_hz, or where the actuation or the head's motion has one".to_string(),
+            [] => "found without a frequency; allowed: with rod.loss_frequency_hz, or where the actuation, the head or a tendon has one".to_string(),
             [first, second, ..] => format!(
                 "found with motions of {first} and {second} Hz, so that its frequency is ambiguous; allowed: with rod.loss_frequency_hz"
             ),

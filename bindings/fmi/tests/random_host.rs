@@ -366,7 +366,7 @@ fn play(changes: &[&str], standard: Standard, seed: u64, calls: usize) {
 #[test]
 fn an_instance_is_what_the_calls_that_led_to_it_make_of_a_new_one() {
     // For a long walk: CAUDAL_RANDOM_CALLS=1000000.
-    let calls = std::env::var("CAUDAL_RANDOM_CALLS").ok().and_then(|calls| calls.parse().ok()).unwrap_or(2400);
+    let calls = std::env::var("CAUDAL_RANDOM_CALLS").ok().and_then(|calls| calls.parse().ok()).unwrap_or(4000);
     let kinds: [&[&str]; 4] = [
         &["solver.integrator=implicit-euler"],
         &["solver.integrator=esdirk3", "solver.tolerance=1e-3"],
