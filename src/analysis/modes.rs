@@ -425,6 +425,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
         rod: rod.clone(),
         actuation: None,
         active_moments: false,
+        largest_drive: None,
         tendons: Tendons::default(),
         hinge: None,
         start: Start::Jump,

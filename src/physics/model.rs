@@ -17,7 +17,7 @@ pub use deformed_rod::DeformedRod;
 use input_extrapolation::HIGHEST_ORDER;
 pub use input_extrapolation::InputExtrapolation;
 
-use crate::actuation::{Actuation, Wave};
+use crate::actuation::{Actuation, Saturation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
@@ -78,6 +78,8 @@ pub struct Model {
     pub actuation: Option<(Box<dyn Actuation>, Drive)>,
     /// True where it gives active moments (N m), not natural curvatures.
     pub active_moments: bool,
+    /// What it and a host give a joint at the most, if there is a limit: a dimensionless curvature, or N m of active moments.
+    pub largest_drive: Option<f64>,
     /// The tendons; their pull on the edges is one of the forces.
     pub tendons: Tendons,
     /// How the run starts.
@@ -354,6 +356,8 @@ pub struct Dynamics {
     pub natural: Vec<f64>,
     /// dκ̄_k/dt, 1/s.
     pub natural_rate: Vec<f64>,
+    /// The limit of the actuation, where there is one.
+    saturation: Option<Saturation>,
     /// The active moments in them, where there are any.
     pub active: Option<ActiveMoments>,
     /// The tension of each tendon, N, and its rate, N/s, at the time last moved to.
@@ -391,6 +395,7 @@ impl Dynamics {
             extrapolation: None,
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
+            saturation: model.largest_drive.map(|most| Saturation::new(most, nodes)),
             active: None,
             tensions: Default::default(),
             held: None,
@@ -535,11 +540,16 @@ impl Dynamics {
         if let Some(own) = &by.natural {
             natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
         }
-        rod.at_joints(natural);
-        rod.at_joints(rate);
         if let Some(own) = &by.moment {
             active.moment.iter_mut().zip(own).for_each(|(moment, own)| *moment += own);
         }
+        match &self.saturation {
+            Some(limit) if *active_moments => limit.change(&mut active.moment, &mut active.rate),
+            Some(limit) => limit.change(natural, rate),
+            None => {}
+        }
+        rod.at_joints(natural);
+        rod.at_joints(rate);
         add_tendon_moments(&self.model.tendons, &self.tension_change(by), &mut active.moment);
         active.bend(rod, [natural, rate]);
     }
@@ -598,6 +608,9 @@ impl Dynamics {
         if let Some(extrapolation) = &self.extrapolation {
             extrapolation.add_second(t, |inputs| inputs.natural.as_deref(), rod.spacing, out);
         }
+        if let Some(limit) = self.saturation.as_ref().filter(|_| !active_moments) {
+            limit.second(out);
+        }
         rod.at_joints(out);
         active.clear();
         if self.active.is_some() {
@@ -607,6 +620,9 @@ impl Dynamics {
             }
             if let Some(extrapolation) = &self.extrapolation {
                 extrapolation.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, active);
+            }
+            if let Some(limit) = self.saturation.as_ref().filter(|_| *active_moments) {
+                limit.second(active);
             }
             let second: [f64; MAX_TENDONS] = std::array::from_fn(|i| self.pull(i, t).acceleration);
             add_tendon_moments(&self.model.tendons, &second, active);
@@ -675,12 +691,18 @@ impl Dynamics {
         {
             self.natural_rate.iter_mut().zip(rate).for_each(|(to, rate)| *to += rate * rod.spacing);
         }
+        if let Some(limit) = self.saturation.as_mut().filter(|_| !active_moments) {
+            limit.limit(&mut self.natural, &mut self.natural_rate);
+        }
         rod.at_joints(&mut self.natural);
         rod.at_joints(&mut self.natural_rate);
         if let Some(active) = &mut self.active {
             let rate = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.rate().moment.as_ref());
             for (to, own) in [(&mut active.moment, self.inputs.moment.as_ref()), (&mut active.rate, rate)] {
                 to.iter_mut().zip(own.into_iter().flatten()).for_each(|(to, own)| *to += own);
+            }
+            if let Some(limit) = self.saturation.as_mut().filter(|_| *active_moments) {
+                limit.limit(&mut active.moment, &mut active.rate);
             }
             for (tensions, to) in self.tensions.iter().zip([&mut active.moment, &mut active.rate]) {
                 add_tendon_moments(tendons, tensions, to);

@@ -26,6 +26,11 @@ pub struct ActuationTable {
     pub kappa_amp: Option<Finite>,
     /// Amplitude of the active moment that bends each joint against its stiffness, N m, in place of `kappa_amp`.
     pub moment_amp_n_m: Option<Finite>,
+    /// The largest natural curvature that the drive can give, with that of a host, 1/m: of the curvature x that is asked for it gives
+    /// y = m tanh(x/m). With `kappa_amp` or `slope`. By default without limit.
+    pub largest_1_m: Option<Positive>,
+    /// The largest active moment that the drive can give a joint, with that of a host, N m. With `moment_amp_n_m`. By default without limit.
+    pub largest_moment_n_m: Option<Positive>,
     /// Reference length of `kappa_amp`, m. By default 1 m, so that the amplitude is a curvature in 1/m.
     pub kappa_reference_length_m: Option<Positive>,
     /// Frequency of the wave, Hz.
@@ -95,6 +100,15 @@ impl ActuationTable {
             && let Some((key, problem)) = of_curvature.into_iter().find(|(key, _)| self.given().any(|own| own == *key))
         {
             return fault(key, problem.into());
+        }
+        let limits = [
+            ("largest_1_m", self.largest_1_m, self.moment_amp_n_m.is_none(), "kappa_amp or slope"),
+            ("largest_moment_n_m", self.largest_moment_n_m, self.moment_amp_n_m.is_some(), "moment_amp_n_m"),
+        ];
+        for (key, limit, fits, drive) in limits {
+            if limit.is_some() && !fits {
+                return fault(key, format!("found without {drive}, whose limit it is; allowed: only with it"));
+            }
         }
         let stands_for = |given: &str, key: &str| given == key || (given, key) == ("moment_amp_n_m", "kappa_amp");
         if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| stands_for(given, key))) {
@@ -182,6 +196,13 @@ impl Scene {
     /// True where its actuation gives active moments, not natural curvatures.
     pub(crate) fn has_active_moments(&self) -> bool {
         self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some())
+    }
+
+    /// What its actuation gives a joint of `rod` at the most, if there is a limit.
+    pub(super) fn largest_drive(&self, rod: &Rod) -> Option<f64> {
+        let actuation = self.actuation.as_ref()?;
+        let curvature = actuation.largest_1_m.map(|most| most.get() * rod.spacing);
+        actuation.largest_moment_n_m.map(Positive::get).or(curvature)
     }
 
     /// The actuation of its `rod`, with its drive.

@@ -205,6 +205,7 @@ impl Scene {
         Ok(Model {
             actuation: self.drive(&rod),
             active_moments: self.has_active_moments(),
+            largest_drive: self.largest_drive(&rod),
             start: self.start.build(),
             forces,
             tendons,

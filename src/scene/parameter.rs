@@ -184,6 +184,12 @@ impl Scene {
             if let Some(amplitude) = actuation.moment_amp_n_m {
                 list.add("actuation.moment_amp_n_m", "N m", "amplitude of the active moment of a joint", amplitude);
             }
+            if let Some(most) = actuation.largest_1_m {
+                list.add("actuation.largest_1_m", "1/m", "largest natural curvature of the drive", most);
+            }
+            if let Some(most) = actuation.largest_moment_n_m {
+                list.add("actuation.largest_moment_n_m", "N m", "largest active moment of the drive", most);
+            }
             if let Some(slope) = actuation.slope {
                 list.add("actuation.slope", "1", "largest slope of the sine", slope);
             }

@@ -100,6 +100,10 @@ impl Problem {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
         scene.refuse_hinge("has no derivatives yet: its angle is an unknown beside those of the nodes")?;
+        if model.largest_drive.is_some() {
+            let key = if model.active_moments { "actuation.largest_moment_n_m" } else { "actuation.largest_1_m" };
+            return refuse(key, "found, but a drive with a limit has no derivatives yet; allowed: none here");
+        }
         let StepControl::Fixed(length) = scene.step_control() else {
             let step = 0.5 * scene.typical_step();
             let problem =

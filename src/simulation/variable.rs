@@ -137,6 +137,8 @@ pub enum FeedthroughCondition {
     OfWaveRate,
     /// Such a model of a rod whose material resists the rate of its elastic curvature alone: moments follow the rate of the natural one.
     OfElasticDamping,
+    /// The same of a drive with a limit: the rate of what it gives follows how far it is from there.
+    OfLimit,
 }
 
 impl FeedthroughCondition {
@@ -158,6 +160,7 @@ impl FeedthroughCondition {
             Self::OfNaturalCurvature => !shape && !dynamics.model.active_moments,
             Self::OfBending => !shape || dynamics.model.active_moments,
             Self::OfWaveRate => shape || !dynamics.model.active_moments,
+            Self::OfLimit => dynamics.model.largest_drive.is_some() && Self::OfElasticDamping.holds(dynamics, form),
             Self::OfElasticDamping => {
                 let damping = &dynamics.model.rod.damping;
                 !shape && damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Elastic)
@@ -291,8 +294,12 @@ const NATURAL_RATE: [DirectFeedthrough; 28] = join(
     ],
 );
 const DRIVE_FREQUENCY: DirectFeedthrough = elastically_damped("actuation_frequency_hz");
-const MATERIAL_POWER: [DirectFeedthrough; 3] =
-    [elastically_damped("actuation_amplitude"), elastically_damped("actuation_phase_rad"), DRIVE_FREQUENCY];
+const MATERIAL_POWER: [DirectFeedthrough; 4] = [
+    elastically_damped("actuation_amplitude"),
+    elastically_damped("actuation_phase_rad"),
+    DRIVE_FREQUENCY,
+    DirectFeedthrough { condition: FeedthroughCondition::OfLimit, ..NATURAL[2] },
+];
 /// What the moments of these entries of joints are fed by.
 const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 28] {
     let own = [

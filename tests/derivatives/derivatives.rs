@@ -20,7 +20,7 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
         "head.torque_n_m={amplitude=0.2,frequency_hz=2.0}",
         "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}",
     ];
-    let kinds: [(&str, &[&str]); 14] = [
+    let kinds: [(&str, &[&str]); 17] = [
         ("free", &["medium.flow_m_s=[0.05,0.02]"]),
         ("ramp", &["start.kind=ramp", "start.ramp_s=0.1", gravity]),
         ("clamped", &["head.kind=clamped", gravity]),
@@ -32,6 +32,9 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
         ("moments", &[driven[0], driven[1], turning]),
         ("moments and chain", &["solver.form=chain", "head.kind=clamped"]),
         ("moments and damped", &[damped]),
+        ("limited", &["actuation.largest_1_m=4.0", "head.kind=clamped", "start.kind=ramp", "start.ramp_s=0.1"]),
+        ("limited and damped", &[damped, "rod.damping_of=elastic", "actuation.largest_1_m=4.0"]),
+        ("moments and limited", &["actuation.largest_moment_n_m=8.0", driven[0], turning]),
         ("hinged", &[hinge[0], hinge[1], "head.largest_torque_n_m=1.0", hinge[2], "start.kind=ramp", "start.ramp_s=0.1"]),
         ("hinged in chain", &["solver.form=chain", hinge[0], hinge[1]]),
         ("hinged and damped", &[damped, hinge[0], hinge[2]]),

@@ -30,6 +30,7 @@ mod reduced;
 mod reference;
 mod resonance;
 mod section;
+mod saturation;
 mod solvers;
 mod stability;
 mod study;

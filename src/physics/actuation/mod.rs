@@ -3,10 +3,12 @@
 //! A kind gives a number to each joint. Where the scene has `kappa_amp` it is the dimensionless natural curvature κ̄_k; where it has
 //! `moment_amp_n_m` it is the active moment M_k in N m, which bends the joint against its stiffness: m_k = B_k κ_k − M_k.
 
+pub mod saturation;
 pub mod sine_wave;
 pub mod standing_wave;
 pub mod travelling_wave;
 
+pub use saturation::Saturation;
 pub use travelling_wave::TravellingWave;
 
 /// All kinds of actuation. To add one, write its file and list it here.

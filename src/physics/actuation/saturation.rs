@@ -1,0 +1,51 @@
+//! The smooth limit of a drive: of x that is asked for it gives y = m tanh(x/m).
+
+/// What the joints are given of a drive with a limit, at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Saturation {
+    /// m, in the unit of the drive.
+    pub most: f64,
+    /// tanh(x/m), one entry per node.
+    part: Vec<f64>,
+    /// dx/dt, per s.
+    rate: Vec<f64>,
+}
+
+impl Saturation {
+    /// Of a drive of `nodes` nodes that gives `most` at the most.
+    pub fn new(most: f64, nodes: usize) -> Self {
+        Self { most, part: vec![0.0; nodes], rate: vec![0.0; nodes] }
+    }
+
+    /// dy/dx at node `k`.
+    fn slope(&self, k: usize) -> f64 {
+        1.0 - self.part[k] * self.part[k]
+    }
+
+    /// Limits `asked`, and its `rate` (per s).
+    pub fn limit(&mut self, asked: &mut [f64], rate: &mut [f64]) {
+        self.rate.copy_from_slice(rate);
+        for (k, (asked, rate)) in asked.iter_mut().zip(rate).enumerate() {
+            self.part[k] = (*asked / self.most).tanh();
+            *asked = self.most * self.part[k];
+            *rate *= self.slope(k);
+        }
+    }
+
+    /// Makes of the first changes of x and dx/dt those of y and dy/dt.
+    pub fn change(&self, asked: &mut [f64], rate: &mut [f64]) {
+        for (k, (asked, rate)) in asked.iter_mut().zip(rate).enumerate() {
+            let curve = -2.0 * self.part[k] * self.slope(k) / self.most;
+            *rate = self.slope(k) * *rate + curve * self.rate[k] * *asked;
+            *asked *= self.slope(k);
+        }
+    }
+
+    /// Makes of d²x/dt² that of y.
+    pub fn second(&self, acceleration: &mut [f64]) {
+        for (k, second) in acceleration.iter_mut().enumerate() {
+            let curve = -2.0 * self.part[k] * self.slope(k) / self.most;
+            *second = self.slope(k) * *second + curve * self.rate[k] * self.rate[k];
+        }
+    }
+}
