@@ -49,17 +49,24 @@ pub struct Series {
     pub mark: Mark,
     /// Index of its colour and dashes, if it is the same in all figures; otherwise its index among the series.
     pub colour: Option<usize>,
+    /// Dots at or below this are hollow: their values are only known to be no larger.
+    pub hollow_to: f64,
 }
 
 impl Series {
     /// A series with a style.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
-        Self { label: label.into(), points, mark, colour: None }
+        Self { label: label.into(), points, mark, colour: None, hollow_to: f64::NEG_INFINITY }
     }
 
     /// With the `k`-th colour and dashes.
     pub fn coloured(self, k: usize) -> Self {
         Self { colour: Some(k), ..self }
+    }
+
+    /// With hollow dots at or below `level`.
+    pub fn hollow_to(self, level: f64) -> Self {
+        Self { hollow_to: level, ..self }
     }
 }
 
@@ -205,7 +212,14 @@ impl Chart {
         let categories = matches!(self.scale, Scale::Categories(_));
         let colour = Colour::series(named);
         let dashes = dashes(named);
-        let dots = |svg: &mut Svg| there().for_each(|point| svg.dot(point, 3.2, colour));
+        let dots = |svg: &mut Svg| {
+            for (at, (_, value)) in points.iter().zip(&series.points).filter_map(|(at, point)| Some(((*at)?, point))) {
+                svg.dot(at, 3.2, colour);
+                if *value <= series.hollow_to {
+                    svg.dot(at, 1.9, Colour::PAPER);
+                }
+            }
+        };
         match series.mark {
             Mark::Unseen => {}
             Mark::Slope | Mark::Level => {

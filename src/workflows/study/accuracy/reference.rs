@@ -11,6 +11,9 @@ pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, h
 /// Errors of a mean force are relative to at least this fraction of the mean modulus.
 const MIN_MEAN_FORCE: f64 = 1e-3;
 
+/// Errors below this multiple of the reference's own error are not known.
+pub const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
+
 /// Errors of a displacement are relative to at least this fraction of the tip's path.
 const MIN_DISPLACEMENT: f64 = 1e-5;
 
@@ -87,6 +90,11 @@ pub struct Reference {
 }
 
 impl Reference {
+    /// The smallest errors that it can measure.
+    pub fn floors(&self) -> [f64; 3] {
+        self.errors.map(|error| MIN_ERROR_OVER_REFERENCE * error)
+    }
+
     /// From runs of both methods with two steps each; `None` if one of them failed.
     pub fn of(runs: &[StudyRun]) -> Option<Self> {
         let [first, second, coarse, fine] = runs else { return None };
