@@ -80,6 +80,11 @@ impl SummaryQuantity {
         Self { key, name, unit, drawn, of_free_heads: false }
     }
 
+    /// Its name with its unit, if it has one.
+    fn with_unit(&self) -> String {
+        if self.unit == "1" { self.name.to_string() } else { format!("{} ({})", self.name, self.unit) }
+    }
+
     const fn of_free_heads(self) -> Self {
         Self { of_free_heads: true, ..self }
     }
@@ -368,7 +373,7 @@ impl Cases {
             title: self.titled(quantity.name, label),
             x: levels(of[0], &across),
             y: levels(of[1], &up),
-            value: format!("{} ({})", quantity.name, quantity.unit),
+            value: quantity.with_unit(),
             cells,
         })
     }
@@ -398,7 +403,7 @@ impl Cases {
         let chart = |series: Vec<Series>| Chart {
             title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
             x: of.name.clone(),
-            y: format!("{} ({})", quantity.name, quantity.unit),
+            y: quantity.with_unit(),
             scale: of.scale(),
             series,
         };
@@ -449,10 +454,9 @@ impl Cases {
             };
             (label.clone(), shown.iter().zip(&groups).map(of).collect())
         });
-        let unit = if relative { "over the mean".to_string() } else { format!("({})", quantity.unit) };
         Effects {
             title: self.titled(&format!("main effects on the {}", quantity.name), ""),
-            y: format!("{} {unit}", quantity.name),
+            y: if relative { format!("{}, relative to the mean", quantity.name) } else { quantity.with_unit() },
             axes: shown
                 .iter()
                 .zip(&groups)
@@ -487,8 +491,8 @@ impl Cases {
         Some(Chart {
             title: self.titled(&format!("{}, levels of {} compared", quantity.name, self.axes[split].name), ""),
             x: format!("case, in the order of its {} ({})", quantity.name, parts[0].0),
-            y: format!("{}, absolute value ({})", quantity.name, quantity.unit),
-            scale: Scale::LogY(decades as i32),
+            y: quantity.with_unit(),
+            scale: Scale::SignedLogY(decades as i32),
             series: series.collect(),
         })
     }

@@ -12,7 +12,7 @@ use crate::number_format::number;
 use crate::scene::Document;
 
 /// Most rows of a table on the page.
-const MAX_TABLE_ROWS: usize = 60;
+const MAX_TABLE_ROWS: usize = 2000;
 
 /// A table of texts and numbers.
 #[derive(Debug, Clone)]

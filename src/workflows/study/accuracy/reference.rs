@@ -1,5 +1,6 @@
 //! Reference solutions by two independent methods (ESDIRK3; generalized-α with Richardson extrapolation), and errors against them.
 
+use crate::number_format::significant;
 use crate::study::study_run::{RunOptions, StudyRun};
 
 /// Samples of the tip's path.
@@ -66,7 +67,8 @@ impl RunResults {
     /// The first quantity as text.
     pub fn first_in_words(&self, held: bool) -> String {
         let [x, y] = self.first;
-        if held { format!("mean head force ({x:.9e}, {y:.9e}) N") } else { format!("displacement {x:.9e} m") }
+        let [x, y] = [x, y].map(|value| significant(value, 10));
+        if held { format!("mean head force ({x}, {y}) N") } else { format!("displacement {x} m") }
     }
 
     /// Relative differences of the three quantities from `reference`.
