@@ -215,7 +215,7 @@ fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
     let label_at = |k: usize| {
-        let part = if k.is_multiple_of(2) { 0.02 } else { 0.5 };
+        let part = if k.is_multiple_of(2) { 0.02 } else { 0.4 };
         low.powf(1.0 - part) * high.powf(part)
     };
     let line = |(k, (name, y))| Series::new(name, vec![(low, y), (high, y), (label_at(k), y)], Mark::Level);
