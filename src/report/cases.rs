@@ -17,7 +17,7 @@ use crate::number_format::number;
 pub const QUANTITIES: [SummaryQuantity; 27] = [
     SummaryQuantity::new("net_displacement_m", "net displacement in x", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
-    SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true),
+    SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true).settled("cycle_thrust_n"),
     SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
     SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
     SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
@@ -38,7 +38,7 @@ pub const QUANTITIES: [SummaryQuantity; 27] = [
     SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
     SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
     SummaryQuantity::new("cost_of_transport", "cost of transport of the whole run", "1", true),
-    SummaryQuantity::new("efficiency", "efficiency of the whole run", "1", true),
+    SummaryQuantity::new("efficiency", "efficiency of the whole run", "1", true).settled("cycle_efficiency"),
     SummaryQuantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
     SummaryQuantity::new("newton_iterations", "Newton iterations", "1", false),
     SummaryQuantity::new("step_halvings", "step halvings", "1", false),
@@ -73,11 +73,17 @@ pub struct SummaryQuantity {
     pub drawn: bool,
     /// True if it is meaningless for a held head.
     pub of_free_heads: bool,
+    /// The key of its mean over whole cycles.
+    pub settled: Option<&'static str>,
 }
 
 impl SummaryQuantity {
     const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
-        Self { key, name, unit, drawn, of_free_heads: false }
+        Self { key, name, unit, drawn, of_free_heads: false, settled: None }
+    }
+
+    const fn settled(self, key: &'static str) -> Self {
+        Self { settled: Some(key), ..self }
     }
 
     /// Its name with its unit, if it has one.
@@ -270,8 +276,11 @@ impl Cases {
     /// of the centres of mass, and a comparison of the split's levels.
     pub fn figures(&self) -> Vec<Figure> {
         let (mut figures, mut names) = (Vec::new(), FileNames::default());
-        let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
+        // A mean that contains the start is drawn where there is none over whole cycles: their best cases may differ.
+        let settled = |key: &str| QUANTITIES.iter().zip(&self.columns).any(|(q, column)| q.key == key && known(column));
+        let shown = |quantity: &SummaryQuantity| quantity.drawn && !quantity.settled.is_some_and(settled);
+        let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| shown(quantity));
         // What is the same in all cases has no figure.
         let varies = |column: &[f64]| {
             let mut values = column.iter().filter(|x| x.is_finite());

@@ -8,7 +8,7 @@ use super::identify::Identifiability;
 use super::markers::distances;
 use super::scenarios::ScenarioResult;
 use super::search::EstimatedNumber;
-use super::solve::{Answer, ComparedProfile, Design};
+use super::solve::{ALONE, Answer, ComparedProfile, Design};
 use super::stl;
 use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
@@ -120,7 +120,9 @@ impl Design {
             series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
         }
         series.push(self.designed(line(&self.stiffness), Mark::Dotted));
-        let others = self.evidence.profiles.iter().filter(|other| other.name != "design");
+        // Those of one part of the design have a stiffness that is there already.
+        let is_drawn = |other: &&ComparedProfile| other.name != "design" && !other.name.starts_with(ALONE);
+        let others = self.evidence.profiles.iter().filter(is_drawn);
         let others: Vec<&ComparedProfile> = others.collect();
         if others.is_empty() {
             series.push(Self::own(line(&own), Mark::Line));
