@@ -215,8 +215,11 @@ fn interrupted_runs_end_with_130_and_valid_files() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130));
     assert!(text(&output.stderr).contains("interrupted"), "{}", text(&output.stderr));
-    let written: Vec<_> = files(folder.path()).into_iter().filter(|name| name != "envelope.svg").collect();
-    assert_eq!(written, files_before_a_cycle());
+    // Of a long run the last period was recorded at a few times, too few to be drawn.
+    let always = |name: &&str| !["envelope.svg", "power.svg"].contains(name);
+    let written = files(folder.path());
+    assert!(FILES.iter().filter(always).all(|name| written.contains(&(*name).to_string())), "{written:?}");
+    assert!(written.iter().all(|name| FILES.contains(&name.as_str())), "{written:?}");
     let summary = summary(folder.path());
     assert_eq!(summary["ending"], "interrupted");
     let end = summary["end_time_s"].as_f64().unwrap();
