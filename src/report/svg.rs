@@ -317,5 +317,13 @@ mod tests {
         let looks = |range: std::ops::Range<usize>| range.map(dashes).collect::<std::collections::BTreeSet<_>>().len();
         assert_eq!(looks(0..SERIES), SERIES);
         assert!((0..SERIES).all(|k| dashes(k) != dashes(k + SERIES)));
+        // Four marks in turn, whatever their colour.
+        let mark = |k: usize| {
+            let mut svg = Svg(String::new());
+            svg.mark(k, (0.0, 0.0), 3.0, Colour::INK);
+            svg.0
+        };
+        assert_eq!((0..SERIES).map(mark).collect::<std::collections::BTreeSet<_>>().len(), 4);
+        assert!((0..SERIES).all(|k| mark(k) != mark(k + 1)));
     }
 }
