@@ -218,7 +218,7 @@ fn interrupted_runs_end_with_130_and_valid_files() {
     // Of a long run the last period was recorded at a few times, too few to be drawn.
     let always = |name: &&str| !["envelope.svg", "power.svg"].contains(name);
     let written = files(folder.path());
-    assert!(FILES.iter().filter(always).all(|name| written.contains(&(*name).to_string())), "{written:?}");
+    assert!(FILES.into_iter().filter(always).all(|name| written.contains(&name.to_string())), "{written:?}");
     assert!(written.iter().all(|name| FILES.contains(&name.as_str())), "{written:?}");
     let summary = summary(folder.path());
     assert_eq!(summary["ending"], "interrupted");
