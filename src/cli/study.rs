@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use caudal::error::Error;
 use caudal::integrator::METHODS;
@@ -144,7 +145,9 @@ pub fn study(study: &StudyCommand) -> Result<ExitCode, Error> {
         Err(error) => return Ok(refuse(&error)),
     };
     let interrupted = watch_for_interrupts();
-    let bar = progress_bar_with(0, "run {pos}/{len}  {eta} left");
+    // The time goes on while the longest runs do.
+    let bar = progress_bar_with(0, "run {pos}/{len}  {elapsed} so far, {eta} left");
+    bar.enable_steady_tick(Duration::from_secs(1));
     let progress = |done: usize, of: usize| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);

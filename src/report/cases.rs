@@ -17,7 +17,7 @@ use crate::number_format::number;
 pub const QUANTITIES: [SummaryQuantity; 28] = [
     SummaryQuantity::new("net_displacement_m", "net displacement in x", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
-    SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true),
+    SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true).settled("cycle_thrust_n"),
     SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
     SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
     SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
@@ -39,7 +39,7 @@ pub const QUANTITIES: [SummaryQuantity; 28] = [
     SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
     SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
     SummaryQuantity::new("cost_of_transport", "cost of transport of the whole run", "1", true),
-    SummaryQuantity::new("efficiency", "efficiency of the whole run", "1", true),
+    SummaryQuantity::new("efficiency", "efficiency of the whole run", "1", true).settled("cycle_efficiency"),
     SummaryQuantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
     SummaryQuantity::new("newton_iterations", "Newton iterations", "1", false),
     SummaryQuantity::new("step_halvings", "step halvings", "1", false),
@@ -74,11 +74,22 @@ pub struct SummaryQuantity {
     pub drawn: bool,
     /// True if it is meaningless for a held head.
     pub of_free_heads: bool,
+    /// The key of its mean over whole cycles.
+    pub settled: Option<&'static str>,
 }
 
 impl SummaryQuantity {
     const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
-        Self { key, name, unit, drawn, of_free_heads: false }
+        Self { key, name, unit, drawn, of_free_heads: false, settled: None }
+    }
+
+    const fn settled(self, key: &'static str) -> Self {
+        Self { settled: Some(key), ..self }
+    }
+
+    /// Its name with its unit, if it has one.
+    fn with_unit(&self) -> String {
+        if self.unit == "1" { self.name.to_string() } else { format!("{} ({})", self.name, self.unit) }
     }
 
     const fn of_free_heads(self) -> Self {
@@ -266,8 +277,11 @@ impl Cases {
     /// of the centres of mass, and a comparison of the split's levels.
     pub fn figures(&self) -> Vec<Figure> {
         let (mut figures, mut names) = (Vec::new(), FileNames::default());
-        let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
+        // A mean that contains the start is drawn where there is none over whole cycles: their best cases may differ.
+        let settled = |key: &str| QUANTITIES.iter().zip(&self.columns).any(|(q, column)| q.key == key && known(column));
+        let shown = |quantity: &SummaryQuantity| quantity.drawn && !quantity.settled.is_some_and(settled);
+        let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| shown(quantity));
         // What is the same in all cases has no figure.
         let varies = |column: &[f64]| {
             let mut values = column.iter().filter(|x| x.is_finite());
@@ -369,7 +383,7 @@ impl Cases {
             title: self.titled(quantity.name, label),
             x: levels(of[0], &across),
             y: levels(of[1], &up),
-            value: format!("{} ({})", quantity.name, quantity.unit),
+            value: quantity.with_unit(),
             cells,
         })
     }
@@ -399,7 +413,7 @@ impl Cases {
         let chart = |series: Vec<Series>| Chart {
             title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
             x: of.name.clone(),
-            y: format!("{} ({})", quantity.name, quantity.unit),
+            y: quantity.with_unit(),
             scale: of.scale(),
             series,
         };
@@ -450,10 +464,9 @@ impl Cases {
             };
             (label.clone(), shown.iter().zip(&groups).map(of).collect())
         });
-        let unit = if relative { "over the mean".to_string() } else { format!("({})", quantity.unit) };
         Effects {
             title: self.titled(&format!("main effects on the {}", quantity.name), ""),
-            y: format!("{} {unit}", quantity.name),
+            y: if relative { format!("{}, relative to the mean", quantity.name) } else { quantity.with_unit() },
             axes: shown
                 .iter()
                 .zip(&groups)
@@ -488,8 +501,8 @@ impl Cases {
         Some(Chart {
             title: self.titled(&format!("{}, levels of {} compared", quantity.name, self.axes[split].name), ""),
             x: format!("case, in the order of its {} ({})", quantity.name, parts[0].0),
-            y: format!("{}, absolute value ({})", quantity.name, quantity.unit),
-            scale: Scale::LogY(decades as i32),
+            y: quantity.with_unit(),
+            scale: Scale::SignedLogY(decades as i32),
             series: series.collect(),
         })
     }

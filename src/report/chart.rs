@@ -8,7 +8,7 @@ use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 
 /// Width of a chart and height of its plot, px.
 pub(super) const WIDTH: f64 = 640.0;
-const PLOT: f64 = 310.0;
+pub(super) const PLOT: f64 = 310.0;
 
 /// Font sizes, px.
 pub(super) const TITLE: f64 = 17.0;
@@ -49,17 +49,24 @@ pub struct Series {
     pub mark: Mark,
     /// Index of its colour and dashes, if it is the same in all figures; otherwise its index among the series.
     pub colour: Option<usize>,
+    /// Dots at or below this are hollow: their values are only known to be no larger.
+    pub hollow_to: f64,
 }
 
 impl Series {
     /// A series with a style.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
-        Self { label: label.into(), points, mark, colour: None }
+        Self { label: label.into(), points, mark, colour: None, hollow_to: f64::NEG_INFINITY }
     }
 
     /// With the `k`-th colour and dashes.
     pub fn coloured(self, k: usize) -> Self {
         Self { colour: Some(k), ..self }
+    }
+
+    /// With hollow dots at or below `level`.
+    pub fn hollow_to(self, level: f64) -> Self {
+        Self { hollow_to: level, ..self }
     }
 }
 
@@ -140,11 +147,14 @@ impl Chart {
     pub fn svg(&self) -> String {
         let shown = |series: &Series| !series.label.is_empty();
         let named = self.series.iter().filter(|series| series.is_named()).enumerate();
-        let entries: Vec<(usize, &str)> = named
-            .filter(|(_, series)| shown(series))
-            .map(|(k, series)| (series.colour.unwrap_or(k), series.label.as_str()))
-            .collect();
-        let legend = Legend::of(&entries);
+        let entry = |(k, series): (usize, &Series)| LegendEntry {
+            k: series.colour.unwrap_or(k),
+            mark: series.mark,
+            label: series.label.clone(),
+            at: (0.0, 0.0),
+        };
+        let entries: Vec<LegendEntry> = named.filter(|(_, series)| shown(series)).map(entry).collect();
+        let legend = Legend::of(entries);
         let [x, y] = self.axes();
         let frame = PlotArea::about(&y, legend.height());
         let [x, y] = match self.scale {
@@ -205,7 +215,14 @@ impl Chart {
         let categories = matches!(self.scale, Scale::Categories(_));
         let colour = Colour::series(named);
         let dashes = dashes(named);
-        let dots = |svg: &mut Svg| there().for_each(|point| svg.dot(point, 3.2, colour));
+        let dots = |svg: &mut Svg| {
+            for (at, (_, value)) in points.iter().zip(&series.points).filter_map(|(at, point)| Some(((*at)?, point))) {
+                svg.mark(named, at, 3.2, colour);
+                if *value <= series.hollow_to {
+                    svg.mark(named, at, 1.9, Colour::PAPER);
+                }
+            }
+        };
         match series.mark {
             Mark::Unseen => {}
             Mark::Slope | Mark::Level => {
@@ -287,32 +304,40 @@ fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
     kept
 }
 
+/// An entry of a legend: the index and mark of its series, its label, and its place, px.
+#[derive(Debug)]
+struct LegendEntry {
+    k: usize,
+    mark: Mark,
+    label: String,
+    at: (f64, f64),
+}
+
 /// The legend entries in lines, between title and plot.
 struct Legend {
-    entries: Vec<(usize, f64, f64, String)>,
+    entries: Vec<LegendEntry>,
     lines: usize,
 }
 
 impl Legend {
     /// The legend of named series; empty for a single one.
-    fn of(labels: &[(usize, &str)]) -> Self {
-        let mut entries = Vec::new();
-        let (mut left, mut line) = (20.0, 0);
-        if labels.len() > 1 {
-            for (k, (colour, label)) in labels.iter().enumerate() {
-                let label = cut(label, LABEL, 300.0);
+    fn of(all: Vec<LegendEntry>) -> Self {
+        let mut entries: Vec<LegendEntry> = Vec::new();
+        let ((mut left, mut line), count) = ((20.0, 0), all.len());
+        if count > 1 {
+            for (k, entry) in all.into_iter().enumerate() {
+                let label = cut(&entry.label, LABEL, 420.0);
                 let room = 52.0 + width(&label, LABEL);
                 if left > 20.0 && left + room > WIDTH - 8.0 {
                     (left, line) = (20.0, line + 1);
                 }
                 if line == MAX_LEGEND_LINES {
-                    let last: Option<&mut (usize, f64, f64, String)> = entries.last_mut();
-                    if let Some(last) = last {
-                        last.3 = format!("{} … and {} more", last.3, labels.len() - k);
+                    if let Some(last) = entries.last_mut() {
+                        last.label = format!("{} … and {} more", last.label, count - k);
                     }
                     break;
                 }
-                entries.push((*colour, left, 36.0 + LINE * (line as f64 + 0.7), label));
+                entries.push(LegendEntry { label, at: (left, 36.0 + LINE * (line as f64 + 0.7)), ..entry });
                 left += room;
             }
         }
@@ -325,8 +350,13 @@ impl Legend {
     }
 
     fn draw(&self, svg: &mut Svg) {
-        for (k, x, y, label) in &self.entries {
-            svg.line(&[(*x, y - 4.5), (x + 28.0, y - 4.5)], Colour::series(*k), 2.5, dashes(*k));
+        for LegendEntry { k, mark, label, at: (x, y) } in &self.entries {
+            if *mark != Mark::Dots {
+                svg.line(&[(*x, y - 4.5), (x + 28.0, y - 4.5)], Colour::series(*k), 2.5, dashes(*k));
+            }
+            if *mark != Mark::Line {
+                svg.mark(*k, (x + 14.0, y - 4.5), 3.6, Colour::series(*k));
+            }
             svg.text((x + 34.0, *y), label, LABEL, Anchor::Start, Colour::INK);
         }
     }
@@ -423,8 +453,13 @@ const MIN_PANEL_WIDTH: f64 = 110.0;
 impl Effects {
     /// The figure as an SVG document, with as many rows of panels as needed.
     pub fn svg(&self) -> String {
-        let entries: Vec<_> = self.series.iter().map(|(label, _)| label.as_str()).enumerate().collect();
-        let legend = Legend::of(&entries);
+        let entry = |(k, (label, _)): (usize, &(String, _))| LegendEntry {
+            k,
+            mark: Mark::Dotted,
+            label: label.clone(),
+            at: (0.0, 0.0),
+        };
+        let legend = Legend::of(self.series.iter().enumerate().map(entry).collect());
         let y = ChartAxis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
         let first = PlotArea::about(&y, legend.height());
         let columns = self.axes.len().clamp(1, (first.width / MIN_PANEL_WIDTH) as usize);
@@ -472,9 +507,9 @@ impl Effects {
             let at = |(level, mean): (usize, &f64)| Some(frame.at(place(level), y.place(*mean)?));
             let points: Vec<_> = means.iter().enumerate().map(at).collect();
             if axis.joined {
-                pieces(&points).for_each(|piece| svg.line(&piece, Colour::series(k), 2.0, ""));
+                pieces(&points).for_each(|piece| svg.line(&piece, Colour::series(k), 2.0, dashes(k)));
             }
-            points.iter().flatten().for_each(|point| svg.dot(*point, 3.6, Colour::series(k)));
+            points.iter().flatten().for_each(|point| svg.mark(k, *point, 3.6, Colour::series(k)));
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::number_format::number;
 use crate::scene::Document;
 
 /// Most rows of a table on the page.
-const MAX_TABLE_ROWS: usize = 60;
+const MAX_TABLE_ROWS: usize = 2000;
 
 /// A table of texts and numbers.
 #[derive(Debug, Clone)]
@@ -124,5 +124,23 @@ impl Table {
             rows: self.rows.iter().take(MAX_TABLE_ROWS).map(|row| row.iter().map(cell).collect()).collect(),
             more: self.rows.len().saturating_sub(MAX_TABLE_ROWS),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use super::*;
+
+    #[test]
+    fn a_long_table_is_whole_on_its_page_and_printed_without_a_frame() {
+        let rows = (0..500).map(|i| vec![json!(format!("row {i}."))]).collect();
+        let table = Table { file: "runs.csv", title: "All runs", columns: vec!["name".to_string()], rows };
+        let findings = Findings { tables: vec![table], ..Findings::default() };
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("models/eel.toml");
+        let page = findings.page("runs", &Document::read(&path).unwrap()).unwrap();
+        assert!((0..500).all(|i| page.contains(&format!("<td>row {i}.</td>"))));
+        let print = page.split("@media print").nth(1).unwrap().split("</style>").next().unwrap();
+        assert!(print.contains(".rows { overflow: visible; max-height: none; }"), "{print}");
     }
 }

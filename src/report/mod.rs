@@ -30,5 +30,9 @@ pub use findings::{Findings, Table};
 pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner};
 pub use output::RunOutput;
 pub use page::Animation;
+#[cfg(test)]
+pub(crate) use run_figures::energy_balance;
 pub use run_record::Frame;
+#[cfg(test)]
+pub(crate) use run_record::RunRecord;
 pub use summary::{FluidError, Summary};

@@ -3,8 +3,9 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use super::chart_axis::superscript;
 use crate::cycle::MEASURES;
-use crate::number_format::significant;
+use crate::number_format::{significant, two_digits};
 use crate::variable::VARIABLES;
 
 /// Digits that are shown; the whole number appears under the cursor.
@@ -88,7 +89,8 @@ pub(super) fn groups(summary: &Map<String, Value>) -> Vec<NumberGroup> {
         }
         let measure = MEASURES.iter().find(|measure| measure.key == key);
         let spread = measure.and_then(|measure| summary.get(measure.spread)).filter(|spread| !spread.is_null());
-        let spread = spread.map_or(String::new(), |spread| format!(" ± {}", in_words(spread)));
+        let spread = spread.and_then(Value::as_f64).map(|spread| format!(" ± {}", with_power(&two_digits(spread))));
+        let spread = spread.unwrap_or_default();
         let unit = unit_of(key).map_or(String::new(), |unit| format!(" {unit}"));
         let of_variable =
             || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
@@ -126,6 +128,13 @@ fn is_zero(value: &Value) -> bool {
     }
 }
 
+/// A number without needless zeros, and with its exponent as a power of ten.
+fn with_power(text: &str) -> String {
+    let (digits, power) = text.split_once('e').unwrap_or((text, ""));
+    let digits = if digits.contains('.') { digits.trim_end_matches('0').trim_end_matches('.') } else { digits };
+    power.parse().map_or_else(|_| digits.to_string(), |power| format!("{digits}·10{}", superscript(power)))
+}
+
 fn in_words(value: &Value) -> String {
     let listed = |words: Vec<String>| words.join(", ");
     match value {
@@ -135,10 +144,7 @@ fn in_words(value: &Value) -> String {
         Value::String(text) => text.clone(),
         Value::Number(number) if number.is_f64() => {
             let text = significant(number.as_f64().unwrap_or(f64::NAN), DIGITS);
-            match text.contains('.') && !text.contains('e') {
-                true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
-                false => text,
-            }
+            with_power(&text)
         }
         Value::Number(number) => number.to_string(),
         Value::Array(values) => listed(values.iter().map(in_words).collect()),

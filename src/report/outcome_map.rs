@@ -1,9 +1,10 @@
 //! Outcome maps: panels of coloured cells over two linear or logarithmic axes, with a common legend.
 
+use super::chart::{LABEL, PLOT, WIDTH};
 use super::chart_axis::ChartAxis;
 use super::svg::{Anchor, Colour, Svg, width};
 
-/// Size of a panel, and height of the legend, px.
+/// Size of one of several panels, and height of the legend, px.
 const PANEL: (f64, f64) = (360.0, 290.0);
 const LEGEND: f64 = 54.0;
 /// Colour of theoretical boundaries.
@@ -51,22 +52,23 @@ pub struct OutcomeMap {
 impl OutcomeMap {
     /// The map as an SVG document.
     pub fn svg(&self) -> String {
-        let rows = self.panels.len().div_ceil(2).max(1) as f64;
-        let (width_all, top) = (2.0 * PANEL.0 + 10.0, 40.0);
-        let mut svg = Svg::new(width_all, top + rows * PANEL.1 + LEGEND, &self.title);
+        // A single panel is as wide as a chart, of several two stand side by side.
+        let (columns, size) = if self.panels.len() > 1 { (2, PANEL) } else { (1, (WIDTH - 10.0, PLOT + 80.0)) };
+        let rows = self.panels.len().div_ceil(columns).max(1) as f64;
+        let (width_all, top) = (columns as f64 * size.0 + 10.0, 40.0);
+        let mut svg = Svg::new(width_all, top + rows * size.1 + LEGEND, &self.title);
         svg.heading((width_all / 2.0, 24.0), &self.title, 17.0, width_all - 20.0);
         for (i, panel) in self.panels.iter().enumerate() {
-            let alone = if self.panels.len() == 1 { 0.5 } else { 0.0 };
-            let at = (((i % 2) as f64 + alone) * PANEL.0, top + (i / 2) as f64 * PANEL.1);
-            self.panel(&mut svg, panel, at);
+            let at = ((i % columns) as f64 * size.0, top + (i / columns) as f64 * size.1);
+            self.panel(&mut svg, panel, at, size);
         }
-        self.legend(&mut svg, top + rows * PANEL.1 + 8.0, width_all);
+        self.legend(&mut svg, top + rows * size.1 + 8.0, width_all);
         svg.finish()
     }
 
-    fn panel(&self, svg: &mut Svg, panel: &Panel, (left, top): (f64, f64)) {
+    fn panel(&self, svg: &mut Svg, panel: &Panel, (left, top): (f64, f64), size: (f64, f64)) {
         let [x, y] = [edges(&self.x.1, self.linear), edges(&self.y.1, false)];
-        let (left, top, width, height) = (left + 66.0, top + 24.0, PANEL.0 - 82.0, PANEL.1 - 70.0);
+        let (left, top, width, height) = (left + 66.0, top + 24.0, size.0 - 82.0, size.1 - 70.0);
         let axis = |edges: &[f64], linear: bool| {
             let ends = [edges[0], edges[edges.len() - 1]];
             if linear { ChartAxis::linear(ends.into_iter()) } else { ChartAxis::logarithmic(ends.into_iter()) }
@@ -92,10 +94,10 @@ impl OutcomeMap {
         let boundary: Vec<_> = panel.boundary.iter().filter_map(|(x, y)| at(*x, *y)).collect();
         svg.line(&boundary, BOUNDARY, 2.0, "");
         for (place, label) in across.ticks.iter().filter(|(_, label)| !label.is_empty()) {
-            svg.text((left + width * place, top + height + 15.0), label, 11.0, Anchor::Middle, Colour::SOFT);
+            svg.text((left + width * place, top + height + 15.0), label, LABEL, Anchor::Middle, Colour::SOFT);
         }
         for (place, label) in up.ticks.iter().filter(|(_, label)| !label.is_empty()) {
-            svg.text((left - 6.0, top + height * (1.0 - place) + 4.0), label, 11.0, Anchor::End, Colour::SOFT);
+            svg.text((left - 6.0, top + height * (1.0 - place) + 4.0), label, LABEL, Anchor::End, Colour::SOFT);
         }
         svg.heading((left + width / 2.0, top + height + 33.0), &self.x.0, 13.0, width);
         svg.upright_heading((left - 48.0, top + height / 2.0), &self.y.0, 13.0, height);

@@ -15,6 +15,7 @@ use super::run_record::{RecordingTimes, RunRecord};
 use super::tables::CsvTable;
 use super::{Claim, Folder, FolderWriter, Owner};
 use crate::assessment::recorded_size;
+use crate::cycle::PERIOD;
 use crate::error::{Error, Result};
 use crate::files::{WrittenFiles, free_space, partial_file_with};
 use crate::scene::{Document, NodesTable, Scene};
@@ -143,6 +144,8 @@ impl RunOutput {
         results.put_file("summary.json", json.map(|json| json + "\n"));
         results.put_table(trajectory);
         nodes.keep(&mut results);
+        // That of the drive, also of a driven head, once it has passed.
+        let period = summary.cycles.mean(&PERIOD).or(period);
         let figures = run_figures::all(&summary.name, &record, period);
         for Figure { file, svg, .. } in &figures {
             results.put_file(file, Ok(svg));

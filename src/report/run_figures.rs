@@ -1,4 +1,6 @@
-//! The figures of a run: those of the source study (its Figures 3–9), the energy balance, and the force and moment on a held head.
+//! The figures of a run: its shapes and paths, speed, power and energy balance, and the force and moment on a held head.
+
+use nalgebra::Vector2;
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
 use super::run_record::{Frame, RunRecord};
@@ -6,19 +8,22 @@ use super::run_record::{Frame, RunRecord};
 /// Number of earlier shapes in the background.
 const EARLIER_SHAPES: usize = 8;
 
+/// A cycle is drawn if it was recorded at least at so many times.
+const LEAST_SAMPLES: usize = 8;
+
 /// Names of all possible figures of a run.
 pub const FILES: [&str; 12] = [
     "shape.svg",
     "com_path.svg",
-    "com_x.svg",
+    "speed.svg",
+    "envelope.svg",
     "mid_y.svg",
     "tip_y.svg",
-    "head_x.svg",
-    "mid_x.svg",
     "head_force.svg",
     "head_moment.svg",
     "fluid_force.svg",
     "momentum.svg",
+    "power.svg",
     "energy.svg",
 ];
 
@@ -27,11 +32,11 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let chart =
         |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
     // Curves of one variable each; those of a quantity that never changes say nothing that a number does not.
-    let in_time = |file: &str, title: &str, y: &str, curves: &[(&str, &str)]| {
+    let in_time = |file: &str, title: &str, y: &str, curves: &[(&str, &str)], signs: &str| {
         let series = curves.iter().map(|(label, variable)| (label, record.curve("time_s", variable)));
         let series: Vec<_> = series.map(|(label, points)| Series::new(*label, points, Mark::Line)).collect();
         let moves = |series: &Series| series.points.windows(2).any(|pair| pair[0].1 != pair[1].1);
-        let caption = format!("The {title} over time.");
+        let caption = format!("The {title} over time{signs}.");
         let svg = || chart(title, "time (s)", y, Scale::Linear, series.clone()).svg();
         // Of several quantities that not every scene has, all or none.
         let whole = series.iter().all(|series| !series.points.is_empty());
@@ -44,11 +49,15 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let path = vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)];
     let path = chart("path of the centre of mass", "x (m)", "y (m)", Scale::Linear, path);
     let balance = "put in above, taken below zero (J)";
+    let cycle = period.is_some_and(|period| record.frames().first().is_some_and(|frame| end - period >= frame.time));
+    let since_time = period.filter(|_| cycle).map_or(f64::NEG_INFINITY, |period| end - period);
+    let powers = powers(record, since_time);
+    let envelope = if cycle { envelope(record, since_time) } else { Vec::new() };
     let energy = chart("energy balance", "time (s)", balance, Scale::SignedLogY(6), energy_balance(record));
     [
         Some(Figure::new(
             "shape.svg",
-            format!("The rod at t = {end} s with its centre of mass; in grey, shapes of {since}."),
+            format!("The rod at t = {end} s with its centre of mass; in grey, shapes of {since}.{}", interfaces_in_words(record)),
             shape.svg(),
         )),
         Some(Figure::new(
@@ -56,28 +65,42 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             "The path of the centre of mass; the two axes have scales of their own.",
             path.svg(),
         )),
-        in_time("com_x.svg", "x coordinate of the centre of mass", "x (m)", &[("centre of mass", "x_com_m")]),
-        in_time("mid_y.svg", "y displacement of the middle node", "y displacement (m)", &[("middle", "mid_dy_m")]),
-        in_time("tip_y.svg", "y displacement of the tip", "y displacement (m)", &[("tip", "tip_dy_m")]),
-        in_time("head_x.svg", "x displacement of the head", "x displacement (m)", &[("head", "head_dx_m")]),
-        in_time("mid_x.svg", "x displacement of the middle node", "x displacement (m)", &[("middle", "mid_dx_m")]),
+        in_time(
+            "speed.svg",
+            "velocity of the centre of mass",
+            "velocity (m/s)",
+            &[("x", "vx_com_m_s"), ("y", "vy_com_m_s")],
+            ", relative to the ground",
+        ),
+        (!envelope.is_empty()).then(|| {
+            let caption = "The shapes of the last period as seen from the centre of mass, with x along the mean direction from head to \
+                           tip; blue: how far each node goes to both sides.";
+            let (x, y) = ("along the body (m)", "across (m)");
+            let svg = chart("envelope of the last period", x, y, Scale::Equal, envelope).svg();
+            Figure::new("envelope.svg", caption, svg)
+        }),
+        in_time("mid_y.svg", "y displacement of the middle node", "y displacement (m)", &[("middle", "mid_dy_m")], ""),
+        in_time("tip_y.svg", "y displacement of the tip", "y displacement (m)", &[("tip", "tip_dy_m")], ""),
         in_time(
             "head_force.svg",
             "force on the held head",
             "force (N)",
             &[("x", "head_force_x_n"), ("y", "head_force_y_n")],
+            ": what the tail exerts on it, along x and y",
         ),
         in_time(
             "head_moment.svg",
             "moment on the held head",
             "moment (N m)",
             &[("moment", "head_moment_n_m")],
+            ": what the tail exerts on it about node 0, positive counter-clockwise",
         ),
         in_time(
             "fluid_force.svg",
             "forces of the fluid along x",
             "force along x (N)",
             &[("drag", "drag_force_x_n"), ("water it accelerates", "reactive_force_x_n"), ("wake", "wake_force_x_n")],
+            ": what it exerts on the tail",
         ),
         in_time(
             "momentum.svg",
@@ -89,7 +112,14 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
                 ("water, x", "fluid_momentum_x_n_s"),
                 ("water, y", "fluid_momentum_y_n_s"),
             ],
+            "",
         ),
+        (!powers.is_empty()).then(|| {
+            let when = if cycle { "the last period" } else { "the run" };
+            let caption = format!("Power over {when}: above zero what puts energy in, below zero what takes it, in the colours of the balance.");
+            let power = chart(&format!("power over {when}"), "time (s)", "put in above, taken below zero (W)", Scale::Linear, powers);
+            Figure::new("power.svg", caption, power.svg())
+        }),
         Some(Figure::new(
             "energy.svg",
             "The energy balance: above zero what put energy in since the start, below zero what took it or has stored it. At every time the \
@@ -103,32 +133,82 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     .collect()
 }
 
+/// A part of the energy balance: its label, the work or energy (J), its power (W) if it has one, and its sign: 1 for what puts energy
+/// into the rod, −1 for what dissipates or stores it.
+type BalancePart = (&'static str, &'static str, Option<&'static str>, f64);
+
+/// The parts of the energy balance, in the order of their colours.
+const PARTS: [BalancePart; 14] = [
+    ("actuation", "actuation_work_j", Some("actuation_power_w"), 1.0),
+    ("loads", "load_work_j", Some("load_power_w"), 1.0),
+    ("head", "head_work_j", Some("head_power_w"), 1.0),
+    ("flow", "flow_work_j", Some("flow_power_w"), 1.0),
+    ("viscosity", "viscous_work_j", Some("viscous_power_w"), -1.0),
+    ("wake", "wake_work_j", Some("wake_power_w"), -1.0),
+    ("spray", "spray_work_j", Some("spray_power_w"), -1.0),
+    ("bending", "bending_energy_j", None, -1.0),
+    ("stretching", "stretching_energy_j", None, -1.0),
+    ("motion", "kinetic_energy_j", None, -1.0),
+    ("motion of the water", "fluid_energy_j", None, -1.0),
+    ("numerical dissipation", "numerical_dissipation_j", None, -1.0),
+    ("material", "material_work_j", Some("material_power_w"), -1.0),
+    ("other forces", "other_work_j", Some("other_power_w"), 1.0),
+];
+
+/// The powers of the balance's parts from time `since` (s) on, with their signs and colours; none if they were hardly recorded.
+/// Powers that are always zero are left out.
+fn powers(record: &RunRecord, since: f64) -> Vec<Series> {
+    let part = |(k, (label, _, power, sign)): (usize, BalancePart)| {
+        let points = record.curve("time_s", power?).into_iter().filter(|(t, _)| *t >= since);
+        let points: Vec<_> = points.map(|(t, power)| (t, sign * power)).collect();
+        let shown = points.len() >= LEAST_SAMPLES && points.iter().any(|(_, power)| *power != 0.0);
+        shown.then(|| Series::new(label, points, Mark::Line).coloured(k))
+    };
+    PARTS.into_iter().enumerate().filter_map(part).collect()
+}
+
+/// The shapes of a free rod from time `since` (s) on about its centre of mass, with x along the mean direction from head to tip, and
+/// how far each node goes to both sides; none for a held head, which [`shapes`] shows, or if they were hardly recorded.
+fn envelope(record: &RunRecord, since: f64) -> Vec<Series> {
+    let frames = record.frames();
+    let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
+    let held = !record.curve("time_s", "head_force_x_n").is_empty();
+    let along = |frame: &Frame| Some(Vector2::from(*frame.points.last()?) - Vector2::from(*frame.points.first()?));
+    let axis: Vector2<f64> = cycle.iter().filter_map(along).sum();
+    if held || cycle.len() < LEAST_SAMPLES || axis.norm() == 0.0 {
+        return Vec::new();
+    }
+    let axis = axis.normalize();
+    let seen = |frame: &Frame| -> Vec<(f64, f64)> {
+        let from = |point: &[f64; 2]| Vector2::from(*point) - Vector2::from(frame.com);
+        frame.points.iter().map(from).map(|from| (from.dot(&axis), axis.perp(&from))).collect()
+    };
+    let shapes: Vec<_> = cycle.iter().map(seen).collect();
+    let nodes = 0..shapes.first().map_or(0, Vec::len);
+    let side = |furthest: fn(f64, f64) -> f64, start: f64| {
+        let of_node = |i: usize| {
+            let mean = shapes.iter().map(|shape| shape[i].0).sum::<f64>() / shapes.len() as f64;
+            (mean, shapes.iter().map(|shape| shape[i].1).fold(start, furthest))
+        };
+        nodes.clone().map(of_node).collect::<Vec<_>>()
+    };
+    let limits = [side(f64::max, f64::NEG_INFINITY), side(f64::min, f64::INFINITY)];
+    let stride = shapes.len().div_ceil(2 * EARLIER_SHAPES).max(1);
+    let ghosts = shapes.iter().step_by(stride).map(|shape| Series::new("", shape.clone(), Mark::Ghost));
+    let limits = limits.clone().map(|points| Series::new("", points, Mark::Line).coloured(0));
+    ghosts.chain(limits).collect()
+}
+
 /// The energy balance since the start: work that was put into the rod (J, positive), and work or energy that was dissipated or
 /// stored (negative). They add up to zero. Terms that are always zero are left out.
 pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
-    let parts = [
-        ("actuation", "actuation_work_j", 1.0),
-        ("loads", "load_work_j", 1.0),
-        ("head", "head_work_j", 1.0),
-        ("flow", "flow_work_j", 1.0),
-        ("viscosity", "viscous_work_j", -1.0),
-        ("wake", "wake_work_j", -1.0),
-        ("spray", "spray_work_j", -1.0),
-        ("bending", "bending_energy_j", -1.0),
-        ("stretching", "stretching_energy_j", -1.0),
-        ("motion", "kinetic_energy_j", -1.0),
-        ("motion of the water", "fluid_energy_j", -1.0),
-        ("numerical dissipation", "numerical_dissipation_j", -1.0),
-        ("material", "material_work_j", -1.0),
-        ("other forces", "other_work_j", 1.0),
-    ];
-    let since_start = |(label, variable, sign): (&str, &str, f64)| {
+    let since_start = |(label, variable, _, sign): BalancePart| {
         let points = record.curve("time_s", variable);
         let first = points.first().map_or(0.0, |point| point.1);
         let points = points.into_iter().map(|(t, value)| (t, sign * (value - first))).collect();
         Series::new(label, points, Mark::Line)
     };
-    let drawn = parts.map(since_start).into_iter().enumerate().map(|(k, series)| series.coloured(k));
+    let drawn = PARTS.map(since_start).into_iter().enumerate().map(|(k, series)| series.coloured(k));
     drawn.filter(|series| series.points.iter().any(|point| point.1 != 0.0)).collect()
 }
 
@@ -144,50 +224,29 @@ fn shapes(frames: &[Frame], period: Option<f64>) -> Vec<Series> {
     let mark = if last.points.len() <= 40 { Mark::Dotted } else { Mark::Line };
     series.push(Series::new("rod", points(last), mark));
     series.push(Series::new("centre of mass", vec![(last.com[0], last.com[1])], Mark::Dots));
+    let lines = interfaces(last, &series);
+    series.extend(lines);
     series
 }
 
-#[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
-    use std::path::Path;
+/// The middles of the interfaces of a layered medium, as lines past the points of `series`.
+fn interfaces(frame: &Frame, series: &[Series]) -> Vec<Series> {
+    let Some((_, layers)) = &frame.medium else { return Vec::new() };
+    let (normal, tangent) = (layers.normal, Vector2::new(layers.normal.y, -layers.normal.x));
+    let along = || series.iter().flat_map(|series| &series.points).map(|(x, y)| tangent.dot(&Vector2::new(*x, *y)));
+    let (low, high) = along().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (x.min(low), x.max(high)));
+    let line = |offset: f64| {
+        let at = |x: f64| normal * offset + tangent * x;
+        let points = [low, high, low].map(at).map(|point| (point.x, point.y));
+        Series::new("interface", points.into(), Mark::Level)
+    };
+    layers.iter().map(|layer| line(layer.offset)).collect()
+}
 
-    use super::*;
-    use crate::scene::Document;
-    use crate::stepper::Stepper;
-
-    #[test]
-    fn the_parts_of_a_drawn_energy_balance_add_up_to_zero_and_are_those_of_the_variables() {
-        for (model, least) in [("dipping-tail", 9), ("eel", 7), ("baseline", 5), ("driven-head", 5), ("glycerol", 5)] {
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("models/{model}.toml"));
-            let mut document = Document::read(&path).unwrap();
-            document.set("solver.duration_s=0.5").unwrap();
-            let scene = document.scene().unwrap();
-            let mut stepper = Stepper::of(&scene).unwrap();
-            let mut record = RunRecord::start(&scene, &stepper);
-            for _ in 0..50 {
-                stepper.do_step(0.01).unwrap();
-                record.pass(&mut stepper).unwrap();
-            }
-            let parts = energy_balance(&record);
-            assert!(parts.len() >= least, "{model}: {}", parts.len());
-            for k in 0..parts[0].points.len() {
-                let each = parts.iter().map(|part| part.points[k].1);
-                let (sum, size) = (each.clone().sum::<f64>(), each.map(f64::abs).sum::<f64>());
-                assert!(sum.abs() <= 1e-9 * size, "{model}: {sum} of {size}");
-            }
-            let found = |label: &str| {
-                parts.iter().find(|part| part.label == label).map_or(0.0, |part| part.points.last().unwrap().1)
-            };
-            for (label, variable) in [
-                ("material", "material_work_j"),
-                ("viscosity", "viscous_work_j"),
-                ("wake", "wake_work_j"),
-                ("spray", "spray_work_j"),
-            ] {
-                let taken = stepper.get_scalar(variable).unwrap_or(0.0);
-                assert!((found(label) + taken).abs() <= 1e-12 * taken.abs(), "{model}: {label}");
-            }
-        }
+/// What the lines of [`interfaces`] are, if there are any.
+fn interfaces_in_words(record: &RunRecord) -> &'static str {
+    match record.frames().last().and_then(|frame| frame.medium.as_ref()) {
+        Some(_) => " Thin lines: the middles of the interfaces between the fluids.",
+        None => "",
     }
 }

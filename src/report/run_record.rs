@@ -175,6 +175,9 @@ pub struct RunRecord {
     step: u64,
 }
 
+/// What is drawn and has no column in the tables.
+const DRAWN: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
+
 /// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
 const SAMPLES_PER_PERIOD: f64 = 24.0;
 const SAMPLES_PER_RUN: f64 = 1000.0;
@@ -198,7 +201,12 @@ impl RunRecord {
         };
         let mut record = Self {
             times,
-            columns: stepper.variables().iter().copied().filter(|variable| variable.recorded).collect(),
+            columns: stepper
+                .variables()
+                .iter()
+                .copied()
+                .filter(|variable| variable.recorded || DRAWN.contains(&variable.name))
+                .collect(),
             samples: Thinned::new(MAX_SAMPLES),
             frames: Thinned::new(MAX_FRAMES),
             step: 0,

@@ -151,6 +151,21 @@ impl Svg {
         );
     }
 
+    /// The mark of series `k`, of about this radius: a dot, a square, a diamond or a triangle.
+    pub fn mark(&mut self, k: usize, (x, y): (f64, f64), radius: f64, colour: Colour) {
+        let corners: &[(f64, f64)] = match k % 4 {
+            0 => return self.dot((x, y), radius, colour),
+            1 => &[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)],
+            2 => &[(0.0, -1.3), (1.3, 0.0), (0.0, 1.3), (-1.3, 0.0)],
+            _ => &[(0.0, -1.2), (1.2, 0.9), (-1.2, 0.9)],
+        };
+        self.0 += "<polygon points=\"";
+        for (dx, dy) in corners {
+            let _ = write!(self.0, "{},{} ", decimal(x + radius * dx), decimal(y + radius * dy));
+        }
+        let _ = writeln!(self.0, "\" class=\"f{}\" fill=\"{}\"/>", colour.0, colour.light());
+    }
+
     /// A filled rectangle.
     pub fn rectangle(&mut self, at: [f64; 2], size: [f64; 2], colour: Colour) {
         self.field(at, size, colour.light(), &format!(" class=\"f{}\"", colour.0));
@@ -302,5 +317,13 @@ mod tests {
         let looks = |range: std::ops::Range<usize>| range.map(dashes).collect::<std::collections::BTreeSet<_>>().len();
         assert_eq!(looks(0..SERIES), SERIES);
         assert!((0..SERIES).all(|k| dashes(k) != dashes(k + SERIES)));
+        // Four marks in turn, whatever their colour.
+        let mark = |k: usize| {
+            let mut svg = Svg(String::new());
+            svg.mark(k, (0.0, 0.0), 3.0, Colour::INK);
+            svg.0
+        };
+        assert_eq!((0..SERIES).map(mark).collect::<std::collections::BTreeSet<_>>().len(), 4);
+        assert!((0..SERIES).all(|k| mark(k) != mark(k + 1)));
     }
 }

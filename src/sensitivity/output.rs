@@ -167,8 +167,8 @@ fn names() -> impl Iterator<Item = &'static str> {
     recorded.map(|variable| variable.name).chain(["tip_x_m", "tip_y_m"])
 }
 
-/// The tendon, from 0, and the quantity that `name` reads of it.
-fn tendon_reading(name: &str) -> Option<(usize, fn(usize) -> Quantity)> {
+/// The quantity that `name` reads of one of so many tendons.
+fn tendon_reading(name: &str, tendons: usize) -> Option<Quantity> {
     let (number, what) = name.strip_prefix("tendon_")?.split_once('_')?;
     let reading: fn(usize) -> Quantity = match what {
         "tension_n" => Quantity::TendonTension,
@@ -176,7 +176,8 @@ fn tendon_reading(name: &str) -> Option<(usize, fn(usize) -> Quantity)> {
         "power_w" => Quantity::TendonPower,
         _ => return None,
     };
-    Some((number.parse::<usize>().ok()?.checked_sub(1)?, reading))
+    let tendon = number.parse::<usize>().ok()?.checked_sub(1)?;
+    (tendon < tendons).then(|| reading(tendon))
 }
 
 impl Output {
@@ -266,8 +267,8 @@ impl Output {
                 work.extend(model.head.is_some().then_some((1.0, WorkKind::Head)));
                 Self { now, since_start: true, work }
             }
-            _ => match tendon_reading(name).filter(|(i, _)| *i < model.tendons.len()) {
-                Some((i, reading)) => reading(i).into(),
+            _ => match tendon_reading(name, model.tendons.len()) {
+                Some(quantity) => quantity.into(),
                 None => return Err(variable::unknown(name, names())),
             },
         })

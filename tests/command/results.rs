@@ -104,7 +104,7 @@ fn what_is_recorded_does_not_thin_the_figures() {
     done(folder.path(), &["run", "scene.toml", "--out", "every", "--set", "record.every=1000"]);
     done(folder.path(), &["run", "scene.toml", "--out", "interval", "--set", "record.interval_s=1.9"]);
     assert!(times(&folder.path().join("interval")).len() < 5);
-    for figure in ["tip_y.svg", "com_x.svg", "energy.svg"] {
+    for figure in ["tip_y.svg", "speed.svg", "energy.svg"] {
         assert!(read("all", figure) == read("every", figure), "{figure}");
         assert!(read("all", figure) == read("interval", figure), "{figure}");
     }

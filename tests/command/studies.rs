@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::report::Findings;
 use caudal::scene::Scene;
-use caudal::study::{ScalingOptions, StabilityOptions, Study, StudyOutcome, StudyRunner, Vary};
+use caudal::study::{AccuracyOptions, ScalingOptions, StabilityOptions, Study, StudyOutcome, StudyRunner, Vary};
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, claimed, scene, scene_of};
 
 const SMALL: StabilityOptions = StabilityOptions {
@@ -58,6 +58,41 @@ fn an_interrupted_study_goes_on_to_the_same_end() {
     let found = complete(small(parts.path(), usize::MAX));
     assert_eq!((&found.answers, &found.figures), (&wanted.answers, &wanted.figures));
     assert_eq!(found.tables[0].rows, wanted.tables[0].rows);
+}
+
+#[test]
+fn errors_that_a_reference_cannot_measure_are_hollow_and_nothing_is_said_of_them() {
+    let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.5", "rod.nodes=5"]);
+    let without = ["shape", "overdamped", "symplectic-euler", "newmark"].map(str::to_string).to_vec();
+    let asked = AccuracyOptions { nodes: vec![5], steps: vec![2e-2, 1e-2], tolerances: vec![1e-3, 1e-7], without };
+    let findings = complete(made(&Study::Accuracy(asked), &scene));
+    // The reference takes half of the finest step, so that the smallest tolerance is far better.
+    let floor = 2.0 * findings.numbers["reference_5_nodes"]["tip_error"].as_f64().unwrap();
+    assert!(floor > 1e-4, "{floor:e}");
+    let unknown = findings.answers.iter().filter(|answer| answer.starts_with("For 0.01 %"));
+    assert!(
+        unknown.clone().count() == 2 && unknown.clone().all(|answer| answer.contains("unknown")),
+        "{:?}",
+        findings.answers
+    );
+    let runs = findings.tables.iter().find(|table| table.file == "accuracy.csv").unwrap();
+    let column = |name: &str| runs.columns.iter().position(|column| column == name).unwrap();
+    let (error, own) = (column("time_error_tip"), column("reference_error_tip"));
+    let below = runs.rows.iter().filter(|row| row[error].as_f64() <= row[own].as_f64().map(|own| 2.0 * own)).count();
+    assert!(below > 0 && below < runs.rows.len(), "{below}");
+    // Each is a mark of the paper's colour within another, before which is the chart's own field; and one method has one colour and dash in all figures.
+    let figures = || findings.figures.iter().filter(|figure| figure.svg.contains(">esdirk3</text>"));
+    let tip = findings.figures.iter().find(|figure| figure.file == "tip-work.svg").unwrap();
+    assert_eq!(tip.svg.matches("class=\"f12\"").count() - 1, below);
+    assert!(tip.svg.contains("twice the reference") && tip.caption.contains("Hollow"), "{}", tip.caption);
+    let looks = figures().map(|figure| {
+        let before = figure.svg.split(">esdirk3</text>").next().unwrap();
+        let line = before.rsplit("<polyline").next().unwrap();
+        let of =
+            |name: &str| line.split(&format!("{name}=\"")).nth(1).unwrap_or("").split('"').next().unwrap().to_string();
+        (of("stroke"), of("stroke-dasharray"))
+    });
+    assert_eq!((looks.collect::<std::collections::BTreeSet<_>>().len(), figures().count()), (1, 6));
 }
 
 #[test]

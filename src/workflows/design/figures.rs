@@ -8,7 +8,7 @@ use super::identify::Identifiability;
 use super::markers::distances;
 use super::scenarios::ScenarioResult;
 use super::search::EstimatedNumber;
-use super::solve::{Answer, ComparedProfile, Design};
+use super::solve::{ALONE, Answer, ComparedProfile, Design};
 use super::stl;
 use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
@@ -63,7 +63,10 @@ impl Design {
 
     /// The answers at the top of the page.
     fn answers(&self) -> Vec<String> {
+        // What puts the answer in question comes before it.
         let mut answers = vec![format!("Status: {}.", self.status())];
+        let warnings = self.evidence.numbers.get("warnings").and_then(Value::as_array);
+        answers.extend(warnings.into_iter().flatten().filter_map(Value::as_str).map(|text| format!("Note: {text}")));
         answers.extend(self.lines.iter().cloned());
         let number = |key: &str| self.evidence.numbers.get(key).and_then(Value::as_f64);
         if let (Some(sperm), Some(inertia)) = (number("sperm_number"), number("inertia_ratio")) {
@@ -73,13 +76,26 @@ impl Design {
             }
             answers.push(text + ": scenes of the same form and with the same of these have the same answer.");
         }
-        let warnings = self.evidence.numbers.get("warnings").and_then(Value::as_array);
-        answers.extend(warnings.into_iter().flatten().filter_map(Value::as_str).map(|text| format!("Note: {text}")));
         answers
     }
 
     fn chart(&self, title: &str, x: &str, y: &str, scale: Scale, series: Vec<Series>) -> Chart {
         Chart::new(format!("{}: {title}", self.scene.name), x, y, scale, series)
+    }
+
+    /// Lines of the design are the first in colour and dashes in all figures, those of the scene's own the second.
+    fn designed(&self, points: Vec<(f64, f64)>, mark: Mark) -> Series {
+        Series::new(self.after(), points, mark).coloured(0)
+    }
+
+    fn own(points: Vec<(f64, f64)>, mark: Mark) -> Series {
+        Series::new(BASELINE, points, mark).coloured(1)
+    }
+
+    /// The same of what is given for both, in this order.
+    fn own_and_designed<T>(&self, of: [T; 2], points: impl Fn(T) -> Vec<(f64, f64)>) -> Vec<Series> {
+        let [own, designed] = of.map(points);
+        vec![Self::own(own, Mark::Line), self.designed(designed, Mark::Line)]
     }
 
     fn after(&self) -> &'static str {
@@ -103,18 +119,26 @@ impl Design {
             let (low, high) = ((ei - by).max(0.0), (ei + by).min(2.0 * highest));
             series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
         }
-        series.push(Series::new(self.after(), line(&self.stiffness), Mark::Dotted));
-        let others = self.evidence.profiles.iter().filter(|other| other.name != "design");
+        series.push(self.designed(line(&self.stiffness), Mark::Dotted));
+        // Those of one part of the design have a stiffness that is there already.
+        let is_drawn = |other: &&ComparedProfile| other.name != "design" && !other.name.starts_with(ALONE);
+        let others = self.evidence.profiles.iter().filter(is_drawn);
         let others: Vec<&ComparedProfile> = others.collect();
-        series.extend(
-            others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
-        );
         if others.is_empty() {
-            series.push(Series::new(BASELINE, line(&own), Mark::Line));
+            series.push(Self::own(line(&own), Mark::Line));
+        }
+        let mut next = 2..;
+        for other in others {
+            let points = line(&other.profile.stiffness_n_m2);
+            series.push(match other.name == BASELINE {
+                true => Self::own(points, Mark::Line),
+                false => Series::new(&other.name, points, Mark::Line).coloured(next.next().unwrap_or(2)),
+            });
         }
         for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
             if bound <= 3.0 * highest {
-                series.push(Series::new(label, vec![(xi[0], bound), (xi[xi.len() - 1], bound)], Mark::Line));
+                let points = vec![(xi[0], bound), (xi[xi.len() - 1], bound)];
+                series.push(Series::new(label, points, Mark::Line).coloured(next.next().unwrap_or(2)));
             }
         }
         // Longer titles are cut.
@@ -122,7 +146,7 @@ impl Design {
         ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
-    /// Side view of the straight rod before and after, to scale, with a stroke at each joint in proportion to its stiffness.
+    /// Side view of the straight rod before and after, with a stroke at each joint in proportion to its stiffness.
     fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
         if !matches!(self.answer, Answer::Search(_)) || self.table.fits_positions() {
             return Ok(None);
@@ -135,8 +159,7 @@ impl Design {
         let deepest = [rod, &after].into_iter().flat_map(|rod| places.iter().map(|xi| depth(rod, *xi)));
         let apart = 1.5 * deepest.fold(0.0, f64::max);
         let mut series = Vec::new();
-        for (name, rod, stiffness, y) in [(BASELINE, rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)]
-        {
+        for (designed, rod, stiffness, y) in [(false, rod, &own, apart), (true, &after, &self.stiffness, -apart)] {
             for (k, ei) in rod.joints().zip(stiffness) {
                 let (x, size) = (rod.xi(k) * rod.length, depth(rod, rod.xi(k)) * ei / stiffest);
                 series.push(Series::new("", vec![(x, y - size), (x, y + size)], Mark::Ghost));
@@ -144,11 +167,11 @@ impl Design {
             let side = |sign: f64| places.iter().map(move |xi| (xi * rod.length, y + sign * depth(rod, *xi)));
             let mut outline: Vec<(f64, f64)> = side(1.0).chain(side(-1.0).rev()).collect();
             outline.extend(outline.first().copied());
-            series.push(Series::new(name, outline, Mark::Line));
+            series.push(if designed { self.designed(outline, Mark::Line) } else { Self::own(outline, Mark::Line) });
         }
         Ok(Some((
             "body.svg",
-            self.chart("the body from its side", "s (m)", "across the plane (m)", Scale::Equal, series),
+            self.chart("the body from its side", "s (m)", "across the plane (m)", Scale::Linear, series),
         )))
     }
 
@@ -178,8 +201,8 @@ impl Design {
             if self.table.variables.contains(&variable) {
                 let own = if variable == DesignVariable::Amplitude { 1.0 } else { 0.0 };
                 let series = vec![
-                    Series::new(self.after(), line(values), Mark::Dotted),
-                    Series::new(BASELINE, line(&vec![own; values.len()]), Mark::Line),
+                    self.designed(line(values), Mark::Dotted),
+                    Self::own(line(&vec![own; values.len()]), Mark::Line),
                 ];
                 figures.push((file, self.chart(title, "s/L", y, Scale::Linear, series)));
             }
@@ -203,10 +226,11 @@ impl Design {
                     ((value(number) - deviation).max(0.0), (value(number) + deviation).min(2.0 * largest));
                 series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
             }
-            series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots));
+            let role = if i == 0 { 0 } else { i + 1 }; // the second is the scene's own
+            series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots).coloured(role));
         }
         let ends = [0.5, 0.5 + found.numbers.len() as f64];
-        series.push(Series::new(BASELINE, ends.map(|x| (x, 1.0)).into(), Mark::Line));
+        series.push(Self::own(ends.map(|x| (x, 1.0)).into(), Mark::Line));
         series.push(Series::new("", vec![(ends[0], 0.0)], Mark::Unseen));
         Some((
             "numbers.svg",
@@ -239,8 +263,8 @@ impl Design {
             values.collect::<Vec<_>>()
         };
         let series = vec![
-            Series::new(BASELINE, bars(|case| case.before), Mark::Line),
-            Series::new(self.after(), bars(|case| case.designed), Mark::Line),
+            Self::own(bars(|case| case.before), Mark::Line),
+            self.designed(bars(|case| case.designed), Mark::Line),
         ];
         let numbers = (1..=cases.len()).map(|number| number.to_string()).collect();
         let y = axis_label(self.table.goal);
@@ -257,7 +281,7 @@ impl Design {
             figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
-        let named = [(BASELINE, before), (self.after(), after)];
+        let both = [before, after];
         if let (Goal::TrackTip | Goal::Identify, Some(target)) = (self.table.goal, target) {
             for (axis, file, title, y) in
                 [(0, "tip_x.svg", "the tip, x", "x of the tip (m)"), (1, "tip_y.svg", "the tip, y", "y of the tip (m)")]
@@ -266,8 +290,8 @@ impl Design {
                 let points: Vec<(f64, f64)> =
                     target.times.iter().zip(&target.positions).map(|(t, q)| (*t, own(q))).collect();
                 let label = if self.table.goal == Goal::Identify { "markers" } else { "target" };
-                let mut series = vec![Series::new(label, thinned(points, 120), Mark::Dots)];
-                series.extend(named.map(|(label, motion)| Series::new(label, curve(motion, own), Mark::Line)));
+                let mut series = vec![Series::new(label, thinned(points, 120), Mark::Dots).coloured(2)];
+                series.extend(self.own_and_designed(both, |motion| curve(motion, own)));
                 figures.push((file, self.chart(title, "time (s)", y, Scale::Linear, series)));
             }
             let error = |motion: &Trajectory| -> Vec<(f64, f64)> {
@@ -291,8 +315,7 @@ impl Design {
             } else {
                 ("distance of the tip from its target", "distance (m)")
             };
-            let series =
-                named.map(|(label, motion)| Series::new(label, thinned(error(motion), POINTS), Mark::Line)).into();
+            let series = self.own_and_designed(both, |motion| thinned(error(motion), POINTS));
             figures.push((
                 "error.svg",
                 self.chart(
@@ -304,17 +327,12 @@ impl Design {
                 ),
             ));
         } else {
-            let series = named.map(|(label, motion)| {
+            let series = self.own_and_designed(both, |motion| {
                 let start = rod.mean(motion.positions(0)).x;
-                Series::new(label, curve(motion, |q| rod.mean(q).x - start), Mark::Line)
+                curve(motion, |q| rod.mean(q).x - start)
             });
-            let chart = self.chart(
-                "way of the centre of mass",
-                "time (s)",
-                "x − x at the start (m)",
-                Scale::Linear,
-                series.into(),
-            );
+            let y = "x − x at the start (m)";
+            let chart = self.chart("way of the centre of mass", "time (s)", y, Scale::Linear, series);
             figures.push(("way.svg", chart));
         }
         figures
@@ -323,7 +341,7 @@ impl Design {
     /// The shapes of the last cycle before and after, with equal axes.
     fn cycle_figures(&self) -> Vec<Drawn> {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
-        let all = [self.shapes(before), self.shapes(after)];
+        let all = [self.shapes(before, 1), self.shapes(after, 0)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
         let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
         let files = [("before.svg", format!("{what}, {BASELINE}")), ("after.svg", format!("{what}, {}", self.after()))];
@@ -334,7 +352,7 @@ impl Design {
         files.into_iter().zip(all).map(figure).collect()
     }
 
-    fn shapes(&self, trajectory: &Trajectory) -> Vec<Series> {
+    fn shapes(&self, trajectory: &Trajectory, colour: usize) -> Vec<Series> {
         let last = trajectory.times.len() - 1;
         let period = self.scene.actuation.as_ref().map(|a| 1.0 / a.frequency_hz.get()).filter(|p| p.is_finite());
         let start = period.map_or(0.0, |period| trajectory.times[last] - period);
@@ -343,7 +361,7 @@ impl Design {
             |n: usize| trajectory.positions(n).as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>();
         let mut series: Vec<Series> =
             (0..SHAPES).map(|i| Series::new("", points(first + (last - first) * i / SHAPES), Mark::Ghost)).collect();
-        series.push(Series::new("rod", points(last), Mark::Dotted));
+        series.push(Series::new("rod", points(last), Mark::Dotted).coloured(colour));
         series
     }
 
@@ -628,7 +646,7 @@ fn caption(file: &str) -> &'static str {
             "The bending stiffness along the rod, over that of the scene, beside what it is compared with."
         }
         "body.svg" => {
-            "The straight rod from its side, before above and after below; a stroke is as high, over the depth there, as the joint is stiff, over the stiffest."
+            "The straight rod from its side, before above and after below; the two axes have scales of their own. A stroke is as high, over the depth there, as the joint is stiff, over the stiffest."
         }
         "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",

@@ -456,8 +456,11 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
     numbers
 }
 
-/// The baseline, a uniform profile, the source study's gradient and the best linear one of the same mean, and the design, with
-/// their objectives.
+/// How the names of profiles begin that have only one part of the design.
+pub(super) const ALONE: &str = "the scene's own with only the design's ";
+
+/// The baseline, a uniform profile, the source study's gradient and the best linear one of the same mean, each part of the design alone,
+/// and the design, with their objectives.
 fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -> Vec<ComparedProfile> {
     let before = DesignVector::before(table, &search.own_stiffness);
     let rod = &search.problem.model().rod;
@@ -470,6 +473,11 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
         ..DesignVector::of(factors.iter().map(|factor| factor * reference).collect())
     };
     let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
+    // What stiffness, amplitude and phase do alone, where several are designed.
+    let parts = [DesignVariable::Stiffness, DesignVariable::Amplitude, DesignVariable::Phase];
+    let parts: Vec<_> = parts.into_iter().filter(|part| table.variables.contains(part)).collect();
+    let acts = parts.iter().any(|part| *part != DesignVariable::Stiffness);
+    let with_own_actuation = if acts { ", the scene's actuation" } else { "" };
     let mut profiles = Vec::new();
     let mut add = |name: &str, profile: DesignVector, search: &mut Search<'_>| {
         let objective = search.value(&profile);
@@ -477,17 +485,36 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
         profiles.push(ComparedProfile { name: name.to_string(), profile, objective, breaks });
     };
     let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < SAME_STIFFNESS);
-    add(BASELINE, before, search);
+    add(BASELINE, before.clone(), search);
     if table.variables.contains(&DesignVariable::Stiffness) {
         if !alike {
-            add("even stiffness", of(vec![even; xi.len()]), search);
+            add(&format!("even stiffness{with_own_actuation}"), of(vec![even; xi.len()]), search);
         }
         if table.goal != Goal::TrackTip && !found.interrupted {
-            add("the study's gradient", of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect()), search);
+            let gradient = of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect());
+            add(&format!("the study's gradient{with_own_actuation}"), gradient, search);
             if let Some((slope, _)) = search.best_linear() {
-                add(&format!("best linear profile (slope {slope:.3})"), linear(slope), search);
+                add(&format!("best linear profile (slope {slope:.3}){with_own_actuation}"), linear(slope), search);
             }
         }
+    }
+    for part in parts.iter().filter(|_| parts.len() > 1) {
+        let (mut alone, design) = (before.clone(), &found.profile);
+        let what = match part {
+            DesignVariable::Stiffness => {
+                alone.stiffness_n_m2.clone_from(&design.stiffness_n_m2);
+                "stiffness"
+            }
+            DesignVariable::Amplitude => {
+                alone.amplitude.clone_from(&design.amplitude);
+                "amplitude"
+            }
+            _ => {
+                alone.phase_rad.clone_from(&design.phase_rad);
+                "phase"
+            }
+        };
+        add(&format!("{ALONE}{what}"), alone, search);
     }
     let designed = ComparedProfile {
         name: "design".into(),

@@ -142,3 +142,65 @@ impl Summary {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use std::path::Path;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::report::{RunRecord, energy_balance};
+    use crate::scene::Document;
+
+    #[test]
+    fn the_parts_of_a_drawn_energy_balance_add_up_to_zero_and_are_those_of_the_summary() {
+        for (model, least) in [
+            ("dipping-tail", 9),
+            ("eel", 7),
+            ("baseline", 5),
+            ("driven-head", 5),
+            ("glycerol", 5),
+            ("flag", 6),
+            ("snake", 4),
+        ] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("models/{model}.toml"));
+            let mut document = Document::read(&path).unwrap();
+            document.set("solver.duration_s=0.5").unwrap();
+            let scene = document.scene().unwrap();
+            let mut stepper = Stepper::of(&scene).unwrap();
+            let mut record = RunRecord::start(&scene, &stepper);
+            for _ in 0..50 {
+                stepper.do_step(0.01).unwrap();
+                record.pass(&mut stepper).unwrap();
+            }
+            record.finish(&stepper.view());
+            let parts = energy_balance(&record);
+            assert!(parts.len() >= least, "{model}: {}", parts.len());
+            for k in 0..parts[0].points.len() {
+                let each = parts.iter().map(|part| part.points[k].1);
+                let (sum, size) = (each.clone().sum::<f64>(), each.map(f64::abs).sum::<f64>());
+                assert!(sum.abs() <= 1e-9 * size, "{model}: {sum} of {size}");
+            }
+            let outcome = Outcome { ending: Ending::Complete, wall: Duration::ZERO };
+            let s = Summary::of(&scene, &stepper, &outcome, &[]);
+            let put_in = s.actuation_work_j + s.load_work_j + s.head_work_j + s.flow_work_j + s.other_work_j;
+            let stored = s.stretching_energy_j + s.bending_energy_j + s.kinetic_energy_j + s.fluid_energy_j;
+            let taken =
+                s.viscous_work_j + s.wake_work_j + s.spray_work_j + s.material_work_j + s.numerical_dissipation_j;
+            let sources = ["actuation", "loads", "head", "flow", "other forces"];
+            let sum = |of_sources: bool| -> f64 {
+                let of = parts.iter().filter(|part| sources.contains(&part.label.as_str()) == of_sources);
+                of.map(|part| part.points.last().unwrap().1).sum()
+            };
+            let size: f64 = parts.iter().map(|part| part.points.last().unwrap().1.abs()).sum();
+            let initial = s.initial_energy_j;
+            assert!((sum(true) - put_in).abs() <= 1e-9 * size, "{model}: {} for {put_in}", sum(true));
+            assert!(
+                (sum(false) + taken + stored - initial).abs() <= 1e-9 * size,
+                "{model}: {} for {taken}",
+                sum(false)
+            );
+        }
+    }
+}

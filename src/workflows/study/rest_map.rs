@@ -37,11 +37,12 @@ impl RestStability {
     const ALL: [Self; 4] = [Self::Stable, Self::Flutter, Self::Divergence, Self::NoRest];
 
     pub fn category(self) -> Category {
+        // Of different lightness, so that they differ in grey print too.
         let (label, colour) = match self {
-            Self::Stable => ("stays at rest", [0, 158, 115]),
+            Self::Stable => ("stays at rest", [158, 218, 190]),
             Self::Flutter => ("flutter", [213, 94, 0]),
-            Self::Divergence => ("divergence", [204, 121, 167]),
-            Self::NoRest => ("no rest found", [200, 200, 200]),
+            Self::Divergence => ("divergence", [86, 30, 110]),
+            Self::NoRest => ("no rest found", [245, 245, 245]),
         };
         Category { label, colour }
     }
@@ -300,7 +301,7 @@ impl RestMap<'_> {
             let mut series = vec![Series::new("slowest motions", dots.collect(), Mark::Dots)];
             if growth {
                 let fastest = points.map(|(x, point)| (*x, point.leading[0])).collect();
-                series.push(Series::new("fastest growing", fastest, Mark::Line));
+                series.push(Series::new("largest growth rate", fastest, Mark::Line));
             }
             let title = format!("{}: {what} of small motions", self.name);
             let chart = Chart { title, x: self.value.0.into(), y: label.into(), scale: Scale::Linear, series };

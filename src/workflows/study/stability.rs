@@ -166,13 +166,14 @@ impl StabilityOutcome {
     const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
+        // Of different lightness, so that they differ in grey print too.
         let (label, colour) = match self {
             Self::Accurate => ("accurate", [0, 158, 115]),
             Self::Wrong => ("stable but wrong", [240, 228, 66]),
             Self::Unjudged => ("stable, no reference", [200, 200, 200]),
-            Self::Growing => ("growing energy", [213, 94, 0]),
-            Self::Newton => ("Newton failed", [60, 60, 60]),
-            Self::Fold => ("fold-over", [204, 121, 167]),
+            Self::Growing => ("growing energy", [150, 40, 0]),
+            Self::Newton => ("Newton failed", [30, 30, 30]),
+            Self::Fold => ("fold-over", [225, 170, 205]),
         };
         Category { label, colour }
     }

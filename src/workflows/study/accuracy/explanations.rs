@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::plan::PlannedRun;
 use super::quantities::{ComparedQuantity, describe_errors, quantities};
-use super::reference::{RUN_OPTIONS, Reference, RunResults};
+use super::reference::{MIN_ERROR_OVER_REFERENCE, RUN_OPTIONS, Reference, RunResults};
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::number_format::{percent, significant, two_digits};
@@ -92,6 +92,20 @@ impl AccuracyReport<'_> {
         self.meshes.first().copied().unwrap_or_default()
     }
 
+    /// The smallest errors that the first mesh's reference can measure.
+    pub fn floors(&self) -> [f64; 3] {
+        self.references.first().map_or([0.0; 3], Reference::floors)
+    }
+
+    /// Errors on the first mesh as text; of those that its reference cannot measure, what they are less than.
+    fn measured(&self, errors: [f64; 3]) -> [String; 3] {
+        let floors = self.floors();
+        std::array::from_fn(|i| match errors[i] < floors[i] {
+            true => format!("less than {}", percent(floors[i])),
+            false => percent(errors[i]),
+        })
+    }
+
     pub fn findings(&self) -> Result<Findings> {
         let limit = self.mesh_limit();
         let rows: Vec<AccuracyRow<'_>> =
@@ -101,7 +115,7 @@ impl AccuracyReport<'_> {
         self.own_setting(&rows, &mut findings);
         self.law_in_words(&rows, &mut findings);
         self.cheaper_models(&rows, &mut findings);
-        self.recommend(&rows, &mut findings);
+        self.recommend(&rows, limit.as_ref(), &mut findings);
         self.meshes_in_words(limit.as_ref(), &mut findings);
         findings.answers.extend(self.left_out.iter().map(|what| format!("Left out: {what}.")));
         findings.tables.push(self.recommended(&rows));
@@ -176,7 +190,7 @@ impl AccuracyReport<'_> {
             findings.answers.push(format!(
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
                 row.setting(),
-                describe_errors(self.quantities(), errors.map(|e| format!("{:.2} %", 100.0 * e))),
+                describe_errors(self.quantities(), self.measured(errors)),
                 milliseconds(row.run.processor_s)
             ));
         }
@@ -207,15 +221,15 @@ impl AccuracyReport<'_> {
             let (step_control, nodes) = (self.scene.step_control(), self.nodes());
             self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.step_control == step_control)?.time
         });
-        findings.answers.push(match own {
-            Some([step, ..]) if step < law => {
-                format!(
-                    "A smaller step is worth nothing here: {good}, and the scene's own steps err by {}.",
-                    percent(step)
-                )
+        // An error that the reference cannot measure says nothing of a better law.
+        let [floor, ..] = self.floors();
+        let own = own.filter(|[step, ..]| step.max(floor) < law || *step >= floor);
+        findings.answers.push(match own.map(|errors| (errors[0], self.measured(errors))) {
+            Some((step, [words, ..])) if step < law => {
+                format!("A smaller step is worth nothing here: {good}, and the scene's own steps err by {words}.")
             }
-            Some([step, ..]) => {
-                format!("A smaller step is worth its time: the scene's own steps err by {}; {good}.", percent(step))
+            Some((_, [words, ..])) => {
+                format!("A smaller step is worth its time: the scene's own steps err by {words}; {good}.")
             }
             None => format!("No step is worth more than this: {good}."),
         });
@@ -258,7 +272,7 @@ impl AccuracyReport<'_> {
             }
             text += &format!(
                 " errs by {}, which no step removes, and takes {}.",
-                describe_errors(self.quantities(), errors.map(percent)),
+                describe_errors(self.quantities(), self.measured(errors)),
                 milliseconds(seconds)
             );
             // The scene's own method with steps that still err more, so that it is not made dearer than it is.
@@ -312,20 +326,33 @@ impl AccuracyReport<'_> {
         rows.iter().filter(holds).min_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s)).copied()
     }
 
-    fn recommend(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
-        let nodes = self.nodes();
+    /// The cheapest settings for each target error, where the references can tell that it is reached.
+    fn recommend(
+        &self,
+        rows: &[AccuracyRow<'_>],
+        limit: Option<&(RunResults, [f64; 3], f64)>,
+        findings: &mut Findings,
+    ) {
+        let (nodes, floors) = (self.nodes(), self.floors());
         for (i, quantity) in self.quantities().iter().map(|quantity| quantity.name).enumerate().take(2) {
             for target in TARGETS {
                 let percent = 100.0 * target;
                 let time = self.cheapest(self.on(rows, nodes), |row| row.time.map(|e| e[i]), target);
+                let time = time.filter(|_| target >= floors[i]);
                 findings.answers.push(match time {
+                    _ if target < floors[i] => format!(
+                        "For {percent} % on the {quantity} of this rod of {nodes} nodes: unknown, since the references tell no errors below \
+                         {}; finer --steps make them better.",
+                        self::percent(floors[i])
+                    ),
                     Some(row) => format!(
                         "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
                         row.setting(), milliseconds(row.run.processor_s), row.run.factorisations
                     ),
                     None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer --steps may."),
                 });
-                let total = self.cheapest(rows.iter(), |row| row.total.map(|e| e[i]), target);
+                let known = limit.is_some_and(|(_, uncertain, _)| target >= MIN_ERROR_OVER_REFERENCE * uncertain[i]);
+                let total = self.cheapest(rows.iter(), |row| row.total.map(|e| e[i]), target).filter(|_| known);
                 if let Some(row) = total {
                     findings.answers.push(format!(
                         "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",

@@ -10,8 +10,8 @@ use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::study::study_run::{StudyRun, TABLE_MEASURES};
 
-/// Errors are shown down to this multiple of the reference's own error.
-const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
+/// Runs with larger errors compute another motion, and are not shown.
+const MAX_ERROR: f64 = 10.0;
 
 impl AccuracyReport<'_> {
     pub(super) fn charts(
@@ -21,30 +21,25 @@ impl AccuracyReport<'_> {
         findings: &mut Findings,
     ) -> Result<()> {
         let nodes = self.nodes();
-        let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
         type Cost = fn(&StudyRun) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
             ("time", "processor time (s)", |run| run.processor_s),
             ("work", "linear solves", |run| run.factorisations as f64),
         ];
         for (i, (quantity, key)) in self.quantities().iter().map(|quantity| (quantity.name, quantity.key)).enumerate() {
-            let floor = reference.map_or(0.0, |reference| MIN_ERROR_OVER_REFERENCE * reference.errors[i]);
+            let floor = self.floors()[i];
             for (file, label, cost) in &costs {
-                let mut series: Vec<Series> = Vec::new();
-                for row in self.on(rows, nodes) {
-                    let Some(error) = row.time.map(|e| e[i]).filter(|e| *e > floor && *e < 10.0) else { continue };
-                    let point = (cost(row.run), error);
-                    if point.0 <= 0.0 {
-                        continue; // a model that solves no equations
-                    }
-                    match series.iter_mut().find(|series| series.label == row.curve()) {
-                        Some(series) => series.points.push(point),
-                        None => series.push(Series::new(row.curve(), vec![point], Mark::Dotted)),
-                    }
-                }
-                let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < 10.0);
+                // A model that solves no equations has no cost in them.
+                let point = |row: &AccuracyRow<'_>| Some((cost(row.run), row.time?[i])).filter(|point| point.0 > 0.0);
+                let mut series = self.curves(rows, floor, point);
+                let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < MAX_ERROR);
                 let lines = lines.map(|(row, e)| (format!("model error of {}", row.case.simulation), e[i]));
-                let lines = level_lines(lines.chain(self.law_level(i)), &series);
+                let lines = lines.chain(self.law_level(i)).chain(self.floor_level(i));
+                let lines = level_lines(lines, &series);
+                let hollow = self.hollow_in_words(&series, floor);
+                let caption = format!(
+                    "Error of the {quantity} against {label}, one line per method; the triangles show the slopes of whole orders.{hollow}"
+                );
                 series.extend(order_lines(&series));
                 series.extend(lines);
                 let chart = Chart {
@@ -54,9 +49,6 @@ impl AccuracyReport<'_> {
                     scale: Scale::LogLog,
                     series,
                 };
-                let caption = format!(
-                    "Error of the {quantity} against {label}, one line per method; the triangles show the slopes of whole orders."
-                );
                 findings.figures.push(Figure::new(format!("{key}-{file}.svg"), caption, chart.svg()));
             }
         }
@@ -77,23 +69,61 @@ impl AccuracyReport<'_> {
         Some((format!("law of the fluid, {name}"), errors[i]?))
     }
 
-    /// Error of the first quantity due to the steps, one line per method, and due to each mesh, as level lines.
-    fn decomposition(&self, rows: &[AccuracyRow<'_>], limit: &RunResults) -> Chart {
-        let nodes = self.nodes();
-        let mut series: Vec<Series> = Vec::new();
-        for row in self.on(rows, nodes) {
-            let (StepControl::Fixed(step), Some(errors)) = (row.case.step_control, row.time) else { continue };
-            if !row.case.simulation.method.implicit || errors[0] > 10.0 {
-                continue;
-            }
-            match series.iter_mut().find(|series| series.label == row.curve()) {
-                Some(series) => series.points.push((step, errors[0])),
-                None => series.push(Series::new(row.curve(), vec![(step, errors[0])], Mark::Dotted)),
+    /// The smallest error in quantity `i` that the reference can measure, as a level line.
+    fn floor_level(&self, i: usize) -> Option<(String, f64)> {
+        Some(("twice the reference's own error".to_string(), self.floors()[i])).filter(|(_, floor)| *floor > 0.0)
+    }
+
+    /// One line per method through `point`s of cost or step and error on the first mesh, with a colour of its own in all figures.
+    /// Errors that the reference cannot measure are hollow dots at the `floor`, which they do not exceed.
+    fn curves(
+        &self,
+        rows: &[AccuracyRow<'_>],
+        floor: f64,
+        point: impl Fn(&AccuracyRow<'_>) -> Option<(f64, f64)>,
+    ) -> Vec<Series> {
+        let points = |method: &String| {
+            let of = self.on(rows, self.nodes()).filter(|row| row.curve() == *method).filter_map(&point);
+            of.filter(|(_, error)| *error < MAX_ERROR).map(|(x, error)| (x, error.max(floor))).collect::<Vec<_>>()
+        };
+        let methods = self.methods(rows).into_iter().enumerate();
+        let curves = methods.map(|(k, method)| {
+            let points = points(&method);
+            Series::new(method, points, Mark::Dotted).coloured(k).hollow_to(floor)
+        });
+        curves.filter(|curve| !curve.points.is_empty()).collect()
+    }
+
+    /// The names of the curves on the first mesh, in order.
+    fn methods(&self, rows: &[AccuracyRow<'_>]) -> Vec<String> {
+        let mut methods: Vec<String> = Vec::new();
+        for row in self.on(rows, self.nodes()) {
+            if !methods.contains(&row.curve()) {
+                methods.push(row.curve());
             }
         }
+        methods
+    }
+
+    /// What hollow dots mean, if there are any.
+    fn hollow_in_words(&self, series: &[Series], floor: f64) -> &'static str {
+        match series.iter().flat_map(|series| &series.points).any(|(_, error)| *error <= floor) {
+            true => " Hollow dots: smaller than twice the reference's own error, so not known any better.",
+            false => "",
+        }
+    }
+
+    /// Error of the first quantity due to the steps, one line per method, and due to each mesh, as level lines.
+    fn decomposition(&self, rows: &[AccuracyRow<'_>], limit: &RunResults) -> Chart {
+        let floor = self.floors()[0];
+        let point = |row: &AccuracyRow<'_>| match row.case.step_control {
+            StepControl::Fixed(step) if row.case.simulation.method.implicit => Some((step, row.time?[0])),
+            _ => None,
+        };
+        let mut series = self.curves(rows, floor, point);
         let meshes = self.meshes.iter().zip(self.references);
         let levels = meshes.map(|(nodes, reference)| (format!("mesh, {nodes}"), reference.result.errors(limit)[0]));
-        let levels = level_lines(levels.chain(self.law_level(0)), &series);
+        let levels = level_lines(levels.chain(self.law_level(0)).chain(self.floor_level(0)), &series);
         series.extend(levels);
         Chart {
             title: format!("{}: error of the steps against error of the mesh", self.scene.name),
@@ -107,21 +137,16 @@ impl AccuracyReport<'_> {
     /// For each method the cheapest step for each target error, on the scene's own mesh.
     pub(super) fn recommended(&self, rows: &[AccuracyRow<'_>]) -> Table {
         let nodes = self.nodes();
-        let mut curves: Vec<String> = Vec::new();
-        for row in self.on(rows, nodes) {
-            if !curves.contains(&row.curve()) {
-                curves.push(row.curve());
-            }
-        }
         let targets = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
         let mut out = Vec::new();
-        for curve in curves {
+        for curve in self.methods(rows) {
             for (i, quantity) in self.quantities().iter().map(|quantity| quantity.name).enumerate() {
                 let of = self.on(rows, nodes).filter(|row| row.curve() == curve);
                 let mut line = vec![json!(curve), json!(quantity)];
                 let of: Vec<_> = of.collect();
                 for target in targets {
                     let found = self.cheapest(of.iter().copied(), |row| row.time.map(|e| e[i]), target);
+                    let found = found.filter(|_| target >= self.floors()[i]);
                     line.push(found.map_or(Value::Null, |row| json!(row.run.factorisations)));
                 }
                 out.push(line);
@@ -130,10 +155,16 @@ impl AccuracyReport<'_> {
         let columns = targets.iter().map(|target| format!("solves_for_{target:e}"));
         Table {
             file: "targets.csv",
-            title: "Linear solves to reach an error of the steps, on the scene's own mesh",
+            title: "Linear solves to reach an error of the steps on the scene's own mesh (empty: not reached, or below what the reference can tell)",
             columns: ["method".to_string(), "quantity".to_string()].into_iter().chain(columns).collect(),
             rows: out,
         }
+    }
+
+    /// What the reference of its mesh itself errs by.
+    fn reference_errors(&self, row: &AccuracyRow<'_>) -> Option<[f64; 3]> {
+        let mesh = self.meshes.iter().position(|nodes| *nodes == row.case.nodes)?;
+        Some(self.references.get(mesh)?.errors)
     }
 
     pub(super) fn table(&self, rows: &[AccuracyRow<'_>]) -> Table {
@@ -145,7 +176,7 @@ impl AccuracyReport<'_> {
             .chain(first.columns.iter().chain(energy.columns).copied())
             .chain(TABLE_MEASURES.map(|measure| measure.key))
             .map(str::to_string)
-            .chain(["time", "total"].into_iter().flat_map(errors))
+            .chain(["time", "total", "reference"].into_iter().flat_map(errors))
             .chain(["failure".to_string()])
             .collect();
         let line = |row: &AccuracyRow<'_>| {
@@ -157,8 +188,9 @@ impl AccuracyReport<'_> {
             let done = row.time.is_some();
             let found = RunResults::of(run).first.into_iter().take(first.columns.len()).chain([run.work_in]);
             let found = found.map(Some).chain(run.cycles).map(|value| json!(value.filter(|_| done)));
-            let errors =
-                [row.time, row.total].into_iter().flat_map(|errors| [0, 1, 2].map(|i| json!(errors.map(|e| e[i]))));
+            let errors = [row.time, row.total, self.reference_errors(row)]
+                .into_iter()
+                .flat_map(|errors| [0, 1, 2].map(|i| json!(errors.map(|e| e[i]))));
             let failure = match &run.failure {
                 Some((_, _, reason)) => json!(reason),
                 None if done => Value::Null,
@@ -178,12 +210,16 @@ impl AccuracyReport<'_> {
     }
 }
 
-/// Level lines across a chart of `series`, labelled at a quarter of its width.
+/// Level lines across a chart of `series`, labelled at its left and near its middle in turn, so that close ones can be read.
 fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
-    let quarter = low.powf(0.75) * high.powf(0.25);
-    levels.map(|(name, y)| Series::new(name, vec![(low, y), (high, y), (quarter, y)], Mark::Level)).collect()
+    let label_at = |k: usize| {
+        let part = if k.is_multiple_of(2) { 0.02 } else { 0.4 };
+        low.powf(1.0 - part) * high.powf(part)
+    };
+    let line = |(k, (name, y))| Series::new(name, vec![(low, y), (high, y), (label_at(k), y)], Mark::Level);
+    levels.enumerate().map(line).collect()
 }
 
 /// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.

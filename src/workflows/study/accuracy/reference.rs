@@ -1,5 +1,6 @@
 //! Reference solutions by two independent methods (ESDIRK3; generalized-α with Richardson extrapolation), and errors against them.
 
+use crate::number_format::significant;
 use crate::study::study_run::{RunOptions, StudyRun};
 
 /// Samples of the tip's path.
@@ -10,6 +11,9 @@ pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, h
 
 /// Errors of a mean force are relative to at least this fraction of the mean modulus.
 const MIN_MEAN_FORCE: f64 = 1e-3;
+
+/// Errors below this multiple of the reference's own error are not known.
+pub const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
 
 /// Errors of a displacement are relative to at least this fraction of the tip's path.
 const MIN_DISPLACEMENT: f64 = 1e-5;
@@ -63,7 +67,8 @@ impl RunResults {
     /// The first quantity as text.
     pub fn first_in_words(&self, held: bool) -> String {
         let [x, y] = self.first;
-        if held { format!("mean head force ({x:.9e}, {y:.9e}) N") } else { format!("displacement {x:.9e} m") }
+        let [x, y] = [x, y].map(|value| significant(value, 10));
+        if held { format!("mean head force ({x}, {y}) N") } else { format!("displacement {x} m") }
     }
 
     /// Relative differences of the three quantities from `reference`.
@@ -87,6 +92,11 @@ pub struct Reference {
 }
 
 impl Reference {
+    /// The smallest errors that it can measure.
+    pub fn floors(&self) -> [f64; 3] {
+        self.errors.map(|error| MIN_ERROR_OVER_REFERENCE * error)
+    }
+
     /// From runs of both methods with two steps each; `None` if one of them failed.
     pub fn of(runs: &[StudyRun]) -> Option<Self> {
         let [first, second, coarse, fine] = runs else { return None };
