@@ -12,7 +12,7 @@ const EARLIER_SHAPES: usize = 8;
 const LEAST_SAMPLES: usize = 8;
 
 /// Names of all possible figures of a run.
-pub const FILES: [&str; 12] = [
+pub const FILES: [&str; 15] = [
     "shape.svg",
     "com_path.svg",
     "speed.svg",
@@ -21,6 +21,9 @@ pub const FILES: [&str; 12] = [
     "tip_y.svg",
     "head_force.svg",
     "head_moment.svg",
+    "hinge_angle.svg",
+    "hinge_torque.svg",
+    "tendons.svg",
     "fluid_force.svg",
     "momentum.svg",
     "power.svg",
@@ -42,6 +45,14 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
         let whole = series.iter().all(|series| !series.points.is_empty());
         (whole && series.iter().any(moves)).then(|| Figure::new(file, caption, svg()))
     };
+    let tensions = [
+        ("tendon 1", "tendon_1_tension_n"),
+        ("tendon 2", "tendon_2_tension_n"),
+        ("tendon 3", "tendon_3_tension_n"),
+        ("tendon 4", "tendon_4_tension_n"),
+    ];
+    let tensions: Vec<_> =
+        tensions.into_iter().filter(|(_, variable)| !record.curve("time_s", variable).is_empty()).collect();
     let end = record.frames().last().map_or(0.0, |frame| frame.time);
     let shape =
         chart(&format!("shape at t = {end} s"), "x (m)", "y (m)", Scale::Equal, shapes(record.frames(), period));
@@ -95,6 +106,15 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             &[("moment", "head_moment_n_m")],
             ": what the tail exerts on it about node 0, positive counter-clockwise",
         ),
+        in_time("hinge_angle.svg", "angle of the hinged head", "angle (rad)", &[("angle", "hinge_angle_rad")], ""),
+        in_time(
+            "hinge_torque.svg",
+            "torque of the motor of the hinge",
+            "torque (N m)",
+            &[("torque", "hinge_torque_n_m")],
+            ", positive counter-clockwise",
+        ),
+        in_time("tendons.svg", "tension of the tendons", "tension (N)", &tensions, ""),
         in_time(
             "fluid_force.svg",
             "forces of the fluid along x",
