@@ -84,10 +84,30 @@ const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
     ),
     (WithRespectTo::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
     (WithRespectTo::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
-    (WithRespectTo::Position(0), "x_m", "m", "nodes at the start, x"),
-    (WithRespectTo::Position(1), "y_m", "m", "nodes at the start, y"),
-    (WithRespectTo::Velocity(0), "vx_m_s", "m/s", "velocity of the nodes at the start, x"),
-    (WithRespectTo::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
+    (
+        WithRespectTo::Position(0),
+        "x_m",
+        "m",
+        "nodes at the start, x; a held node 0 is where the head is, and has no derivative",
+    ),
+    (
+        WithRespectTo::Position(1),
+        "y_m",
+        "m",
+        "nodes at the start, y; a held node 0 is where the head is, and has no derivative",
+    ),
+    (
+        WithRespectTo::Velocity(0),
+        "vx_m_s",
+        "m/s",
+        "velocity of the nodes at the start, x; a held node 0 moves with the head, and has no derivative",
+    ),
+    (
+        WithRespectTo::Velocity(1),
+        "vy_m_s",
+        "m/s",
+        "velocity of the nodes at the start, y; a held node 0 moves with the head, and has no derivative",
+    ),
 ];
 
 /// A parameter that a simulation can be differentiated by.
@@ -197,6 +217,9 @@ enum OutputSource {
 /// Prefix of the names of means over whole cycles.
 const CYCLE_PREFIX: &str = "cycle_";
 
+/// A held node may be given off the head by this part of the largest number given.
+const HELD_ROUNDING: f64 = 1e-12;
+
 /// Outputs that have no derivative by a control over time.
 const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
 
@@ -267,7 +290,7 @@ impl Simulation {
             over_time: Vec::new(),
             simulated: None,
         };
-        own.take_values(values)?;
+        own.take_values(&as_is, values)?;
         for name in outputs {
             let read = match *name {
                 "x_m" => OutputSource::Position(0),
@@ -292,8 +315,8 @@ impl Simulation {
         Ok(own)
     }
 
-    /// Applies those of `values` that are not numbers of the scene.
-    fn take_values(&mut self, values: &[(&str, Array)]) -> Result<()> {
+    /// Applies those of `values` that are not numbers of the scene, which was `as_is` before its numbers were given.
+    fn take_values(&mut self, as_is: &Scene, values: &[(&str, Array)]) -> Result<()> {
         let (nodes, joints) = (self.nodes(), self.joints());
         let times = self.problem.times().len();
         let (mut natural, mut force) = (None, [None, None]);
@@ -353,7 +376,29 @@ impl Simulation {
             x.iter().zip(&y).flat_map(|(x, y)| [*x, *y]).collect()
         });
         self.problem.set_controls(Controls { natural, force })?;
+        self.check_held(as_is, &first)?;
         first.into_iter().try_for_each(|(velocities, axis, row)| self.problem.set_first(velocities, axis, row))
+    }
+
+    /// Returns an error for a `first` state, each with whether it is of velocities, and its axis, that moves the node of a held head. The
+    /// node may be where the head of the scene `as_is` was before its numbers were given.
+    fn check_held(&mut self, as_is: &Scene, first: &[(bool, usize, Vec<f64>)]) -> Result<()> {
+        if self.problem.model().head.is_none() || first.is_empty() {
+            return Ok(());
+        }
+        let states = [self.problem.first(), Problem::of(as_is)?.first()];
+        for (velocities, axis, row) in first {
+            let held = states.each_ref().map(|state| state[usize::from(*velocities)][*axis]);
+            let size = row.iter().chain(&held).fold(0.0_f64, |size, x| size.max(x.abs()));
+            if held.iter().all(|held| (row[0] - held).abs() > HELD_ROUNDING * size) {
+                let name = initial_state_name(*velocities, *axis);
+                return Err(refusal(format!(
+                    "{name}: found {} at node 0, which the head holds at {}; allowed: that, or another motion of the head",
+                    row[0], held[0]
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Passes them to the problem and its perturbed scenes.
@@ -640,6 +685,12 @@ fn tuple(shape: &[usize]) -> String {
         [length] => format!("({length},)"),
         _ => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
     }
+}
+
+/// The name of the initial velocities, or positions, along an axis.
+fn initial_state_name(velocities: bool, axis: usize) -> &'static str {
+    let by = if velocities { WithRespectTo::Velocity(axis) } else { WithRespectTo::Position(axis) };
+    NODE_PARAMETERS.iter().find(|named| named.0 == by).map_or("the first state", |named| named.1)
 }
 
 /// Whether `by` is the initial velocities (true) or positions, and their axis.

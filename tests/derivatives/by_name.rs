@@ -250,6 +250,33 @@ fn first_states_that_are_given_in_part_leave_the_others_to_the_scene() {
 }
 
 #[test]
+fn a_first_state_does_not_move_the_node_that_a_head_holds() {
+    let held = ["head.kind=driven", "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}"];
+    let own = caudal::sensitivity::simulation::parameters(&document(&held).scene().unwrap()).unwrap();
+    let first = |name: &str| own.iter().find(|own| own.name == name).unwrap().value.clone();
+    for (name, at_head) in [("x_m", 0.0), ("y_m", 0.0), ("vx_m_s", 0.0), ("vy_m_s", 0.04 * std::f64::consts::PI)] {
+        let mut value = first(name);
+        assert!((value.values[0] - at_head).abs() < 1e-12, "{name}: {}", value.values[0]);
+        // As the head is, also where the values of the scene move it; its derivative is zero.
+        let moved = [(name, value.clone()), ("head.position_m.amplitude", Array::from(vec![0.0, 0.03]))];
+        for given in [&moved[..1], &moved] {
+            let mut simulation = Simulation::of(&document(&held), &["tip_y_m"], given).unwrap();
+            let (_, slopes) = simulation.value_and_grad("tip_y_m", &[name]).unwrap();
+            assert_eq!(slopes[0].values[0], 0.0, "{name}");
+            assert!(name.contains('x') || slopes[0].values[8] != 0.0, "{name}");
+        }
+        value.values[0] += 0.01;
+        let error = Simulation::of(&document(&held), &["tip_y_m"], &[(name, value)]).unwrap_err();
+        let told = error.to_string();
+        assert!(
+            told.starts_with(&format!("{name}: found ")) && told.contains(" at node 0, which the head holds at "),
+            "{told}"
+        );
+        assert!(error.is_bad_input());
+    }
+}
+
+#[test]
 fn a_simulation_by_names_says_what_a_run_says_of_itself() {
     let run = |changes: &[&str]| {
         let scene = document(changes).scene().unwrap();
