@@ -290,7 +290,7 @@ impl Simulation {
             over_time: Vec::new(),
             simulated: None,
         };
-        own.take_values(&as_is, values)?;
+        own.take_values(values)?;
         for name in outputs {
             let read = match *name {
                 "x_m" => OutputSource::Position(0),
@@ -315,8 +315,8 @@ impl Simulation {
         Ok(own)
     }
 
-    /// Applies those of `values` that are not numbers of the scene, which was `as_is` before its numbers were given.
-    fn take_values(&mut self, as_is: &Scene, values: &[(&str, Array)]) -> Result<()> {
+    /// Applies those of `values` that are not numbers of the scene.
+    fn take_values(&mut self, values: &[(&str, Array)]) -> Result<()> {
         let (nodes, joints) = (self.nodes(), self.joints());
         let times = self.problem.times().len();
         let (mut natural, mut force) = (None, [None, None]);
@@ -376,25 +376,23 @@ impl Simulation {
             x.iter().zip(&y).flat_map(|(x, y)| [*x, *y]).collect()
         });
         self.problem.set_controls(Controls { natural, force })?;
-        self.check_held(as_is, &first)?;
+        self.check_held(&first)?;
         first.into_iter().try_for_each(|(velocities, axis, row)| self.problem.set_first(velocities, axis, row))
     }
 
-    /// Returns an error for a `first` state, each with whether it is of velocities, and its axis, that moves the node of a held head. The
-    /// node may be where the head of the scene `as_is` was before its numbers were given.
-    fn check_held(&mut self, as_is: &Scene, first: &[(bool, usize, Vec<f64>)]) -> Result<()> {
+    /// Returns an error for a `first` state, each with whether it is of velocities, and its axis, that moves the node of a held head.
+    fn check_held(&mut self, first: &[(bool, usize, Vec<f64>)]) -> Result<()> {
         if self.problem.model().head.is_none() || first.is_empty() {
             return Ok(());
         }
-        let states = [self.problem.first(), Problem::of(as_is)?.first()];
+        let state = self.problem.first();
         for (velocities, axis, row) in first {
-            let held = states.each_ref().map(|state| state[usize::from(*velocities)][*axis]);
-            let size = row.iter().chain(&held).fold(0.0_f64, |size, x| size.max(x.abs()));
-            if held.iter().all(|held| (row[0] - held).abs() > HELD_ROUNDING * size) {
+            let (found, held) = (row[0], state[usize::from(*velocities)][*axis]);
+            let size = row.iter().fold(held.abs(), |size, x| size.max(x.abs()));
+            if (found - held).abs() > HELD_ROUNDING * size {
                 let name = initial_state_name(*velocities, *axis);
                 return Err(refusal(format!(
-                    "{name}: found {} at node 0, which the head holds at {}; allowed: that, or another motion of the head",
-                    row[0], held[0]
+                    "{name}: found {found} at node 0, which the head holds at {held}; allowed: that, or another [head] in the scene"
                 )));
             }
         }
