@@ -101,6 +101,12 @@ fn note_held(file: &File, held: bool) {
     let _ = (file, held);
 }
 
+/// The error for a journal at `path` of another job, with the `difference` between the two.
+pub(crate) fn of_another_job(path: &Path, difference: &str) -> Error {
+    let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
+    journal_error(path, format!("it holds the results of another job: {difference}; {remedy}"))
+}
+
 /// The error for a journal at `path` that another program has locked, with its process IDs if the system reports them.
 fn held_by_others(path: &Path) -> Error {
     let own = std::process::id();
@@ -167,11 +173,7 @@ impl Journal {
         match found {
             FirstLine::Job(found) => {
                 if let Some(difference) = job.difference(&found) {
-                    let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
-                    return Err(journal_error(
-                        path,
-                        format!("it holds the results of another job: {difference}; {remedy}"),
-                    ));
+                    return Err(of_another_job(path, &difference));
                 }
             }
             FirstLine::Torn => {

@@ -223,6 +223,11 @@ impl Problem {
                 }
             }
         }
+        if held {
+            // The head places node 0 at the start, too.
+            bar.q[..2].fill(0.0);
+            bar.v[..2].fill(0.0);
+        }
         Ok(Cotangents { parameters: total, start: [bar.q, bar.v], natural, force: by_force })
     }
 }

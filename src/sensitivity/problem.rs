@@ -166,7 +166,8 @@ impl Problem {
         Ok(())
     }
 
-    /// Sets initial positions (m) and velocities (m/s), two entries per node. A held node 0 follows its prescribed motion.
+    /// Sets initial positions (m) and velocities (m/s), two entries per node. Node 0 of a held head follows the head,
+    /// whatever is given for it, and its derivatives are zero.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -239,11 +240,14 @@ impl Problem {
     /// Sets the bending stiffness EI_k of the joints, N m², in their order.
     ///
     /// # Errors
-    /// [`Error::WrongLength`].
+    /// [`Error::WrongLength`]; [`Error::BadValue`] for a number that is not positive.
     pub fn set_stiffness(&mut self, values: &[f64]) -> Result<()> {
-        let expected = self.model().rod.joints().len();
+        let (name, expected) = ("joint_stiffness_n_m2", self.model().rod.joints().len());
         if values.len() != expected {
-            return Err(Error::WrongLength { name: "joint_stiffness_n_m2", expected, found: values.len() });
+            return Err(Error::WrongLength { name, expected, found: values.len() });
+        }
+        if let Some(value) = values.iter().copied().find(|value| !(value.is_finite() && *value > 0.0)) {
+            return Err(Error::BadValue { name, value, allowed: "positive numbers" });
         }
         for dynamics in self.everywhere().map(|(dynamics, _)| dynamics) {
             let Some(Model { rod, .. }) = Arc::get_mut(&mut dynamics.model) else { continue };
@@ -257,12 +261,15 @@ impl Problem {
     /// Sets the factors of the amplitude of the scene's actuation, and the phases (rad) subtracted inside it, at the joints in order.
     ///
     /// # Errors
-    /// [`Error::WrongLength`].
+    /// [`Error::WrongLength`]; [`Error::BadValue`] for a number that is not finite.
     pub fn set_actuation(&mut self, factors: &[f64], phases: &[f64]) -> Result<()> {
         let joints = self.model().rod.joints();
-        for (name, found) in [("joint_amplitude_factor", factors.len()), ("joint_phase_rad", phases.len())] {
-            if found != joints.len() {
-                return Err(Error::WrongLength { name, expected: joints.len(), found });
+        for (name, values) in [("joint_amplitude_factor", factors), ("joint_phase_rad", phases)] {
+            if values.len() != joints.len() {
+                return Err(Error::WrongLength { name, expected: joints.len(), found: values.len() });
+            }
+            if let Some(value) = values.iter().copied().find(|value| !value.is_finite()) {
+                return Err(Error::BadValue { name, value, allowed: "finite numbers" });
             }
         }
         let nodes = self.model().rod.nodes;

@@ -84,10 +84,30 @@ const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
     ),
     (WithRespectTo::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
     (WithRespectTo::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
-    (WithRespectTo::Position(0), "x_m", "m", "nodes at the start, x"),
-    (WithRespectTo::Position(1), "y_m", "m", "nodes at the start, y"),
-    (WithRespectTo::Velocity(0), "vx_m_s", "m/s", "velocity of the nodes at the start, x"),
-    (WithRespectTo::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
+    (
+        WithRespectTo::Position(0),
+        "x_m",
+        "m",
+        "nodes at the start, x; a held node 0 is where the head is, and has no derivative",
+    ),
+    (
+        WithRespectTo::Position(1),
+        "y_m",
+        "m",
+        "nodes at the start, y; a held node 0 is where the head is, and has no derivative",
+    ),
+    (
+        WithRespectTo::Velocity(0),
+        "vx_m_s",
+        "m/s",
+        "velocity of the nodes at the start, x; a held node 0 moves with the head, and has no derivative",
+    ),
+    (
+        WithRespectTo::Velocity(1),
+        "vy_m_s",
+        "m/s",
+        "velocity of the nodes at the start, y; a held node 0 moves with the head, and has no derivative",
+    ),
 ];
 
 /// A parameter that a simulation can be differentiated by.
@@ -196,6 +216,9 @@ enum OutputSource {
 
 /// Prefix of the names of means over whole cycles.
 const CYCLE_PREFIX: &str = "cycle_";
+
+/// A held node may be given off the head by this part of the largest number given.
+const HELD_ROUNDING: f64 = 1e-12;
 
 /// Outputs that have no derivative by a control over time.
 const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
@@ -353,7 +376,27 @@ impl Simulation {
             x.iter().zip(&y).flat_map(|(x, y)| [*x, *y]).collect()
         });
         self.problem.set_controls(Controls { natural, force })?;
+        self.check_held(&first)?;
         first.into_iter().try_for_each(|(velocities, axis, row)| self.problem.set_first(velocities, axis, row))
+    }
+
+    /// Returns an error for a `first` state, each with whether it is of velocities, and its axis, that moves the node of a held head.
+    fn check_held(&mut self, first: &[(bool, usize, Vec<f64>)]) -> Result<()> {
+        if self.problem.model().head.is_none() || first.is_empty() {
+            return Ok(());
+        }
+        let state = self.problem.first();
+        for (velocities, axis, row) in first {
+            let (found, held) = (row[0], state[usize::from(*velocities)][*axis]);
+            let size = row.iter().fold(held.abs(), |size, x| size.max(x.abs()));
+            if (found - held).abs() > HELD_ROUNDING * size {
+                let name = initial_state_name(*velocities, *axis);
+                return Err(refusal(format!(
+                    "{name}: found {found} at node 0, which the head holds at {held}; allowed: that, or another [head] in the scene"
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Passes them to the problem and its perturbed scenes.
@@ -640,6 +683,12 @@ fn tuple(shape: &[usize]) -> String {
         [length] => format!("({length},)"),
         _ => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
     }
+}
+
+/// The name of the initial velocities, or positions, along an axis.
+fn initial_state_name(velocities: bool, axis: usize) -> &'static str {
+    let by = if velocities { WithRespectTo::Velocity(axis) } else { WithRespectTo::Position(axis) };
+    NODE_PARAMETERS.iter().find(|named| named.0 == by).map_or("the first state", |named| named.1)
 }
 
 /// Whether `by` is the initial velocities (true) or positions, and their axis.

@@ -83,7 +83,8 @@ impl View<'_> {
         self.state.q[2 * k + i] - self.metrics.first_positions[2 * k + i]
     }
 
-    /// The mean of `measure` over the last whole cycles: zero before the first, NaN if no cycles are defined.
+    /// The mean of `measure` over the last whole cycles: zero before the first and where the measure is undefined, NaN if no cycles
+    /// are defined.
     fn average(&self, measure: &CycleMeasure) -> f64 {
         let cycles = self.cycles.whole(self.state.t);
         if cycles.is_empty() {
@@ -899,8 +900,8 @@ fn set_joints(dynamics: &mut Dynamics, of: fn(&mut Inputs) -> &mut Option<Vec<f6
 fn efficiency_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
     let cycles = now.cycles.whole(now.state.t);
     let (fluid, by) = (&now.inputs.fluid, &change.inputs.fluid);
-    if cycles.is_empty() || change.time != 0.0 {
-        return 0.0; // the cycles that are over stay, and are those of this fluid
+    if cycles.is_empty() || change.time != 0.0 || now.model().head.is_some() {
+        return 0.0; // the cycles that are over stay, and are those of this fluid; of a held head no drag is compared
     }
     let at = |share: f64| {
         let mut fluid = *fluid;
@@ -1071,7 +1072,7 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::FLOW_POWER, |v, _| v.average(&cycle::FLOW_POWER)),
     average(&cycle::OTHER_POWER, |v, _| v.average(&cycle::OTHER_POWER)).when(OTHER_FORCES),
     average(&cycle::COST_OF_TRANSPORT, |v, _| v.average(&cycle::COST_OF_TRANSPORT)).when(FREE),
-    average(&cycle::EFFICIENCY, |v, _| v.average(&cycle::EFFICIENCY)).when(FREE).fed(&FLUID).changing(efficiency_change),
+    average(&cycle::EFFICIENCY, |v, _| v.average(&cycle::EFFICIENCY)).fed(&FLUID).changing(efficiency_change),
 
     input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length; of a sine-wave a factor of its curvature", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(CURVATURES),
     input("actuation_moment_n_m", "N m", "amplitude of the actuation's active moment", |v, _| v.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(MOMENTS),

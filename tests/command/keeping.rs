@@ -397,14 +397,27 @@ fn a_sweep_that_grew_keeps_its_cases_and_one_that_changed_is_refused_with_the_wa
             assert!(kept == fresh, "{grown}: {file} is that of a sweep that was never smaller");
         }
     }
-    for changed in
-        [small.clone(), sweep("drag.ratio = [1.0, 1.5, 2.0, 3.0]", "traces = 3"), small.replace("= 9", "= 13")]
-    {
+    let more = "rod.nodes = [9, 11]\ndrag.ratio = [1.0, 1.5, 2.0]\n";
+    for (changed, reason) in [
+        (small.clone(), "4 of its cases are not in this sweep: the scene changed, a level was taken away"),
+        (sweep("drag.ratio = [1.0, 1.5, 2.0, 3.0]", "traces = 3"), "traces, now"),
+        (small.replace("= 9", "= 13"), "6 of its cases are not in this sweep"),
+        (
+            sweep(&format!("{more}medium.viscosity_pa_s = [0.4, 1.6]"), "").replace("[set]\nrod.nodes = 9\n", ""),
+            "6 of its cases are not in this sweep, because they ran with the scene's value, which axis medium.viscosity_pa_s does not have; add 0.8 to its levels",
+        ),
+        (
+            sweep(&format!("{more}[axes.stiff]\nkeys = [\"rod.youngs_modulus_pa\"]\nfactors = [2.0, 3.0]"), "")
+                .replace("[set]\nrod.nodes = 9\n", ""),
+            "which axis stiff does not have; add 1 to its levels",
+        ),
+    ] {
         written(&changed);
         let before = std::fs::read(folder.path().join("out/sweep/cases.journal")).unwrap();
         let output = caudal(folder.path(), "sweep sweep.toml");
         assert_eq!(output.status.code(), Some(2), "{changed}");
         assert!(errors(&output).contains("begin anew with --restart"), "{}", errors(&output));
+        assert!(errors(&output).contains(reason), "{}", errors(&output));
         assert_eq!(std::fs::read(folder.path().join("out/sweep/cases.journal")).unwrap(), before);
     }
 }

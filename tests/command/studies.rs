@@ -288,6 +288,8 @@ fn what_cannot_be_studied_is_refused_as_wrong_input() {
             "medium.flow_m_s=[{ amplitude = 1, frequency_hz = 1 }, 0]",
         ],
         &["study", "accuracy", "models/baseline.toml", "--steps", "-1"],
+        &["study", "accuracy", "models/baseline.toml", "--tolerances", "2"],
+        &["study", "accuracy", "models/baseline.toml", "--nodes", ""],
         &["study", "scaling", "models/baseline.toml", "--nodes", "2"],
         &["study", "modes", "models/nothing.toml"],
     ] {
@@ -295,6 +297,33 @@ fn what_cannot_be_studied_is_refused_as_wrong_input() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
         assert!(!out.exists(), "{arguments:?}");
     }
+}
+
+#[test]
+fn options_given_by_name_are_in_range_and_no_empty_list() {
+    use serde_json::json;
+    for (kind, options, problem) in [
+        ("accuracy", json!({ "nodes": [] }), "nodes: found an empty list; allowed: one number or more"),
+        ("accuracy", json!({ "tolerances": [] }), "tolerances: found an empty list"),
+        ("accuracy", json!({ "steps": [] }), "steps: found an empty list"),
+        ("scaling", json!({ "nodes": [] }), "nodes: found an empty list"),
+        ("accuracy", json!({ "tolerances": [2.0] }), "tolerances: found 2; allowed: a number between 0 and 1"),
+        ("accuracy", json!({ "tolerances": [0.5, 0.0] }), "tolerances: found 0; allowed: a number between 0 and 1"),
+    ] {
+        let serde_json::Value::Object(options) = options else { panic!() };
+        let stop = AtomicBool::new(false);
+        let error = match Study::named(kind, &options) {
+            Err(error) => error,
+            Ok(study) => {
+                let folder = tempfile::tempdir().unwrap();
+                let scene = scene_of(include_str!("../../models/baseline.toml"), &[]);
+                let held = claimed(&study, &scene, folder.path());
+                study.run(&scene, StudyRunner::new(&held, &stop, &|_, _| {})).unwrap_err()
+            }
+        };
+        assert!(error.to_string().contains(problem), "{kind} {options:?}: {error}");
+    }
+    assert!(Study::named("accuracy", json!({ "without": [] }).as_object().unwrap()).is_ok());
 }
 
 /// A column that bends a little from the start goes on bending as its load grows: it does not jump to another rest.

@@ -250,6 +250,43 @@ fn first_states_that_are_given_in_part_leave_the_others_to_the_scene() {
 }
 
 #[test]
+fn a_first_state_does_not_move_the_node_that_a_head_holds() {
+    let held = ["head.kind=driven", "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}"];
+    let own = caudal::sensitivity::simulation::parameters(&document(&held).scene().unwrap()).unwrap();
+    let first = |name: &str| own.iter().find(|own| own.name == name).unwrap().value.clone();
+    for (name, at_head) in [("x_m", 0.0), ("y_m", 0.0), ("vx_m_s", 0.0), ("vy_m_s", 0.04 * std::f64::consts::PI)] {
+        let mut value = first(name);
+        assert!((value.values[0] - at_head).abs() < 1e-12, "{name}: {}", value.values[0]);
+        // As the head is: then its derivative is zero, and the others' are not.
+        let mut simulation = Simulation::of(&document(&held), &["tip_y_m"], &[(name, value.clone())]).unwrap();
+        let (_, slopes) = simulation.value_and_grad("tip_y_m", &[name]).unwrap();
+        assert_eq!(slopes[0].values[0], 0.0, "{name}");
+        assert_ne!(slopes[0].values[8], 0.0, "{name}");
+        value.values[0] += 0.01;
+        let error = Simulation::of(&document(&held), &["tip_y_m"], &[(name, value)]).unwrap_err();
+        let told = error.to_string();
+        assert!(
+            told.starts_with(&format!("{name}: found ")) && told.contains(" at node 0, which the head holds at "),
+            "{told}"
+        );
+        assert!(error.is_bad_input());
+    }
+}
+
+#[test]
+fn numbers_of_the_joints_are_in_their_range() {
+    let mut problem = problem(&[]);
+    let refused = |told: caudal::Result<()>, start: &str| {
+        let error = told.unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains(start), "{error}");
+    };
+    refused(problem.set_stiffness(&[-1.0; 7]), "`joint_stiffness_n_m2`: found -1; allowed: positive numbers");
+    refused(problem.set_stiffness(&[f64::NAN; 7]), "found NaN; allowed: positive numbers");
+    refused(problem.set_actuation(&[f64::INFINITY; 7], &[0.0; 7]), "`joint_amplitude_factor`: found inf");
+    refused(problem.set_actuation(&[1.0; 7], &[f64::NAN; 7]), "`joint_phase_rad`: found NaN");
+}
+
+#[test]
 fn a_simulation_by_names_says_what_a_run_says_of_itself() {
     let run = |changes: &[&str]| {
         let scene = document(changes).scene().unwrap();

@@ -408,6 +408,23 @@ fn variables_of_parts_that_a_scene_has_not_are_not_there() {
     }
 }
 
+#[test]
+fn a_host_reads_the_efficiency_of_a_held_head_in_a_stream() {
+    let text = include_str!("../../models/driven-head.toml");
+    for (flow, some) in [("[0.1, 0.0]", true), ("[0.0, 0.0]", false)] {
+        let mut tail = stepper_of(text, &[&format!("medium.flow_m_s={flow}")]);
+        assert_eq!(tail.get_scalar("cycle_efficiency").unwrap(), 0.0); // no cycle is over
+        tail.do_step(1.5).unwrap();
+        let read = |name: &str| tail.get_scalar(name).unwrap();
+        let power = read("cycle_actuation_power_w") + read("cycle_head_power_w");
+        let (found, expected) = (read("cycle_efficiency"), read("cycle_thrust_n") * 0.1 / power);
+        println!("{flow}: {found} for {expected}");
+        // The mean over cycles of quotients, for the quotient of means.
+        let close = (found - expected).abs() <= 1e-2 * expected.abs();
+        assert!(if some { close && found != 0.0 } else { found == 0.0 }, "{flow}: {found} for {expected}");
+    }
+}
+
 /// The suffix of a name for a unit: `N m^2` becomes `_n_m2`, `1/m` becomes `_1_m`.
 #[test]
 fn a_variable_that_a_scene_has_not_is_told_with_what_it_needs() {

@@ -163,11 +163,24 @@ def test_wrong_options_of_an_environment_are_named():
         ("period_s", 0.0, "period_s: found 0.0; allowed: a positive time"),
         ("period_s", np.nan, "period_s: found nan"),
         ("duration_s", 0.0, "duration_s: found 0.0"),
-        ("groups", 0, "groups: found 0; allowed: 1 or more"),
+        ("duration_s", "1", "duration_s: found '1'; allowed: a positive time"),
+        ("groups", 0, "groups: found 0; allowed: a whole number, 1 or more"),
+        ("groups", 1.5, "groups: found 1.5; allowed: a whole number"),
+        ("reward", 1.0, "reward: found 1.0; allowed: a function"),
+        ("start", 1.0, "start: found 1.0; allowed: a function"),
+        ("goal", [1.0], "goal: found .1.0.; allowed: a function"),
+        ("failure", "bad", "failure: found 'bad'; allowed: a finite number"),
+        ("actions", {}, "actions: found {}; allowed: a dict of inputs with their bounds"),
+        ("actions", ["natural_curvature_1_m"], "allowed: a dict of inputs with their bounds"),
+        ("actions", {"natural_curvature_1_m": ("a", "b")}, "allowed: two numbers, the smaller first"),
+        ("observations", [], "observations: found .*; allowed: a list of names"),
+        ("observations", 1, "observations: found 1; allowed: a list of names"),
+        ("scales", 2.0, "scales: found 2.0; allowed: a dict of numbers by name"),
+        ("scales", {"x_com_m": "big"}, "found 'big'; allowed: a positive number"),
         ("actions", {"natural_curvature_1_m": (1.0, -1.0)}, "allowed: two numbers, the smaller first"),
         ("actions", {"natural_curvature_1_m": (-np.inf, 1.0)}, "allowed: two numbers, the smaller first"),
         ("actions", {"natural_curvature_1_m": 1.0}, "found 1.0; allowed: two numbers, the smaller first"),
-        ("observations", "x_com_m", "observations: found the text 'x_com_m'; allowed: a list of names"),
+        ("observations", "x_com_m", "observations: found 'x_com_m'; allowed: a list of names"),
         ("observations", ["x_com_m", "x_com_m"], "observations: found `x_com_m` twice"),
         ("goal", lambda generator: None, "goal: found .*; allowed: finite numbers, as many at every reset"),
         ("scales", {"tip_y_m": 2.0}, "scales: `tip_y_m` is not observed; allowed: x_com_m"),
@@ -186,8 +199,12 @@ def test_wrong_options_of_an_environment_are_named():
     environment.reset()
     with pytest.raises(ValueError, match=r"action: found the shape \(3,\); allowed: \(7,\)"):
         environment.step(np.zeros(3))
-    with pytest.raises(ValueError, match="threads: found 0"):
-        caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, threads=0, **options)
+    for threads in (0, 1.5, True):
+        with pytest.raises(ValueError, match=f"threads: found {threads}; allowed: a whole number, 1 or more"):
+            caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, threads=threads, **options)
+    for copies in (None, 2.0):
+        with pytest.raises(ValueError, match=f"num_envs: found {copies}; allowed: a whole number, 1 or more"):
+            caudal.gymnasium.TailVectorEnv("models/glycerol.toml", copies, **options)
 
 
 def test_an_episode_ends_with_the_first_period_that_reaches_its_duration():

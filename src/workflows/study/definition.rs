@@ -16,6 +16,7 @@ use super::stability::{self, StabilityOptions, Vary};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::report::{Claim, Findings, Folder, Owner};
+use crate::scene::value::Tolerance;
 use crate::scene::{Document, NODES, Scene, rephrase};
 
 /// A study with its options.
@@ -34,12 +35,24 @@ pub enum Study {
     Fluid(FluidOptions),
 }
 
+/// Options whose empty list stands for their default, so that a caller who gives an empty list would get what was not asked for.
+const MEANS_DEFAULT: [&str; 3] = ["nodes", "steps", "tolerances"];
+
 impl Study {
     /// The study of this [`name`](Self::name) with `options`, each by its name; the others have their defaults.
     ///
     /// # Errors
     /// [`Error::Study`] names the option that is unknown or wrong, and what is allowed.
     pub fn named(name: &str, options: &Map<String, Value>) -> Result<Self> {
+        let is_empty = |(option, value): &(&String, &Value)| {
+            MEANS_DEFAULT.contains(&option.as_str()) && value.as_array().is_some_and(Vec::is_empty)
+        };
+        if let Some((option, _)) = options.iter().find(is_empty) {
+            let problem = format!(
+                "{option}: found an empty list; allowed: one number or more, or none of this option for its default"
+            );
+            return Err(Error::Study { problem });
+        }
         let read = |options: Map<String, Value>| {
             serde_json::from_value(Value::Object([(name.into(), options.into())].into_iter().collect()))
         };
@@ -116,7 +129,7 @@ impl Study {
             }
             Self::Accuracy(asked) => outside("nodes", &asked.nodes, NODES)
                 .or_else(|| not_positive("steps", &asked.steps))
-                .or_else(|| not_positive("tolerances", &asked.tolerances)),
+                .or_else(|| not_tolerances("tolerances", &asked.tolerances)),
             Self::Stability(asked) => outside("points", &[asked.points as u64], [2, 200])
                 .or_else(|| not_positive("accurate", &[asked.accurate]))
                 .or_else(|| not_rising("range", asked.range))
@@ -141,6 +154,16 @@ fn outside(name: &str, numbers: &[u64], [low, high]: [u64; 2]) -> Option<String>
 fn not_positive(name: &str, numbers: &[f64]) -> Option<String> {
     let wrong = numbers.iter().find(|number| !(number.is_finite() && **number > 0.0))?;
     Some(format!("{name}: found {wrong}; allowed: positive numbers"))
+}
+
+/// The error of numbers that must be relative tolerances.
+fn not_tolerances(name: &str, numbers: &[f64]) -> Option<String> {
+    let Error::BadValue { value, allowed, .. } =
+        numbers.iter().find_map(|number| Tolerance::try_from(*number).err())?
+    else {
+        return None;
+    };
+    Some(format!("{name}: found {value}; allowed: {allowed}"))
 }
 
 /// The error of two numbers that must be positive and increasing.

@@ -133,6 +133,17 @@ pub(super) struct CheckedScenes {
     pub(super) tables: BTreeSet<PathBuf>,
 }
 
+/// What became of a journal of the same sweep before levels or axes were added.
+#[derive(Debug)]
+enum Takeover {
+    /// It has the cases of this sweep now.
+    Done,
+    /// It has other cases, and why.
+    OtherCases(String),
+    /// It is of another job, damaged or in use.
+    OtherJob,
+}
+
 /// One case of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
@@ -555,22 +566,27 @@ impl Sweep {
             Ok(journal) => return Ok(journal),
             Err(error) => error,
         };
-        if self.measure_presolved(&path, job).unwrap_or(false) { Journal::open(&path, job) } else { Err(refusal) }
+        match self.take_over(&path, job) {
+            Ok(Takeover::Done) => Journal::open(&path, job),
+            Ok(Takeover::OtherCases(problem)) => Err(jobs::of_another_job(&path, &problem)),
+            Ok(Takeover::OtherJob) | Err(_) => Err(refusal),
+        }
     }
 
     /// Replaces the journal at `path` by one of `job` with the same cases, if it contains only cases of this sweep.
-    fn measure_presolved(&self, path: &Path, job: &Job) -> Result<bool> {
+    fn take_over(&self, path: &Path, job: &Job) -> Result<Takeover> {
         let old = Journal::read(path)?;
         let grown = Job { hash: job.hash.clone(), size: job.size, ..old.job().clone() };
         let checked = self.checked.get().filter(|_| grown == *job && !old.is_held());
-        let Some(CheckedScenes { hashes, .. }) = checked else { return Ok(false) };
+        let Some(CheckedScenes { hashes, .. }) = checked else { return Ok(Takeover::OtherJob) };
         let mut known: HashMap<String, usize> = HashMap::new();
         for index in old.indices() {
             known.extend(old.get::<CaseResult>(index)?.map(|row| (row.scene_hash, index)));
         }
         let own: HashSet<&String> = hashes.iter().collect();
-        if !known.keys().all(|hash| own.contains(hash)) {
-            return Ok(false);
+        let others: Vec<&String> = known.keys().filter(|hash| !own.contains(hash)).collect();
+        if !others.is_empty() {
+            return Ok(Takeover::OtherCases(self.other_cases(&others)));
         }
         let path =
             &path.canonicalize().map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
@@ -591,7 +607,46 @@ impl Sweep {
         new.sync()?;
         std::fs::rename(&partial, path)
             .map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
-        Ok(true)
+        Ok(Takeover::Done)
+    }
+
+    /// Why the scenes with these hashes, which have results, are not among those of the cases.
+    fn other_cases(&self, hashes: &[&String]) -> String {
+        let count = hashes.len();
+        let cases = if count == 1 { "1 of its cases is" } else { &format!("{count} of its cases are") };
+        // Without an axis that was added they are the cases that there were.
+        let without = |axis: usize| -> Result<HashSet<String>> {
+            let mut found = HashSet::new();
+            for index in 0..self.size() {
+                let mut case = self.case(index)?;
+                if case.levels[axis] == 0 {
+                    case.settings.retain(|(of, ..)| *of != axis);
+                    found.insert(self.scene(&case)?.1);
+                }
+            }
+            Ok(found)
+        };
+        let few = self.size() <= MAX_CACHED_SCENES;
+        let added = (0..self.axes.len())
+            .filter(|_| few)
+            .find(|axis| without(*axis).is_ok_and(|found| hashes.iter().all(|hash| found.contains(*hash))));
+        match added.map(|axis| &self.axes[axis]) {
+            Some(axis) => {
+                let value = axis.keys.first().and_then(|key| axis::look_up(&self.tables, key));
+                let level = match (axis.kind, value) {
+                    (AxisKind::Factors, _) => "1".to_string(),
+                    (_, Some(value)) if axis.keys.len() == 1 => value.to_string(),
+                    _ => "that value".to_string(),
+                };
+                let axis = &axis.name;
+                format!(
+                    "{cases} not in this sweep, because they ran with the scene's value, which axis {axis} does not have; add {level} to its levels"
+                )
+            }
+            None => format!(
+                "{cases} not in this sweep: the scene changed, a level was taken away, or an added axis does not have the scene's value"
+            ),
+        }
     }
 
     /// The columns that identify a case: one per axis, then each key without an axis of its name. A column with the name of a key

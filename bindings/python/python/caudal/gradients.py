@@ -54,7 +54,8 @@ def parameters(scene: Source) -> dict[str, Parameter]:
     dict of str to Parameter
         Numbers of the scene by their keys, lengths, radii, densities, fluid, drive, drag: one, both of a pair, or one for each
         point of a profile; stiffness, factors and phases of the actuation at the joints; natural curvature and forces, constant or
-        over time; and the first positions and velocities of the nodes. Mass and stiffness follow the numbers of the body, unless
+        over time; and the first positions and velocities of the nodes, of which node 0 follows a held head: its derivatives are 0,
+        and another value there is refused. Mass and stiffness follow the numbers of the body, unless
         ``joint_stiffness_n_m2`` is given. A flow along interfaces changes along them only: its derivatives are those of that part,
         and 0 across them.
 

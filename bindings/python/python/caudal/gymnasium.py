@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -20,6 +21,16 @@ optional("gymnasium.vector", "caudal.gymnasium")
 
 #: The least and largest value of an input, for all its entries.
 Bounds = Mapping[str, tuple[float, float]]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def _check_count(name: str, value: Optional[int]) -> None:
+    """Refuse what is neither None nor a whole number from 1."""
+    if value is not None and (not isinstance(value, numbers.Integral) or isinstance(value, bool) or value < 1):
+        raise ValueError(f"{name}: found {value!r}; allowed: a whole number, 1 or more")
 
 
 class TailEnv(gymnasium.Env):
@@ -94,23 +105,31 @@ class TailEnv(gymnasium.Env):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: found {render_mode!r}; allowed: None, {', '.join(map(repr, self.metadata['render_modes']))}")
+        for name, function in (("reward", reward), ("start", start), ("goal", goal)):
+            if not callable(function) and (function is not None or name == "reward"):
+                raise ValueError(f"{name}: found {function!r}; allowed: a function")
+        if not isinstance(actions, Mapping) or not actions:
+            raise ValueError(f"actions: found {actions!r}; allowed: a dict of inputs with their bounds")
+        if isinstance(observations, str) or not isinstance(observations, Sequence) or not observations:
+            raise ValueError(f"observations: found {observations!r}; allowed: a list of names")
+        if scales is not None and not isinstance(scales, Mapping):
+            raise ValueError(f"scales: found {scales!r}; allowed: a dict of numbers by name")
         self._stepper = Stepper(load(scene))
         self._start = self._stepper.save()
-        self._reward, self._period, self._failure = reward, period_s, failure
         duration_s = self._stepper.scene.duration_s if duration_s is None else duration_s
         for name, value in (("period_s", period_s), ("duration_s", duration_s)):
-            if not 0 < value < np.inf:
-                raise ValueError(f"{name}: found {value}; allowed: a positive time")
-        if groups is not None and groups < 1:
-            raise ValueError(f"groups: found {groups}; allowed: 1 or more")
+            if not _is_number(value) or not 0 < value < np.inf:
+                raise ValueError(f"{name}: found {value!r}; allowed: a positive time")
+        if not _is_number(failure) or not np.isfinite(failure):
+            raise ValueError(f"failure: found {failure!r}; allowed: a finite number")
+        _check_count("groups", groups)
+        self._reward, self._period, self._failure = reward, float(period_s), float(failure)
         self._steps = max(1, math.ceil(duration_s / period_s * (1.0 - 1e-12)))
         self._set_start, self._set_goal = start, goal
         self._goal: Array = np.zeros(0)
         self._made = 0
         self.render_mode = render_mode
         known = self._stepper.variables
-        if isinstance(observations, str):
-            raise ValueError(f"observations: found the text {observations!r}; allowed: a list of names")
         twice = [name for place, name in enumerate(observations) if name in observations[:place]]
         if twice:
             raise ValueError(f"observations: found `{twice[0]}` twice; allowed: each once")
@@ -122,7 +141,8 @@ class TailEnv(gymnasium.Env):
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
             raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
         for name, bounds in actions.items():
-            if np.shape(bounds) != (2,) or not -np.inf < bounds[0] < bounds[1] < np.inf:
+            two = np.shape(bounds) == (2,) and all(_is_number(bound) for bound in bounds)
+            if not two or not -np.inf < bounds[0] < bounds[1] < np.inf:
                 raise ValueError(f"actions[{name!r}]: found {bounds!r}; allowed: two numbers, the smaller first")
             for bound in bounds:
                 try:
@@ -133,8 +153,8 @@ class TailEnv(gymnasium.Env):
         for name, scale in (scales or {}).items():
             if name not in observations:
                 raise ValueError(f"scales: `{name}` is not observed; allowed: {', '.join(observations)}")
-            if not 0 < scale < np.inf:
-                raise ValueError(f"scales[{name!r}]: found {scale}; allowed: a positive number")
+            if not _is_number(scale) or not 0 < scale < np.inf:
+                raise ValueError(f"scales[{name!r}]: found {scale!r}; allowed: a positive number")
         self._scales = {name: float((scales or {}).get(name, 1.0)) for name in observations}
         # For each input: its bounds, and which of the action's entries each of its own takes.
         self._inputs: dict[str, tuple[float, float, Any]] = {}
@@ -269,9 +289,11 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     def __init__(self, scene: Source, num_envs: int = 1, *, threads: Optional[int] = None, **options: Any) -> None:
-        for name, value in (("num_envs", num_envs), ("threads", threads)):
-            if value is not None and value < 1:
-                raise ValueError(f"{name}: found {value}; allowed: 1 or more")
+        if num_envs is None:
+            raise ValueError("num_envs: found None; allowed: a whole number, 1 or more")
+        _check_count("num_envs", num_envs)
+        _check_count("threads", threads)
+        num_envs = int(num_envs)
         scene = load(scene)
         self.envs = [TailEnv(scene, **options) for _ in range(num_envs)]
         self.num_envs = num_envs
