@@ -122,6 +122,9 @@ fn every_scene_of_models_runs_and_is_checked() {
         expected.retain(|name| !["envelope.svg", "power.svg"].contains(name) || folder.path().join(name).exists());
         expected.extend(scene.reactive.is_some().then_some(["fluid_force.svg", "momentum.svg"]).into_iter().flatten());
         expected.extend(held.then_some(["head_force.svg", "head_moment.svg"]).into_iter().flatten());
+        let hinged = scene.head.kind == caudal::scene::HeadKind::Hinged;
+        expected.extend(hinged.then_some(["hinge_angle.svg", "hinge_torque.svg"]).into_iter().flatten());
+        expected.extend((!scene.tendons.is_empty()).then_some("tendons.svg"));
         expected.sort_unstable();
         assert_eq!(files(folder.path()), expected, "{}", path.display());
         for figure in expected.iter().filter(|name| name.ends_with(".svg")) {
