@@ -131,7 +131,7 @@ fn every_scene_of_models_runs_and_is_checked() {
             let svg = std::fs::read_to_string(folder.path().join(figure)).unwrap();
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{figure}");
             assert!(
-                ["m)", "J)", "N)", "N s)", "m/s)", "W)"].iter().any(|unit| svg.contains(unit)),
+                ["m)", "J)", "N)", "N s)", "m/s)", "W)", "rad)"].iter().any(|unit| svg.contains(unit)),
                 "{figure} has units"
             );
         }
