@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 /// Time between looks. Python's lock is taken for each, which may have to wait for other threads.
@@ -79,10 +78,6 @@ impl Progress {
         callback: Option<&Py<PyAny>>,
         compute: impl FnOnce() -> T + Send,
     ) -> PyResult<T> {
-        if let Some(callback) = callback.map(|callback| callback.bind(py)).filter(|callback| !callback.is_callable()) {
-            let found = callback.repr()?;
-            return Err(PyTypeError::new_err(format!("progress: found {found}; allowed: a function of two numbers")));
-        }
         let look = |py: Python<'_>| py.check_signals().and_then(|()| self.tell(py, callback));
         let (outcome, failure) = py.detach(|| {
             std::thread::scope(|scope| {

@@ -21,13 +21,20 @@ def check_count(name: str, value: Optional[int]) -> None:
         raise ValueError(f"{name}: found {value!r}; allowed: a whole number, 1 or more")
 
 
+def check_function(name: str, function: Any, required: bool = False) -> None:
+    """Refuse what is no function; None is allowed unless it is required."""
+    if not callable(function) and (required or function is not None):
+        raise TypeError(f"{name}: found {function!r}; allowed: a function")
+
+
 def names_of(names: Union[str, Iterable[str]], argument: str) -> list[str]:
     """Names as a list; a string is a single name."""
     if isinstance(names, str):
         return [names]
-    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in (names := list(names))):
+    found = list(names) if isinstance(names, Iterable) else [names]
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in found):
         raise TypeError(f"{argument}: found {names!r}; allowed: a name, or a list of names")
-    return names
+    return found
 
 
 def mapping_of(values: Optional[Mapping[str, Any]], argument: str) -> dict[str, Any]:
@@ -46,5 +53,6 @@ def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]], argument: str = "va
                 raise TypeError
             arrays.append((name, np.array(value, dtype=np.float64, order="C")))
         except (TypeError, ValueError) as error:
-            raise TypeError(f"{name}: found {value!r}; allowed: a number, or an array of numbers") from error
+            kind = ValueError if isinstance(error, ValueError) else TypeError
+            raise kind(f"{name}: found {value!r}; allowed: a number, or an array of numbers") from error
     return arrays

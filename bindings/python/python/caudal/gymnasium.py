@@ -12,7 +12,7 @@ from typing import Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Stepper
-from .arguments import check_count, is_number
+from .arguments import check_count, check_function, is_number
 from .errors import Error
 from .optional import optional
 from .result import Array, Source, load
@@ -97,8 +97,7 @@ class TailEnv(gymnasium.Env):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: found {render_mode!r}; allowed: None, {', '.join(map(repr, self.metadata['render_modes']))}")
         for name, function in (("reward", reward), ("start", start), ("goal", goal)):
-            if not callable(function) and (function is not None or name == "reward"):
-                raise ValueError(f"{name}: found {function!r}; allowed: a function")
+            check_function(name, function, required=name == "reward")
         if not isinstance(actions, Mapping) or not actions:
             raise ValueError(f"actions: found {actions!r}; allowed: a dict of inputs with their bounds")
         if isinstance(observations, str) or not isinstance(observations, Sequence) or not observations:
@@ -224,9 +223,10 @@ class TailEnv(gymnasium.Env):
         self._made += 1
         after = self._observed()
         reward = self._failure if failed else self._reward(before, after)
-        if np.size(reward) != 1 or not np.isrealobj(reward) or not np.isfinite(reward).all():
+        value = np.asarray(reward)
+        if value.size != 1 or value.dtype.kind not in "fiub" or not np.isfinite(value).all():
             raise ValueError(f"reward: found {reward!r} from the function; allowed: a finite number")
-        reward = float(np.asarray(reward).item())
+        reward = float(value.item())
         info: dict[str, Any] = {"time_s": self._stepper.time_s, **({"error": error} if failed else {})}
         return self._flat(after), reward, failed, self._made >= self._steps, info
 

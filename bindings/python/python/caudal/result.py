@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _film, _pictures, _run, _vtk
-from .arguments import mapping_of, names_of
+from .arguments import check_function, mapping_of, names_of
 from .fields import Fields, unknown
 from .optional import optional
 
@@ -114,6 +114,7 @@ def run(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     names = None if record is None else names_of(record, "record")
+    check_function("progress", progress)
     content, failure = _run(scene, names, out, force, progress)
     result = Result(scene, content)
     if failure is not None:

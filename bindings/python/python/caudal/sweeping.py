@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Scene, _rebuild, _Sweep, _toml, _units
-from .arguments import check_count, mapping_of
+from .arguments import check_count, check_function, mapping_of
 from .distributing import Distribution, Engine, lost_error
 from .errors import Error
 from .fields import Fields, unknown
@@ -362,6 +362,7 @@ def _level(level: Any) -> Any:
 def _progress_callback(progress: Union[Callable[[int, int], Any], bool, None]) -> Iterator[Optional[Callable[[int, int], Any]]]:
     """The callback for progress: the given one, or that of a progress bar, which is closed at the end."""
     if not isinstance(progress, bool):
+        check_function("progress", progress)
         yield progress
         return
     if not progress:
