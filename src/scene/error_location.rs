@@ -81,7 +81,7 @@ pub(crate) fn rephrase(key: String, message: &str, source: Option<&str>) -> (Str
                 "a sequence" => "a list in brackets",
                 "f64" => "a number",
                 "i64" => "a whole number",
-                "usize" => "a whole number that is not negative",
+                "usize" | "u64" => "a whole number that is not negative",
                 "an array of length 2" => "two values in brackets",
                 table if table.starts_with("struct ") => "a table",
                 other => other,

@@ -399,17 +399,20 @@ fn a_sweep_that_grew_keeps_its_cases_and_one_that_changed_is_refused_with_the_wa
     }
     let more = "rod.nodes = [9, 11]\ndrag.ratio = [1.0, 1.5, 2.0]\n";
     for (changed, reason) in [
-        (small.clone(), "4 of its cases are not in this sweep: the scene changed, a level was taken away"),
+        (
+            small.clone(),
+            "4 of its cases ran with values that this sweep does not have: the scene changed, a level was taken away",
+        ),
         (sweep("drag.ratio = [1.0, 1.5, 2.0, 3.0]", "traces = 3"), "traces, now"),
-        (small.replace("= 9", "= 13"), "6 of its cases are not in this sweep"),
+        (small.replace("= 9", "= 13"), "6 of its cases ran with values that this sweep does not have"),
         (
             sweep(&format!("{more}medium.viscosity_pa_s = [0.4, 1.6]"), "").replace("[set]\nrod.nodes = 9\n", ""),
-            "6 of its cases are not in this sweep, because they ran with the scene's value, which axis medium.viscosity_pa_s does not have; add 0.8 to its levels",
+            "6 of its cases ran with the scene's value of axis medium.viscosity_pa_s, which this sweep does not have; add 0.8 to its levels",
         ),
         (
             sweep(&format!("{more}[axes.stiff]\nkeys = [\"rod.youngs_modulus_pa\"]\nfactors = [2.0, 3.0]"), "")
                 .replace("[set]\nrod.nodes = 9\n", ""),
-            "which axis stiff does not have; add 1 to its levels",
+            "axis stiff, which this sweep does not have; add 1 to its levels",
         ),
     ] {
         written(&changed);

@@ -307,6 +307,8 @@ fn options_given_by_name_are_in_range_and_no_empty_list() {
         ("accuracy", json!({ "tolerances": [] }), "tolerances: found an empty list"),
         ("accuracy", json!({ "steps": [] }), "steps: found an empty list"),
         ("scaling", json!({ "nodes": [] }), "nodes: found an empty list"),
+        ("accuracy", json!({ "steps": [1e9] }), "steps: found 1000000000; allowed: up to the duration of the scene"),
+        ("scaling", json!({ "steps": 2.5 }), "steps: found 2.5; allowed: a whole number that is not negative"),
         ("accuracy", json!({ "tolerances": [2.0] }), "tolerances: found 2; allowed: a number between 0 and 1"),
         ("accuracy", json!({ "tolerances": [0.5, 0.0] }), "tolerances: found 0; allowed: a number between 0 and 1"),
     ] {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use caudal::assessment::Assessment;
 use caudal::fmu::{Fmu, Standard};
 use caudal::scene::Document;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
@@ -53,7 +53,11 @@ impl Scene {
             let text = toml::to_string(&to_toml(tables)?).map_err(|error| PyValueError::new_err(error.to_string()))?;
             (PathBuf::from(UNNAMED), Document::new(UNNAMED, text))
         } else {
-            let given: PathBuf = source.extract()?;
+            let wrong = |_| {
+                let found = source.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string());
+                PyTypeError::new_err(format!("scene: found {found}; allowed: a Scene, a path, or a dict of tables"))
+            };
+            let given: PathBuf = source.extract().map_err(wrong)?;
             let read = Document::read(&given).or_raise(py)?;
             let path = std::path::absolute(&given)?;
             (path.clone(), Document::new(path, read.text()))

@@ -415,7 +415,8 @@ impl Stepper {
             let snapshot = stepper.deserialize(bytes.as_bytes()).or_raise(py)?;
             return stepper.restore(&snapshot).or_raise(py);
         }
-        stepper.restore(&snapshot.cast::<Snapshot>()?.get().snapshot).or_raise(py)
+        let wrong = |_| PyTypeError::new_err("snapshot: allowed: a Snapshot from save(), or the bytes of one");
+        stepper.restore(&snapshot.cast::<Snapshot>().map_err(wrong)?.get().snapshot).or_raise(py)
     }
 
     /// Free its memory; it cannot be used any more.

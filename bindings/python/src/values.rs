@@ -1,7 +1,7 @@
 //! Values between Python and the library.
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyTuple};
 
@@ -28,17 +28,23 @@ impl<'py> Numbers<'py> {
             return Ok(Self::One(number.value()));
         }
         if values.is_none() {
-            return Err(PyTypeError::new_err("found None; allowed: a number, or numbers in one dimension")); // NumPy takes it for NaN
+            return Err(PyTypeError::new_err(not_numbers(values))); // NumPy takes it for NaN
         }
         let array = match values.cast::<PyArray1<f64>>() {
             Ok(array) => array.clone(),
             Err(_) => {
                 let numpy = values.py().import("numpy")?;
-                let array = numpy.call_method1("asarray", (values, "float64"))?;
+                let array = numpy.call_method1("asarray", (values, "float64")).map_err(|error| {
+                    if error.is_instance_of::<PyValueError>(values.py()) {
+                        PyValueError::new_err(not_numbers(values))
+                    } else {
+                        PyTypeError::new_err(not_numbers(values))
+                    }
+                })?;
                 if array.getattr("ndim")?.extract::<usize>()? == 0 {
                     return Ok(Self::One(array.call_method0("item")?.extract()?));
                 }
-                array.cast_into().map_err(|_| PyTypeError::new_err("allowed: a number, or numbers in one dimension"))?
+                array.cast_into().map_err(|_| PyTypeError::new_err(not_numbers(values)))?
             }
         };
         let array = array.try_readonly()?;
@@ -57,6 +63,12 @@ impl<'py> Numbers<'py> {
             Self::Copied(values) => values,
         })
     }
+}
+
+/// The message about a value that is no list of numbers.
+fn not_numbers(value: &Bound<'_, PyAny>) -> String {
+    let found = value.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string());
+    format!("value: found {found}; allowed: a number, or numbers in one dimension")
 }
 
 /// `value` with NumPy's scalars and arrays, itself or anywhere inside, as Python's.

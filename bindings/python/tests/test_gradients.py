@@ -432,3 +432,12 @@ def test_messages_speak_of_python_s_own_words(tmp_path):
     assert "--set" not in str(wrong.value) and "did you mean `length_m`" in str(wrong.value)
     with pytest.raises(caudal.errors.SceneError, match="`caudal.sweep` runs it"):
         caudal.load("models/sweep-resonance.toml")
+
+
+def test_a_first_state_does_not_move_the_node_that_a_head_holds():
+    own = caudal.load("models/driven-head.toml", set={"solver.duration_s": 0.1})
+    start = caudal.parameters(own)["x_m"].value
+    gradient = caudal.value_and_grad(own, "tip_y_m", "x_m", {"x_m": start})[1]["x_m"]
+    assert gradient[0] == 0.0 and gradient[1] != 0.0
+    with pytest.raises(caudal.errors.DerivativeError, match="x_m: found 0.1 at node 0, which the head holds at 0; allowed"):
+        caudal.simulate(own, "tip_y_m", {"x_m": start + 0.1})

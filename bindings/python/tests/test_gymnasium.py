@@ -188,7 +188,7 @@ def test_wrong_options_of_an_environment_are_named():
         ("render_mode", "human", "render_mode: found 'human'; allowed: None, 'rgb_array'"),
         ("actions", {"viscosity_pa_s": (-1.0, 1.0)}, r"actions\['viscosity_pa_s'\]: .*-1"),
     ]:
-        with pytest.raises(ValueError, match=problem):
+        with pytest.raises((TypeError, ValueError), match=problem):
             caudal.gymnasium.TailEnv("models/glycerol.toml", **{**options, name: value})
     sizes = iter([2, 2, 3])
     environment = caudal.gymnasium.TailEnv("models/glycerol.toml", **options, goal=lambda generator: np.zeros(next(sizes)))
@@ -202,6 +202,16 @@ def test_wrong_options_of_an_environment_are_named():
     for threads in (0, 1.5, True):
         with pytest.raises(ValueError, match=f"threads: found {threads}; allowed: a whole number, 1 or more"):
             caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, threads=threads, **options)
+    for reward in ("x", None, float("nan"), [1.0, 2.0]):
+        environment = caudal.gymnasium.TailEnv("models/glycerol.toml", **{**options, "reward": lambda before, after: reward})
+        environment.reset()
+        with pytest.raises(ValueError, match="reward: found .* from the function; allowed: a finite number"):
+            environment.step(np.zeros(7))
+    tails = caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, **options)
+    assert tails.reset(seed=np.int64(3))[0].shape == (2, 1)
+    for seed in (1.5, [1, 2, 3], "ab"[:1]):
+        with pytest.raises(ValueError, match="seed: found .*; allowed: one whole number, or a list of 2"):
+            tails.reset(seed=seed)
     for copies in (None, 2.0):
         with pytest.raises(ValueError, match=f"num_envs: found {copies}; allowed: a whole number, 1 or more"):
             caudal.gymnasium.TailVectorEnv("models/glycerol.toml", copies, **options)

@@ -10,7 +10,7 @@ import pytest
 import caudal
 
 SHORT = {"solver.duration_s": 0.05}
-GLYCEROL = "models/glycerol.toml"
+GLYCEROL = os.path.abspath("models/glycerol.toml")
 
 TABLE = """name = "table"
 [rod]
@@ -141,3 +141,35 @@ def test_levels_that_are_lists_are_text_in_data_sets_and_figures(tmp_path):
     rows = caudal.sweep(caudal.load(GLYCEROL, set=SHORT), axes, out=tmp_path / "two")
     assert rows.to_xarray().sizes["rod.stiffness_profile"] == 2
     rows.plot("x_com_m")
+
+
+@pytest.mark.parametrize(
+    ("call", "problem"),
+    [
+        (lambda: caudal.load(None), "scene: found None; allowed: a Scene, a path, or a dict of tables"),
+        (lambda: caudal.load(GLYCEROL, set=["rod.nodes=9"]), "set: found .*; allowed: a dict by name"),
+        (lambda: caudal.run(GLYCEROL, record=3), "record: found 3; allowed: a name, or a list of names"),
+        (lambda: caudal.run(GLYCEROL, progress=3), "progress: found 3; allowed: a function"),
+        (lambda: caudal.simulate(GLYCEROL, None), "outputs: found None; allowed: a name, or a list of names"),
+        (lambda: caudal.simulate(GLYCEROL, []), "outputs: found an empty list; allowed: at least one name"),
+        (lambda: caudal.simulate(GLYCEROL, "tip_y_m", [1.0]), "values: found .*; allowed: a dict by name"),
+        (lambda: caudal.simulate(GLYCEROL, "tip_y_m", {"x_m": None}), "x_m: found None; allowed: a number, or an array"),
+        (lambda: caudal.simulate(GLYCEROL, "tip_y_m", {"x_m": "a"}), "x_m: found 'a'; allowed: a number, or an array"),
+        (lambda: caudal.value_and_grad(GLYCEROL, ["tip_y_m"], "x_m"), "output: found .*; allowed: one name"),
+        (lambda: caudal.value_and_grad(GLYCEROL, "tip_y_m", 3), "with_respect_to: found 3; allowed: a name"),
+        (lambda: caudal.sweep(GLYCEROL, ["rod.nodes"]), "axes: found .*; allowed: a dict by name"),
+        (lambda: caudal.sweep(GLYCEROL, {"rod.nodes": [9]}, jobs=0), "jobs: found 0; allowed: a whole number, 1 or more"),
+        (lambda: caudal.sweep(GLYCEROL, {"rod.nodes": [9]}, jobs=1.5), "jobs: found 1.5; allowed: a whole number"),
+        (lambda: caudal.study("modes", GLYCEROL, workers=1.5), "workers: found 1.5; allowed: a whole number"),
+        (lambda: caudal.study("modes", GLYCEROL, patience_s="a"), "patience_s: found 'a'; allowed: a positive time"),
+        (lambda: caudal.study("accuracy", GLYCEROL, nodes=[]), "nodes: found an empty list"),
+        (lambda: caudal.study("accuracy", GLYCEROL, tolerances=[2.0]), "tolerances: found 2; allowed: a number between 0 and 1"),
+        (lambda: caudal.study("scaling", GLYCEROL, steps=2.5), "steps: found 2.5; allowed: a whole number"),
+        (lambda: caudal.Stepper(GLYCEROL).set("viscosity_pa_s", "a"), "value: found 'a'; allowed: a number"),
+        (lambda: caudal.Stepper(GLYCEROL).restore(3), "snapshot: allowed: a Snapshot"),
+    ],
+)
+def test_a_wrong_argument_is_named_with_what_is_allowed(call, problem, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((TypeError, ValueError), match=problem):
+        call()

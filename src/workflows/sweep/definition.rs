@@ -613,7 +613,7 @@ impl Sweep {
     /// Why the scenes with these hashes, which have results, are not among those of the cases.
     fn other_cases(&self, hashes: &[&String]) -> String {
         let count = hashes.len();
-        let cases = if count == 1 { "1 of its cases is" } else { &format!("{count} of its cases are") };
+        let cases = if count == 1 { "1 of its cases" } else { &format!("{count} of its cases") };
         // Without an axis that was added they are the cases that there were.
         let without = |axis: usize| -> Result<HashSet<String>> {
             let mut found = HashSet::new();
@@ -640,11 +640,11 @@ impl Sweep {
                 };
                 let axis = &axis.name;
                 format!(
-                    "{cases} not in this sweep, because they ran with the scene's value, which axis {axis} does not have; add {level} to its levels"
+                    "{cases} ran with the scene's value of axis {axis}, which this sweep does not have; add {level} to its levels"
                 )
             }
             None => format!(
-                "{cases} not in this sweep: the scene changed, a level was taken away, or an added axis does not have the scene's value"
+                "{cases} ran with values that this sweep does not have: the scene changed, a level was taken away, or an added axis does not have the scene's value"
             ),
         }
     }

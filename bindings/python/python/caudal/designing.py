@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 from ._caudal import Scene, _design, _design_parts
+from .arguments import check_function
 from .distributing import Engine
 from .errors import Error
 from .fields import Fields
@@ -150,6 +151,7 @@ def design(
         Where the engine cannot go on, and for starts and checks that end their worker.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
+    check_function("progress", progress)
     told = _OncePerIteration(progress)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
         while (parts := told.next(scene, out, force)) is not None:

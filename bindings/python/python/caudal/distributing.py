@@ -22,6 +22,7 @@ from typing import Any, Callable, Iterator, Optional, Protocol
 
 from . import _caudal
 from ._caudal import __version__
+from .arguments import check_count, is_number
 from .errors import EngineError, Error, LostCasesError
 
 #: Time that a batch should take, s: a hundred times what an engine needs to pass it on.
@@ -154,10 +155,9 @@ class Engine:
         for name, value in (("client", client), ("executor", executor)):
             if value is not None and not hasattr(value, "submit"):
                 raise TypeError(f"{name}: found {value!r}; allowed: what has a method submit")
-        if workers is not None and workers < 1:
-            raise ValueError(f"workers: found {workers}; allowed: 1 or more")
-        if not patience_s > 0:
-            raise ValueError(f"patience_s: found {patience_s}; allowed: a positive time")
+        check_count("workers", workers)
+        if not is_number(patience_s) or not patience_s > 0:
+            raise ValueError(f"patience_s: found {patience_s!r}; allowed: a positive time")
         return None if client is None and executor is None else cls(client, executor, workers, patience_s)
 
     def __init__(self, client: Any, executor: Optional[Executor], workers: Optional[int], patience_s: float) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, _parameters, _Simulation
+from .arguments import arrays_of, names_of
 from .fields import Fields
-from .result import Array, Source, load, names_of
+from .result import Array, Source, load
 from .showing import table
 
 #: A number, or an array.
@@ -133,7 +134,7 @@ class Simulation:
             if array.shape != shape:
                 raise ValueError(f"weights of {name}: found the shape {array.shape}; allowed: {shape}")
             rows.append((name, array))
-        return self._content.pull_back(rows, names_of(with_respect_to))
+        return self._content.pull_back(rows, names_of(with_respect_to, "with_respect_to"))
 
     def __repr__(self) -> str:
         return f"<caudal.Simulation of {self.scene.name!r}: {', '.join(self.outputs)} at {len(self.times_s)} times>"
@@ -176,7 +177,9 @@ def simulate(
     ['medium.viscosity_pa_s']
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    names = names_of(outputs)
+    names = names_of(outputs, "outputs")
+    if not names:
+        raise ValueError("outputs: found an empty list; allowed: at least one name")
     given = arrays_of(values)
     return Simulation(scene, _Simulation(scene, given, names), dict(given))
 
@@ -229,16 +232,13 @@ def value_and_grad(
     (7,)
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
+    if not isinstance(output, str):
+        raise TypeError(f"output: found {output!r}; allowed: one name; of several Simulation.pull_back has derivatives")
     read = [] if output.startswith("cycle_") else [output]
     content = _Simulation(scene, arrays_of(values), read)
-    found = ValueAndGrad(content.value_and_grad(output, names_of(with_respect_to)))
+    found = ValueAndGrad(content.value_and_grad(output, names_of(with_respect_to, "with_respect_to")))
     found._content = content
     return found
-
-
-def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]]) -> list[tuple[str, Array]]:
-    """Copies of the values as arrays."""
-    return [(name, np.array(value, dtype=np.float64, order="C")) for name, value in (values or {}).items()]
 
 
 class Recent:
@@ -246,7 +246,7 @@ class Recent:
 
     def __init__(self, scene: Source, outputs: Union[str, Iterable[str]], size: int = 4) -> None:
         self.scene = scene if isinstance(scene, Scene) else load(scene)
-        self.outputs = names_of(outputs)
+        self.outputs = names_of(outputs, "outputs")
         self._size = size
         self._kept: dict[tuple[Any, ...], Simulation] = {}
 

@@ -12,6 +12,7 @@ from typing import Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Stepper
+from .arguments import check_count, check_function, is_number
 from .errors import Error
 from .optional import optional
 from .result import Array, Source, load
@@ -21,16 +22,6 @@ optional("gymnasium.vector", "caudal.gymnasium")
 
 #: The least and largest value of an input, for all its entries.
 Bounds = Mapping[str, tuple[float, float]]
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not isinstance(value, bool)
-
-
-def _check_count(name: str, value: Optional[int]) -> None:
-    """Refuse what is neither None nor a whole number from 1."""
-    if value is not None and (not isinstance(value, numbers.Integral) or isinstance(value, bool) or value < 1):
-        raise ValueError(f"{name}: found {value!r}; allowed: a whole number, 1 or more")
 
 
 class TailEnv(gymnasium.Env):
@@ -106,8 +97,7 @@ class TailEnv(gymnasium.Env):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: found {render_mode!r}; allowed: None, {', '.join(map(repr, self.metadata['render_modes']))}")
         for name, function in (("reward", reward), ("start", start), ("goal", goal)):
-            if not callable(function) and (function is not None or name == "reward"):
-                raise ValueError(f"{name}: found {function!r}; allowed: a function")
+            check_function(name, function, required=name == "reward")
         if not isinstance(actions, Mapping) or not actions:
             raise ValueError(f"actions: found {actions!r}; allowed: a dict of inputs with their bounds")
         if isinstance(observations, str) or not isinstance(observations, Sequence) or not observations:
@@ -118,11 +108,11 @@ class TailEnv(gymnasium.Env):
         self._start = self._stepper.save()
         duration_s = self._stepper.scene.duration_s if duration_s is None else duration_s
         for name, value in (("period_s", period_s), ("duration_s", duration_s)):
-            if not _is_number(value) or not 0 < value < np.inf:
+            if not is_number(value) or not 0 < value < np.inf:
                 raise ValueError(f"{name}: found {value!r}; allowed: a positive time")
-        if not _is_number(failure) or not np.isfinite(failure):
+        if not is_number(failure) or not np.isfinite(failure):
             raise ValueError(f"failure: found {failure!r}; allowed: a finite number")
-        _check_count("groups", groups)
+        check_count("groups", groups)
         self._reward, self._period, self._failure = reward, float(period_s), float(failure)
         self._steps = max(1, math.ceil(duration_s / period_s * (1.0 - 1e-12)))
         self._set_start, self._set_goal = start, goal
@@ -141,7 +131,7 @@ class TailEnv(gymnasium.Env):
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
             raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
         for name, bounds in actions.items():
-            two = np.shape(bounds) == (2,) and all(_is_number(bound) for bound in bounds)
+            two = np.shape(bounds) == (2,) and all(is_number(bound) for bound in bounds)
             if not two or not -np.inf < bounds[0] < bounds[1] < np.inf:
                 raise ValueError(f"actions[{name!r}]: found {bounds!r}; allowed: two numbers, the smaller first")
             for bound in bounds:
@@ -153,7 +143,7 @@ class TailEnv(gymnasium.Env):
         for name, scale in (scales or {}).items():
             if name not in observations:
                 raise ValueError(f"scales: `{name}` is not observed; allowed: {', '.join(observations)}")
-            if not _is_number(scale) or not 0 < scale < np.inf:
+            if not is_number(scale) or not 0 < scale < np.inf:
                 raise ValueError(f"scales[{name!r}]: found {scale!r}; allowed: a positive number")
         self._scales = {name: float((scales or {}).get(name, 1.0)) for name in observations}
         # For each input: its bounds, and which of the action's entries each of its own takes.
@@ -232,7 +222,11 @@ class TailEnv(gymnasium.Env):
         failed = error is not None
         self._made += 1
         after = self._observed()
-        reward = self._failure if failed else float(self._reward(before, after))
+        reward = self._failure if failed else self._reward(before, after)
+        value = np.asarray(reward)
+        if value.size != 1 or value.dtype.kind not in "fiub" or not np.isfinite(value).all():
+            raise ValueError(f"reward: found {reward!r} from the function; allowed: a finite number")
+        reward = float(value.item())
         info: dict[str, Any] = {"time_s": self._stepper.time_s, **({"error": error} if failed else {})}
         return self._flat(after), reward, failed, self._made >= self._steps, info
 
@@ -291,8 +285,8 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
     def __init__(self, scene: Source, num_envs: int = 1, *, threads: Optional[int] = None, **options: Any) -> None:
         if num_envs is None:
             raise ValueError("num_envs: found None; allowed: a whole number, 1 or more")
-        _check_count("num_envs", num_envs)
-        _check_count("threads", threads)
+        check_count("num_envs", num_envs)
+        check_count("threads", threads)
         num_envs = int(num_envs)
         scene = load(scene)
         self.envs = [TailEnv(scene, **options) for _ in range(num_envs)]
@@ -318,9 +312,10 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask: found {mask!r}; allowed: {self.num_envs} truth values, one of them true")
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed: found {len(seeds)}; allowed: one, or {self.num_envs}")
+        one = is_number(seed) and isinstance(seed, numbers.Integral)
+        seeds: Any = [int(seed) + i for i in range(self.num_envs)] if one else [None] * self.num_envs if seed is None else seed
+        if not isinstance(seeds, Sequence) or len(seeds) != self.num_envs:
+            raise ValueError(f"seed: found {seed!r}; allowed: one whole number, or a list of {self.num_envs}")
         self._ended[mask] = False
         infos: dict[str, Any] = {}
         observations = []

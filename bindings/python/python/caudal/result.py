@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _film, _pictures, _run, _vtk
+from .arguments import check_function, mapping_of, names_of
 from .fields import Fields, unknown
 from .optional import optional
 
@@ -25,11 +26,6 @@ if TYPE_CHECKING:
 Source = Union[Scene, str, "os.PathLike[str]", Mapping[str, Any]]
 #: Numbers in an array.
 Array = npt.NDArray[np.float64]
-
-
-def names_of(names: Union[str, Iterable[str]]) -> list[str]:
-    """Names as a list; a string is a single name."""
-    return [names] if isinstance(names, str) else list(names)
 
 
 def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
@@ -64,7 +60,7 @@ def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
     Traceback (most recent call last):
     caudal.errors.SceneError: rod.nodes="many": rod.nodes: found "many"; allowed: a whole number from 3 to 10000000
     """
-    return Scene(source, None if set is None else dict(set))
+    return Scene(source, None if set is None else mapping_of(set, "set"))
 
 
 def run(
@@ -117,7 +113,8 @@ def run(
     (101, 7)
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    names = None if record is None else names_of(record)
+    names = None if record is None else names_of(record, "record")
+    check_function("progress", progress)
     content, failure = _run(scene, names, out, force, progress)
     result = Result(scene, content)
     if failure is not None:
@@ -166,8 +163,8 @@ def export(
     ...     [os.path.basename(file) for file in caudal.export(folder, ["png", "pdf"], figures="shape")]
     ['shape.png', 'shape.pdf']
     """
-    names = None if figures is None else names_of(figures)
-    return [os.fspath(file) for file in _pictures(folder, names, names_of(formats), folder if out is None else out)]
+    names = None if figures is None else names_of(figures, "figures")
+    return [os.fspath(file) for file in _pictures(folder, names, names_of(formats, "formats"), folder if out is None else out)]
 
 
 #: Where a legend covers no curve.

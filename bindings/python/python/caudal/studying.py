@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, Callable, Literal, Optional, Union
 
 from ._caudal import Scene, _runs_of, _study
+from .arguments import check_function
 from .distributing import Engine
 from .fields import Fields
 from .optional import optional
@@ -82,6 +83,7 @@ def study(
     <caudal.Findings on natural modes: 3 tables, 3 figures>
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
+    check_function("progress", progress)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
         while (runs := _runs_of(scene, kind, asked, out, force)) is not None:
             engine.do(runs, progress)

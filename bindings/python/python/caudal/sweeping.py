@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Scene, _rebuild, _Sweep, _toml, _units
+from .arguments import check_count, check_function, mapping_of
 from .distributing import Distribution, Engine, lost_error
 from .errors import Error
 from .fields import Fields, unknown
@@ -272,12 +273,13 @@ def sweep(
     """
     sources: dict[Path, bytes] = {}
     if axes is not None or isinstance(path, (Scene, Mapping)):
-        path, out, sources = _as_files(path, dict(axes or {}), samples, set, out)
+        path, out, sources = _as_files(path, mapping_of(axes, "axes"), samples, set, out)
         set = None
     elif samples is not None:
         raise TypeError("samples belong to axes that are given here; a file has its own")
     engine = Engine.asked(client, executor, workers, patience_s)
-    at_work = _Sweep(path, None if set is None else dict(set), out, jobs, restart, force, sources)
+    check_count("jobs", jobs)
+    at_work = _Sweep(path, None if set is None else mapping_of(set, "set"), out, jobs, restart, force, sources)
     lost: list[int] = []
     try:
         with _progress_callback(progress) as told:
@@ -360,6 +362,7 @@ def _level(level: Any) -> Any:
 def _progress_callback(progress: Union[Callable[[int, int], Any], bool, None]) -> Iterator[Optional[Callable[[int, int], Any]]]:
     """The callback for progress: the given one, or that of a progress bar, which is closed at the end."""
     if not isinstance(progress, bool):
+        check_function("progress", progress)
         yield progress
         return
     if not progress:

@@ -8,9 +8,10 @@ from typing import Any, Callable, Union
 import numpy as np
 
 from ._caudal import Scene
+from .arguments import names_of
 from .gradients import simulate
 from .optional import optional
-from .result import Source, load, names_of
+from .result import Source, load
 
 torch: Any = optional("torch", "caudal.torch")
 
@@ -72,7 +73,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         type of the first tensor that is not of whole numbers, else PyTorch's default. The simulation is in double precision;
         it has first derivatives, and second ones raise an error.
     """
-    own, wanted = load(scene), names_of(outputs)
+    own, wanted = load(scene), names_of(outputs, "outputs")
 
     def of(values: dict[str, Any]) -> dict[str, Any]:
         tensors = [torch.as_tensor(value, dtype=None if torch.is_tensor(value) else torch.float64) for value in values.values()]

@@ -21,7 +21,7 @@ use self::plan::{BELOW_LIMIT, PlannedRun, check_without, limit_step, plan};
 use self::reference::{RUN_OPTIONS, Reference};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::study_run::{RunOptions, SimulationMethod, StudyRun};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::integrator::StepControl;
 use crate::jobs;
 use crate::report::Findings;
@@ -65,6 +65,11 @@ fn alpha() -> Option<SimulationMethod> {
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
 pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     check_without(&asked.without)?;
+    let duration = scene.solver.duration_s.get();
+    if let Some(step) = asked.steps.iter().find(|step| **step > duration) {
+        let problem = format!("steps: found {step}; allowed: up to the duration of the scene, {duration} s");
+        return Err(Error::Study { problem });
+    }
     let own = scene.rod.nodes.get() as u64;
     let meshes =
         if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };

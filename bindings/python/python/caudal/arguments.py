@@ -1,0 +1,58 @@
+"""Checks of arguments of functions: an error names the argument, what was found and what is allowed."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Iterable, Mapping
+from typing import Any, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
+
+
+def is_number(value: Any) -> bool:
+    """Whether `value` is a real number, and no truth value."""
+    return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_))
+
+
+def check_count(name: str, value: Optional[int]) -> None:
+    """Refuse what is neither None nor a whole number from 1 on."""
+    if value is not None and (not is_number(value) or not isinstance(value, numbers.Integral) or value < 1):
+        raise ValueError(f"{name}: found {value!r}; allowed: a whole number, 1 or more")
+
+
+def check_function(name: str, function: Any, required: bool = False) -> None:
+    """Refuse what is no function; None is allowed unless it is required."""
+    if not callable(function) and (required or function is not None):
+        raise TypeError(f"{name}: found {function!r}; allowed: a function")
+
+
+def names_of(names: Union[str, Iterable[str]], argument: str) -> list[str]:
+    """Names as a list; a string is a single name."""
+    if isinstance(names, str):
+        return [names]
+    found = list(names) if isinstance(names, Iterable) else [names]
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in found):
+        raise TypeError(f"{argument}: found {names!r}; allowed: a name, or a list of names")
+    return found
+
+
+def mapping_of(values: Optional[Mapping[str, Any]], argument: str) -> dict[str, Any]:
+    """A copy of the dictionary; empty for None."""
+    if values is not None and not isinstance(values, Mapping):
+        raise TypeError(f"{argument}: found {values!r}; allowed: a dict by name")
+    return dict(values or {})
+
+
+def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]], argument: str = "values") -> list[tuple[str, Any]]:
+    """Copies of the values as arrays."""
+    arrays = []
+    for name, value in mapping_of(values, argument).items():
+        try:
+            if value is None:  # NumPy takes it for NaN
+                raise TypeError
+            arrays.append((name, np.array(value, dtype=np.float64, order="C")))
+        except (TypeError, ValueError) as error:
+            kind = ValueError if isinstance(error, ValueError) else TypeError
+            raise kind(f"{name}: found {value!r}; allowed: a number, or an array of numbers") from error
+    return arrays
