@@ -167,10 +167,13 @@ fn names() -> impl Iterator<Item = &'static str> {
     recorded.map(|variable| variable.name).chain(["tip_x_m", "tip_y_m"])
 }
 
+/// A quantity of the tendon of this index, from 0.
+type TendonQuantity = fn(usize) -> Quantity;
+
 /// The tendon, from 0, and the quantity that `name` reads of it.
-fn tendon_reading(name: &str) -> Option<(usize, fn(usize) -> Quantity)> {
+fn tendon_reading(name: &str) -> Option<(usize, TendonQuantity)> {
     let (number, what) = name.strip_prefix("tendon_")?.split_once('_')?;
-    let reading: fn(usize) -> Quantity = match what {
+    let reading: TendonQuantity = match what {
         "tension_n" => Quantity::TendonTension,
         "length_m" => Quantity::TendonLength,
         "power_w" => Quantity::TendonPower,
