@@ -31,7 +31,8 @@ pub fn fields(stepper: &Stepper) -> Vec<String> {
 pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[TrajectoryColumn]) -> Result<WrittenFiles> {
     let find = |name: &'static str| {
         let found = columns.iter().find(|column| column.variable.name == name);
-        found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None, needs: None })
+        let needs = Some("x_m, y_m and time_s to be recorded");
+        found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None, needs })
     };
     let (time, [x, y]) = (find("time_s")?, [find(POSITIONS[0])?, find(POSITIONS[1])?]);
     let nodes = &x.nodes;

@@ -319,8 +319,11 @@ impl Stepper {
         }
         let len = variable.len(stepper.model());
         let array = out.cloned().unwrap_or_else(|| PyArray1::zeros(py, len, false));
-        let mut place = array.try_readwrite()?;
-        let values = place.as_slice_mut()?;
+        let wrong = |error: &dyn std::fmt::Display| {
+            PyTypeError::new_err(format!("out: {error}; allowed: an array that is contiguous, aligned and writeable"))
+        };
+        let mut place = array.try_readwrite().map_err(|error| wrong(&error))?;
+        let values = place.as_slice_mut().map_err(|error| wrong(&error))?;
         if values.len() != len {
             return Err(exception(
                 py,

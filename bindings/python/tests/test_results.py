@@ -36,6 +36,8 @@ def test_a_result_is_a_dataset_with_units_and_comes_back_from_netcdf(result, tmp
 
 
 def test_vtk_files_hold_what_was_recorded(result, tmp_path, command):
+    with pytest.raises(caudal.errors.UnknownVariableError, match="needs x_m, y_m and time_s to be recorded"):
+        caudal.run(result.scene, record="x_m").to_vtk(tmp_path / "vtk")
     files = result.to_vtk(tmp_path / "vtk")
     assert len(files) == 51 + 1
     collection = xml.parse(tmp_path / "vtk/driven-head.pvd").getroot().findall("./Collection/DataSet")

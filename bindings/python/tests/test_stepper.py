@@ -230,6 +230,11 @@ def test_mistakes_are_exceptions_with_the_library_s_fields():
     for out in (np.zeros(9, np.float32), np.zeros((9, 1)), [0.0] * 9):
         with pytest.raises(TypeError, match="out: allowed: a NumPy array of one dimension and the type float64"):
             tail.get("x_m", out=out)
+    fixed = np.zeros(9)
+    fixed.flags.writeable = False
+    for out in (fixed, np.zeros(18)[::2]):
+        with pytest.raises(TypeError, match="out: .*; allowed: an array that is contiguous, aligned and writeable"):
+            tail.get("x_m", out=out)
     with pytest.raises(TypeError, match="value: found None; allowed: a number"):
         tail.set("viscosity_pa_s", None)
     with pytest.raises(caudal.errors.UnknownVariableError, match="it needs a held head"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -312,8 +311,10 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask: found {mask!r}; allowed: {self.num_envs} truth values, one of them true")
-        one = is_number(seed) and isinstance(seed, numbers.Integral)
-        seeds: Any = [int(seed) + i for i in range(self.num_envs)] if one else [None] * self.num_envs if seed is None else seed
+        seeds: Any = [None] * self.num_envs if seed is None else seed
+        if isinstance(seed, int) or isinstance(seed, np.integer):
+            first = int(seed)
+            seeds = [first + i for i in range(self.num_envs)]
         if not isinstance(seeds, Sequence) or len(seeds) != self.num_envs:
             raise ValueError(f"seed: found {seed!r}; allowed: one whole number, or a list of {self.num_envs}")
         self._ended[mask] = False
