@@ -312,9 +312,8 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask: found {mask!r}; allowed: {self.num_envs} truth values, one of them true")
         seeds: Any = [None] * self.num_envs if seed is None else seed
-        if isinstance(seed, int) or isinstance(seed, np.integer):
-            first = int(seed)
-            seeds = [first + i for i in range(self.num_envs)]
+        if isinstance(seeds, (int, np.integer)):
+            seeds = [int(seeds) + i for i in range(self.num_envs)]
         if not isinstance(seeds, Sequence) or len(seeds) != self.num_envs:
             raise ValueError(f"seed: found {seed!r}; allowed: one whole number, or a list of {self.num_envs}")
         self._ended[mask] = False
