@@ -18,9 +18,9 @@ use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::fluid::{Fluid, Force};
+use crate::head::Demand;
 use crate::head::Signal;
 use crate::metrics::{Measurements, Power, RunMetrics};
-use crate::head::Demand;
 use crate::model::{Dynamics, Inputs, Model};
 use crate::number_format::percent;
 use crate::rod::node;
@@ -164,7 +164,9 @@ impl CycleSource {
         match self {
             Self::Actuation if dynamics.inputs.drive.frequency == 0.0 => "the actuation's frequency is 0".to_string(),
             Self::Actuation => shorter(dynamics.inputs.drive.frequency.recip()),
-            Self::Head(_) if !steady(dynamics) => "a host moves or turns the head, changes the flow, or pulls a tendon".to_string(),
+            Self::Head(_) if !steady(dynamics) => {
+                "a host moves or turns the head, changes the flow, or pulls a tendon".to_string()
+            }
             Self::Head(frequency) => shorter(frequency.recip()),
             Self::Table => {
                 "the head or the flow moves, or a tendon is pulled, by a table, which has no period".to_string()

@@ -730,7 +730,8 @@ impl Dynamics {
             return Demand::default();
         };
         let [gain, gain_rate] = self.model.start.gain(t);
-        let (own, rate) = (hinge.torque.at(t), self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().hinge));
+        let (own, rate) =
+            (hinge.torque.at(t), self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().hinge));
         let Demand { torque, angle: turning } = rate.unwrap_or_default();
         Demand { torque: gain * own.rate + gain_rate * own.value + torque, angle: angle.rate + turning }
     }

@@ -89,7 +89,8 @@ impl HeadTable {
         let commanded = self.angle_rad.as_ref().is_some_and(|angle| !constant(angle));
         if commanded && self.stiffness() == 0.0 {
             let found = "an angle that changes, without head.stiffness_n_m";
-            let allowed = "a number, the angle at the start: without a servo's stiffness nothing turns the head to an angle";
+            let allowed =
+                "a number, the angle at the start: without a servo's stiffness nothing turns the head to an angle";
             return Err(KeyError { key: "head.angle_rad".into(), problem: value::refused(found, allowed) });
         }
         Ok(())

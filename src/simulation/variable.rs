@@ -684,8 +684,10 @@ const DENSE_FLUID: Requirement = Requirement {
 const FLUID_THERE: Requirement = Requirement { met: has_fluid, what: "a [medium] that acts on the rod" };
 const HELD_HEAD: Requirement =
     Requirement { met: has_held_head, what: r#"a held head: [head] with kind = "clamped", "driven" or "hinged""# };
-const TURNED_HEAD: Requirement =
-    Requirement { met: has_turned_head, what: r#"a head whose angle is held: [head] with kind = "clamped" or "driven""# };
+const TURNED_HEAD: Requirement = Requirement {
+    met: has_turned_head,
+    what: r#"a head whose angle is held: [head] with kind = "clamped" or "driven""#,
+};
 const HINGE: Requirement = Requirement { met: has_hinge, what: r#"a [head] with kind = "hinged""# };
 const SERVO: Requirement = Requirement { met: has_servo, what: "a hinged [head] with stiffness_n_m" };
 const INERTIAL_FLUID: Requirement =

@@ -35,7 +35,10 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
         ("limited", &["actuation.largest_1_m=4.0", "head.kind=clamped", "start.kind=ramp", "start.ramp_s=0.1"]),
         ("limited and damped", &[damped, "rod.damping_of=elastic", "actuation.largest_1_m=4.0"]),
         ("moments and limited", &["actuation.largest_moment_n_m=8.0", driven[0], turning]),
-        ("hinged", &[hinge[0], hinge[1], "head.largest_torque_n_m=1.0", hinge[2], "start.kind=ramp", "start.ramp_s=0.1"]),
+        (
+            "hinged",
+            &[hinge[0], hinge[1], "head.largest_torque_n_m=1.0", hinge[2], "start.kind=ramp", "start.ramp_s=0.1"],
+        ),
         ("hinged in chain", &["solver.form=chain", hinge[0], hinge[1]]),
         ("hinged and damped", &[damped, hinge[0], hinge[2]]),
     ];

@@ -49,7 +49,16 @@ fn deviations(name: &str, changes: &[&str]) -> [f64; 2] {
 
 #[test]
 fn damped_and_driven_rods_move_as_an_independent_program_says_in_both_forms() {
-    for name in ["damped-release", "elastic-damping", "whole-damping", "follower", "moment-drive", "tendons", "torque-head", "servo"] {
+    for name in [
+        "damped-release",
+        "elastic-damping",
+        "whole-damping",
+        "follower",
+        "moment-drive",
+        "tendons",
+        "torque-head",
+        "servo",
+    ] {
         for form in ["positions", "chain"] {
             let [places, speeds] = deviations(name, &[&format!("solver.form={form}")]);
             println!("{name}, {form}: {places:e} L, {speeds:e} of the speed");

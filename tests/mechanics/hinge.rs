@@ -87,7 +87,10 @@ fn a_torque_turns_a_stiff_tail_as_an_oscillator_with_its_inertia() {
                 let error = (amplitude / expected - 1.0).abs().max((late - delay).abs());
                 println!("{key}, {form}, {frequency} Hz: {error:e}, decayed to {decayed:e}");
                 // What is left is that the tail bends, and the step; measured: up to 1e-4, at the highest frequency.
-                assert!(error < 1e-3 && decayed < 1e-4, "{key}, {form}, {frequency} Hz: {amplitude} for {expected}, {late} for {delay}");
+                assert!(
+                    error < 1e-3 && decayed < 1e-4,
+                    "{key}, {form}, {frequency} Hz: {amplitude} for {expected}, {late} for {delay}"
+                );
             }
         }
     }
@@ -171,7 +174,10 @@ fn a_host_that_adds_the_scene_s_torque_and_angle_moves_the_head_as_the_scene_doe
 fn a_snapshot_keeps_the_angle_and_what_a_host_adds() {
     for form in ["positions", "chain"] {
         for integrator in ["newmark", "generalized-alpha", "esdirk3", "implicit-euler"] {
-            let changes = [format!("solver.form={form}"), format!("solver={{integrator=\"{integrator}\",time_step_s=1e-3,duration_s=1.0,form=\"{form}\"}}")];
+            let changes = [
+                format!("solver.form={form}"),
+                format!("solver={{integrator=\"{integrator}\",time_step_s=1e-3,duration_s=1.0,form=\"{form}\"}}"),
+            ];
             let mut stepper = servo(&["head.torque_n_m={amplitude=0.03,frequency_hz=2.0}", &changes[1]]);
             stepper.set("hinge_added_torque_n_m", &[0.01]).unwrap();
             stepper.do_step(0.05).unwrap();
@@ -190,7 +196,11 @@ fn a_snapshot_keeps_the_angle_and_what_a_host_adds() {
 #[test]
 fn the_angle_between_steps_is_that_of_steps_that_end_there() {
     for form in ["positions", "chain"] {
-        let changes = ["head.torque_n_m={amplitude=0.03,frequency_hz=2.0}", &format!("solver.form={form}")[..], "rod.youngs_modulus_pa=1e6"];
+        let changes = [
+            "head.torque_n_m={amplitude=0.03,frequency_hz=2.0}",
+            &format!("solver.form={form}")[..],
+            "rod.youngs_modulus_pa=1e6",
+        ];
         let mut fine = servo(&[&changes[..], &["solver.time_step_s=5e-4"]].concat());
         let mut coarse = servo(&[&changes[..], &["solver.time_step_s=1e-2"]].concat());
         let mut worst = [0.0_f64; 3];
@@ -235,7 +245,11 @@ fn every_method_turns_the_head_alike() {
     ] {
         let (angle, tip) = of(solver);
         println!("{solver}: {:e} {:e}", angle - exact.0, (tip - exact.1).norm());
-        assert!((angle - exact.0).abs() < error && (tip - exact.1).norm() < 0.2 * error, "{solver}: {angle} {}", exact.0);
+        assert!(
+            (angle - exact.0).abs() < error && (tip - exact.1).norm() < 0.2 * error,
+            "{solver}: {angle} {}",
+            exact.0
+        );
     }
 }
 

@@ -55,7 +55,14 @@ fn a_joint_is_given_what_the_limit_leaves_of_wave_and_host_together() {
 #[test]
 fn a_limit_out_of_reach_changes_nothing_and_the_balance_closes_within_one() {
     let run = |changes: &[&str]| {
-        let mut stepper = tail(SOFT, &[changes, &["start.kind=ramp", "start.ramp_s=0.1", "solver.integrator=newmark", "solver.time_step_s=5e-4"]].concat());
+        let mut stepper = tail(
+            SOFT,
+            &[
+                changes,
+                &["start.kind=ramp", "start.ramp_s=0.1", "solver.integrator=newmark", "solver.time_step_s=5e-4"],
+            ]
+            .concat(),
+        );
         stepper.do_step(0.3).unwrap();
         stepper
     };

@@ -32,7 +32,8 @@ pub fn library_path() -> PathBuf {
 }
 
 /// A change of the driven head to one on a hinge with a servo.
-pub const HINGE: &str = "head={kind=\"hinged\",inertia_kg_m2=1e-4,stiffness_n_m=0.5,damping_n_m_s=1e-3,largest_torque_n_m=1.0}";
+pub const HINGE: &str =
+    "head={kind=\"hinged\",inertia_kg_m2=1e-4,stiffness_n_m=0.5,damping_n_m_s=1e-3,largest_torque_n_m=1.0}";
 
 pub fn document(model: &str, changes: &[&str]) -> Document {
     let mut document = Document::read(&models().join(format!("{model}.toml"))).unwrap();
