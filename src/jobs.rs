@@ -18,6 +18,7 @@ use twox_hash::XxHash3_64;
 
 #[cfg(unix)]
 pub use journal::held_descriptors;
+#[cfg(feature = "report")]
 pub(crate) use journal::of_another_job;
 pub use journal::{BUILD, Job, Journal, hash, line, read_line};
 

@@ -642,7 +642,10 @@ measure!(
     "_w",
     "W",
     "mean power dissipated by the damped material over the last whole cycles",
-    |c, d| d.model.rod.damping.as_ref().map(|_| c.power(8))
+    |c, d| {
+        let hinge = d.model.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0);
+        (hinge || d.model.rod.damping.is_some()).then(|| c.power(8))
+    }
 );
 measure!(
     VISCOUS_POWER,

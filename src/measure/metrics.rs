@@ -63,7 +63,7 @@ impl Energy {
 pub struct Power {
     /// Supplied by the change of natural curvature and by active moments: Σ M_k dκ_k/dt − Σ (m_k + M_k) dκ̄_k/dt.
     pub actuation: f64,
-    /// Dissipated in the rod's material, see [`Damping`](crate::rod::Damping).
+    /// Dissipated in the rod's material, see [`Damping`](crate::rod::Damping), and in the bearing of a hinge.
     pub material: f64,
     /// Dissipated by drag: F·(v − u) ≥ 0.
     pub viscous: f64,
@@ -282,7 +282,7 @@ pub struct Measurements {
     head: [Vector2<f64>; 2],
     /// Angle and spin of a held head.
     head_angle: [f64; 2],
-    /// The moment (N m) against which that angle is turned: of the tail, or of what holds a hinge.
+    /// The moment (N m) against which that angle is turned: of the tail, or the opposite of a motor's torque.
     head_couple: f64,
     /// Force (N) that a held head exerts beyond the inertia of node 0.
     head_push: Vector2<f64>,
@@ -643,7 +643,8 @@ impl Measurements {
             self.head_couple = moment;
             if let Some(hinge) = &dynamics.model.hinge {
                 self.hinge = HingeReading { torque: dynamics.hinge_torque(), spin: angle.rate };
-                self.head_couple = hinge.damping * angle.rate - self.hinge.torque;
+                self.head_couple = -self.hinge.torque;
+                power.material += hinge.damping * angle.rate * angle.rate;
                 energy.kinetic += 0.5 * hinge.inertia * angle.rate * angle.rate;
             }
             power.head = held.dot(&self.head[1]) - self.head_couple * angle.rate;

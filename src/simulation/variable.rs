@@ -693,8 +693,10 @@ const SERVO: Requirement = Requirement { met: has_servo, what: "a hinged [head] 
 const INERTIAL_FLUID: Requirement =
     Requirement { met: has_inertial_fluid, what: "a fluid that the rod accelerates: [reactive]" };
 const OTHER_FORCES: Requirement = Requirement { met: has_other_forces, what: "a force of your own" };
-const DAMPED: Requirement =
-    Requirement { met: is_damped, what: "a damped material: rod.damping_time_s or rod.loss_factor" };
+const DAMPED: Requirement = Requirement {
+    met: is_damped,
+    what: "a damped material: rod.damping_time_s or rod.loss_factor, or a hinged [head] with damping_n_m_s",
+};
 const SPRAY: Requirement = Requirement { met: has_spray, what: "[reactive] and a medium with interfaces" };
 const FREE: Requirement = Requirement { met: is_free, what: "a free head" };
 const FLOW_X: Requirement = Requirement { met: has_flow::<0>, what: "a [medium] that may flow along this axis" };
@@ -771,7 +773,7 @@ fn has_inertial_fluid(model: &Model) -> bool {
 }
 
 fn is_damped(model: &Model) -> bool {
-    model.rod.damping.is_some()
+    model.rod.damping.is_some() || model.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
 }
 
 fn has_spray(model: &Model) -> bool {

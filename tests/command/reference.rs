@@ -27,8 +27,9 @@ A key without a default is **required** or has no effect if absent. Some types c
 "#;
 
 /// Units by the ends of keys, longer ends first.
-const UNITS: [(&str, &str); 23] = [
-    ("moment_of_inertia_kg_m2", "kg m²"),
+const UNITS: [(&str, &str); 24] = [
+    ("inertia_kg_m2", "kg m²"),
+    ("_n_m_s", "N m s"),
     ("_n_s_m2", "N s/m²"),
     ("_kg_m3", "kg/m³"),
     ("_rad_s", "rad/s"),

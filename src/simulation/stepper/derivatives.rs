@@ -246,6 +246,7 @@ impl StateTangent {
             let asked = self.demand.torque + hinge.stiffness * self.demand.angle;
             now.hinge = HingeReading { torque: by_demand * asked + by_angle * angle, spin: angular_velocity };
             energy.kinetic += hinge.inertia * pitch.rate * angular_velocity;
+            power.material += 2.0 * hinge.damping * pitch.rate * angular_velocity;
         }
         let mut on_head = [Vector2::zeros(); 2];
         let moving = bent.kinematics();
@@ -407,10 +408,7 @@ impl StateTangent {
             now.head_moment = now.moment[0] * s + moment * 0.5 * kappa[0] * now.kappa[0];
             let [couple, couple_change] = match &dynamics.model.hinge {
                 None => [moment * s, now.head_moment],
-                Some(hinge) => [
-                    hinge.damping * pitch.rate - measurements.hinge.torque,
-                    hinge.damping * angular_velocity - now.hinge.torque,
-                ],
+                Some(_) => [-measurements.hinge.torque, -now.hinge.torque],
             };
             power.head = held_change.dot(&Vector2::new(x.rate, y.rate)) + held.dot(&node(&d.v, 0))
                 - couple_change * pitch.rate

@@ -134,7 +134,8 @@ impl Summary {
             max_hinge_torque_n_m: model.hinge.as_ref().map(|_| metrics.totals.max_hinge_torque),
             max_head_power_w: model.head.as_ref().map(|_| metrics.totals.max_power[1]),
             max_joint_moment_n_m: metrics.totals.max_couple,
-            max_actuation_power_w: model.actuation.as_ref().map(|_| metrics.totals.max_power[0]),
+            max_actuation_power_w: (model.actuation.is_some() || !model.tendons.is_empty())
+                .then_some(metrics.totals.max_power[0]),
             cycles,
             wall_s: outcome.wall.as_secs_f64(),
             verification: None,
