@@ -24,7 +24,6 @@ use crate::newton::Newton;
 use crate::rod::node;
 use crate::start::Start;
 use crate::system::{Linearisation, State, System};
-use crate::tendons::Tendon;
 
 /// The least part of a way to rest that is gone at once.
 const LEAST_PART: f64 = 1.0 / 4096.0;
@@ -163,14 +162,11 @@ impl SteadyState {
             let problem = "found \"hinged\", whose angle is no unknown here; allowed: \"clamped\" or \"driven\", held at its angle";
             return Err(unsteady("head.kind", problem));
         }
-        let constant = |tendon: &Tendon| match tendon.tension {
-            Signal::Constant(tension) => Some(tension),
-            _ => None,
-        };
-        if model.tendons.iter().any(|tendon| constant(tendon).is_none()) {
+        let mut tensions = model.tendons.iter().map(|tendon| tendon.tension.constant());
+        if tensions.clone().any(|tension| tension.is_none()) {
             return Err(unsteady("tendons", "a tension changes in time; allowed: constant ones"));
         }
-        if model.head.is_none() && model.tendons.iter().any(|tendon| constant(tendon) != Some(0.0)) {
+        if model.head.is_none() && tensions.any(|tension| tension != Some(0.0)) {
             let problem = "tendons pull a free rod, whose rest is not found here; allowed: a held head, or no tension";
             return Err(unsteady("tendons", problem));
         }

@@ -18,7 +18,7 @@ use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::fluid::{Fluid, Force};
-use crate::head::Demand;
+use crate::head::MotorCommand;
 use crate::head::Signal;
 use crate::metrics::{Measurements, Power, RunMetrics};
 use crate::model::{Dynamics, Inputs, Model};
@@ -180,7 +180,7 @@ impl CycleSource {
 /// True if no host drives the head or the flow, or pulls a tendon.
 fn steady(dynamics: &Dynamics) -> bool {
     let Inputs { head, flow_taken, tension, hinge, .. } = &dynamics.inputs;
-    head.is_none() && !flow_taken && *tension == [0.0; MAX_TENDONS] && *hinge == Demand::default()
+    head.is_none() && !flow_taken && *tension == [0.0; MAX_TENDONS] && *hinge == MotorCommand::default()
 }
 
 /// The integrals and their rates at one time.
@@ -642,10 +642,7 @@ measure!(
     "_w",
     "W",
     "mean power dissipated by the damped material over the last whole cycles",
-    |c, d| {
-        let hinge = d.model.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0);
-        (hinge || d.model.rod.damping.is_some()).then(|| c.power(8))
-    }
+    |c, d| d.model.is_damped().then(|| c.power(8))
 );
 measure!(
     VISCOUS_POWER,

@@ -5,7 +5,7 @@ pub mod pose_extrapolation;
 
 use std::f64::consts::TAU;
 
-pub use hinge::{Demand, Hinge};
+pub use hinge::{Hinge, MotorCommand};
 pub use pose_extrapolation::{HeadInput, HostHead};
 use serde::{Deserialize, Serialize};
 
@@ -92,6 +92,14 @@ impl Signal {
         };
         let row = |(k, &[time, value]): (usize, &[f64; 2])| Row { time, value, rate: rate(k) };
         Self::Table(points.iter().enumerate().map(row).collect())
+    }
+
+    /// Its value, where that is always the same.
+    pub fn constant(&self) -> Option<f64> {
+        match self {
+            Self::Constant(value) => Some(*value),
+            _ => None,
+        }
     }
 
     /// The root mean square over its period, or over the rows of a table.

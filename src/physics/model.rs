@@ -24,7 +24,8 @@ use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
 use crate::head::hinge::HingeResidual;
 use crate::head::{
-    Demand, HeadInput, HeadMotion, Hinge, HostHead, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose, pose_before,
+    HeadInput, HeadMotion, Hinge, HostHead, MotorCommand, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose,
+    pose_before,
 };
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
@@ -131,6 +132,16 @@ impl Model {
         Some(look(&**actuation, *drive))
     }
 
+    /// The number of entries of the positions of a state: two per node, and the arc of a hinge.
+    pub fn unknowns(&self) -> usize {
+        2 * self.rod.nodes + usize::from(self.hinge.is_some())
+    }
+
+    /// True where the material of the rod, or the bearing of a hinge, dissipates.
+    pub fn is_damped(&self) -> bool {
+        self.rod.damping.is_some() || self.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
+    }
+
     /// Half of what the speed (m/s) of its head varies by in the scene's own motion.
     pub fn head_speed_amplitude(&self) -> f64 {
         let Some([x, y, angle]) = &self.head else { return 0.0 };
@@ -154,7 +165,7 @@ pub struct Inputs {
     /// What a host adds to the tension of each tendon, N.
     pub tension: [f64; MAX_TENDONS],
     /// What a host adds to the torque (N m) and to the commanded angle (rad) of a hinge.
-    pub hinge: Demand,
+    pub hinge: MotorCommand,
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
@@ -196,7 +207,7 @@ impl Inputs {
             natural: None,
             moment: None,
             tension: [0.0; MAX_TENDONS],
-            hinge: Demand::default(),
+            hinge: MotorCommand::default(),
             force: None,
             fluid: model.fluid,
             flow_taken: false,
@@ -365,7 +376,7 @@ pub struct Dynamics {
     /// Pose of a held head at the time last moved to; the angle of one on a hinge is that of the state that was looked at last.
     pub held: Option<Pose>,
     /// What the motor of a hinge is asked for at the time last moved to.
-    pub demand: Demand,
+    pub command: MotorCommand,
     /// What the last assembly in the chain form left of the equation of a hinge.
     hinge_residual: Option<HingeResidual>,
     /// Where the step ends (s) that is under way, or was made last: there the head is as the step brings it, see
@@ -399,7 +410,7 @@ impl Dynamics {
             active: None,
             tensions: Default::default(),
             held: None,
-            demand: Demand::default(),
+            command: MotorCommand::default(),
             hinge_residual: None,
             step_end: None,
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
@@ -711,29 +722,31 @@ impl Dynamics {
         }
         let pose = if self.step_end == Some(t) { pose_before } else { pose };
         self.held = self.pose(t, pose);
-        self.demand = self.demand_at(t);
+        self.command = self.command_at(t);
     }
 
     /// What the motor of a hinge is asked for at time `t` (s): the torque grows with the ramp of the start.
-    fn demand_at(&self, t: f64) -> Demand {
-        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return Demand::default() };
+    fn command_at(&self, t: f64) -> MotorCommand {
+        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else {
+            return MotorCommand::default();
+        };
         let [gain, _] = self.model.start.gain(t);
-        Demand {
+        MotorCommand {
             torque: gain * hinge.torque.at(t).value + self.inputs.hinge.torque,
             angle: angle.value + self.inputs.hinge.angle,
         }
     }
 
     /// The rate (per s) of what the motor of a hinge is asked for, at time `t` (s).
-    pub(crate) fn demand_rate(&self, t: f64) -> Demand {
+    pub(crate) fn command_rate(&self, t: f64) -> MotorCommand {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, self.pose(t, pose)) else {
-            return Demand::default();
+            return MotorCommand::default();
         };
         let [gain, gain_rate] = self.model.start.gain(t);
         let (own, rate) =
             (hinge.torque.at(t), self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().hinge));
-        let Demand { torque, angle: turning } = rate.unwrap_or_default();
-        Demand { torque: gain * own.rate + gain_rate * own.value + torque, angle: angle.rate + turning }
+        let MotorCommand { torque, angle: turning } = rate.unwrap_or_default();
+        MotorCommand { torque: gain * own.rate + gain_rate * own.value + torque, angle: angle.rate + turning }
     }
 
     /// Takes the angle of a head on a hinge from `state`.
@@ -754,7 +767,7 @@ impl Dynamics {
     /// T, the torque (N m) of the motor of a hinge, where the head is as in the state that was looked at last.
     pub fn hinge_torque(&self) -> f64 {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return 0.0 };
-        hinge.torque(self.demand, angle.value)[0]
+        hinge.torque(self.command, angle.value)[0]
     }
 
     /// Writes the equation of a hinge in the place of the first one of node 0, which is prescribed, with what it has in common with node 1.
@@ -762,7 +775,7 @@ impl Dynamics {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return };
         let direction = jacobian.as_ref().map_or(Direction::POSITIONS, |jacobian| jacobian.direction);
         let Joint { couple, stiffness } = self.joints[0];
-        let own = hinge.residual(self.demand, *angle, couple, direction);
+        let own = hinge.residual(self.command, *angle, couple, direction);
         // Each row as a force, each column by an arc.
         let per_length = 1.0 / self.model.rod.length;
         residual[0] = own.moment * per_length;

@@ -85,8 +85,8 @@ impl HeadTable {
             let problem = "missing; a hinged head needs the inertia of what turns with it: the rotor of the motor times the square of the gear's ratio, and the head's own";
             return Err(KeyError { key: "head.inertia_kg_m2".into(), problem: problem.into() });
         }
-        let constant = |ScalarSignal(angle): &ScalarSignal| matches!(angle.formula(), Some(Signal::Constant(_)));
-        let commanded = self.angle_rad.as_ref().is_some_and(|angle| !constant(angle));
+        let constant = |ScalarSignal(angle): &ScalarSignal| angle.formula().and_then(Signal::constant);
+        let commanded = self.angle_rad.as_ref().is_some_and(|angle| constant(angle).is_none());
         if commanded && self.stiffness() == 0.0 {
             let found = "an angle that changes, without head.stiffness_n_m";
             let allowed =

@@ -99,6 +99,13 @@ impl ParameterList {
         self.push(key, None, unit, description, &value);
     }
 
+    /// Adds a number, if there is one.
+    fn given<T: Ranged>(&mut self, key: &str, unit: &'static str, description: &str, value: Option<T>) {
+        if let Some(value) = value {
+            self.add(key, unit, description, value);
+        }
+    }
+
     /// Adds a number, unless it is a profile.
     fn along<T: Ranged + Copy>(
         &mut self,
@@ -154,9 +161,7 @@ impl Scene {
         list.optional("rod.outer_radius_m", "m", "outer radius", &rod.outer_radius_m);
         list.along("rod.inner_radius_m", "m", "inner radius; 0 is a solid rod", &rod.inner_radius_m);
         list.optional("rod.depth_m", "m", "depth across the plane of motion", &rod.depth_m);
-        if let Some(modulus) = rod.youngs_modulus_pa {
-            list.add("rod.youngs_modulus_pa", "Pa", "Young's modulus", modulus);
-        }
+        list.given("rod.youngs_modulus_pa", "Pa", "Young's modulus", rod.youngs_modulus_pa);
         list.optional("rod.density_kg_m3", "kg/m^3", "density of the rod", &rod.density_kg_m3);
         list.optional("rod.axial_stiffness_n", "N", "axial stiffness EA", &rod.axial_stiffness_n);
         list.optional("rod.bending_stiffness_n_m2", "N m^2", "bending stiffness EI", &rod.bending_stiffness_n_m2);
@@ -168,9 +173,7 @@ impl Scene {
             list.add("rod.damping_time_s.bending", "s", "damping time of bending", bending);
         }
         list.optional("rod.loss_factor", "1", "loss factor of the material at its frequency", &rod.loss_factor);
-        if let Some(frequency) = rod.loss_frequency_hz {
-            list.add("rod.loss_frequency_hz", "Hz", "frequency of the loss factor", frequency);
-        }
+        list.given("rod.loss_frequency_hz", "Hz", "frequency of the loss factor", rod.loss_frequency_hz);
         if rod.stiffness_profile.is_none() {
             let gradient = rod.stiffness_gradient.unwrap_or(Gradient::constant(0.0));
             list.add("rod.stiffness_gradient", "1", "a in the bending stiffness EI(1 + a(1 - xi))", gradient);
@@ -181,22 +184,22 @@ impl Scene {
                 let reference = actuation.kappa_reference_length_m.unwrap_or(Positive::constant(1.0));
                 list.add("actuation.kappa_reference_length_m", "m", "reference length of the amplitude", reference);
             }
-            if let Some(amplitude) = actuation.moment_amp_n_m {
-                list.add("actuation.moment_amp_n_m", "N m", "amplitude of the active moment of a joint", amplitude);
-            }
-            if let Some(most) = actuation.largest_1_m {
-                list.add("actuation.largest_1_m", "1/m", "largest natural curvature of the drive", most);
-            }
-            if let Some(most) = actuation.largest_moment_n_m {
-                list.add("actuation.largest_moment_n_m", "N m", "largest active moment of the drive", most);
-            }
-            if let Some(slope) = actuation.slope {
-                list.add("actuation.slope", "1", "largest slope of the sine", slope);
-            }
+            list.given(
+                "actuation.moment_amp_n_m",
+                "N m",
+                "amplitude of the active moment of a joint",
+                actuation.moment_amp_n_m,
+            );
+            list.given("actuation.largest_1_m", "1/m", "largest natural curvature of the drive", actuation.largest_1_m);
+            list.given(
+                "actuation.largest_moment_n_m",
+                "N m",
+                "largest active moment of the drive",
+                actuation.largest_moment_n_m,
+            );
+            list.given("actuation.slope", "1", "largest slope of the sine", actuation.slope);
             list.add("actuation.frequency_hz", "Hz", "frequency of the actuation", actuation.frequency_hz);
-            if let Some(wavelength) = actuation.wavelength_m {
-                list.add("actuation.wavelength_m", "m", "wavelength of the actuation", wavelength);
-            }
+            list.given("actuation.wavelength_m", "m", "wavelength of the actuation", actuation.wavelength_m);
             let descriptions = ["e0 of the amplitude e0 + e1 xi along the rod", "e1 of it"];
             list.pair("actuation.envelope", "1", descriptions, actuation.envelope);
             for (i, size) in actuation.harmonics.iter().flatten().enumerate() {
@@ -213,27 +216,14 @@ impl Scene {
             }
         }
         let head = &self.head;
-        let of_hinge = [
-            ("head.stiffness_n_m", "N m/rad", "stiffness of the servo of the hinged head", head.stiffness_n_m),
-            ("head.damping_n_m_s", "N m s/rad", "damping of the bearing of the hinged head", head.damping_n_m_s),
-        ];
-        for (key, unit, description, value) in of_hinge {
-            if let Some(value) = value {
-                list.add(key, unit, description, value);
-            }
-        }
-        let positive = [
-            ("head.inertia_kg_m2", "kg m^2", "inertia of what turns with the hinged head", head.inertia_kg_m2),
-            ("head.largest_torque_n_m", "N m", "largest torque of the motor", head.largest_torque_n_m),
-        ];
-        for (key, unit, description, value) in positive {
-            if let Some(value) = value {
-                list.add(key, unit, description, value);
-            }
-        }
-        if let Some(ramp) = self.start.ramp_s {
-            list.add("start.ramp_s", "s", "duration of the ramp", ramp);
-        }
+        let stiffness = "stiffness of the servo of the hinged head";
+        list.given("head.stiffness_n_m", "N m/rad", stiffness, head.stiffness_n_m);
+        let damping = "damping of the bearing of the hinged head";
+        list.given("head.damping_n_m_s", "N m s/rad", damping, head.damping_n_m_s);
+        let inertia = "inertia of what turns with the hinged head";
+        list.given("head.inertia_kg_m2", "kg m^2", inertia, head.inertia_kg_m2);
+        list.given("head.largest_torque_n_m", "N m", "largest torque of the motor", head.largest_torque_n_m);
+        list.given("start.ramp_s", "s", "duration of the ramp", self.start.ramp_s);
         if let Some(medium) = &self.medium {
             list.add("medium.viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", medium.viscosity_pa_s);
             list.add("medium.density_kg_m3", "kg/m^3", "density of the medium", medium.density_kg_m3);
@@ -258,9 +248,7 @@ impl Scene {
                 ("drag.height_m", "m", "height above the wall", drag.height_m),
             ];
             for (key, unit, description, value) in numbers {
-                if let Some(value) = value {
-                    list.add(key, unit, description, value);
-                }
+                list.given(key, unit, description, value);
             }
             let profiles = [
                 ("drag.along_n_s_m2", "drag along the rod per length and speed", &drag.along_n_s_m2),
@@ -278,9 +266,7 @@ impl Scene {
                 ("drag.turbulent_friction", "coefficient of turbulent friction", drag.turbulent_friction),
             ];
             for (key, description, value) in factors {
-                if let Some(value) = value {
-                    list.add(key, "1", description, value);
-                }
+                list.given(key, "1", description, value);
             }
             if let (Some(weight), Some(length)) = (drag.head_weight, drag.head_length_m) {
                 list.add("drag.head_weight", "1", "weight of the drag on the head", weight);
@@ -294,12 +280,8 @@ impl Scene {
         if let Some(gravity) = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2) {
             list.pair("loads.gravity_m_s2", "m/s^2", ["gravity, x", "gravity, y"], gravity);
         }
-        if let Some(step) = self.solver.time_step_s {
-            list.add("solver.time_step_s", "s", "largest internal step", step);
-        }
-        if let Some(tolerance) = self.solver.tolerance {
-            list.add("solver.tolerance", "1", "largest estimated error of an internal step", tolerance);
-        }
+        list.given("solver.time_step_s", "s", "largest internal step", self.solver.time_step_s);
+        list.given("solver.tolerance", "1", "largest estimated error of an internal step", self.solver.tolerance);
         list.add(
             "solver.newton_tolerance",
             "1",

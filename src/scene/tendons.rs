@@ -39,10 +39,8 @@ impl TendonTable {
 
     /// Its tension, N, where that is a number.
     pub(super) fn constant_tension(&self) -> Option<NotNegative> {
-        match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
-            Some(Signal::Constant(tension)) => Some(NotNegative::constant(*tension)),
-            _ => None,
-        }
+        let tension = self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula());
+        tension.and_then(Signal::constant).map(NotNegative::constant)
     }
 
     /// The least tension that it names, N, if that is known before its table is read.

@@ -773,7 +773,7 @@ fn has_inertial_fluid(model: &Model) -> bool {
 }
 
 fn is_damped(model: &Model) -> bool {
-    model.rod.damping.is_some() || model.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
+    model.is_damped()
 }
 
 fn has_spray(model: &Model) -> bool {

@@ -6,7 +6,7 @@ use caudal::rod::node;
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 
-use crate::common::largest;
+use crate::common::{document_of, largest, stepper_of};
 
 /// A tail of 0.2 m, stiff against all that moves it here, on a servo.
 const SERVO: &str = r#"
@@ -35,13 +35,11 @@ newton_tolerance = 1e-12
 const FREE: &str = "stiffness_n_m=0.0,damping_n_m_s=0.0";
 
 fn servo(changes: &[&str]) -> Stepper {
-    Stepper::of(&document(changes).scene().unwrap()).unwrap()
+    stepper_of(SERVO, changes)
 }
 
 fn document(changes: &[&str]) -> Document {
-    let mut document = Document::new("servo.toml", SERVO);
-    changes.iter().for_each(|change| document.set(change).unwrap());
-    document
+    document_of("servo.toml", SERVO, changes)
 }
 
 fn get(stepper: &Stepper, name: &str) -> f64 {

@@ -3,13 +3,7 @@
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 
-use crate::common::{SOFT, largest, soft_moments};
-
-fn tail(text: &str, changes: &[&str]) -> Stepper {
-    let mut document = Document::new("limited.toml", text);
-    changes.iter().for_each(|change| document.set(change).unwrap());
-    Stepper::of(&document.scene().unwrap()).unwrap()
-}
+use crate::common::{SOFT, largest, soft_moments, stepper_of};
 
 /// The natural curvature and the active moment of each joint at its time.
 fn given(stepper: &Stepper) -> [Vec<f64>; 2] {
@@ -27,8 +21,8 @@ fn a_joint_is_given_what_the_limit_leaves_of_wave_and_host_together() {
     ] {
         for head in ["free", "clamped"] {
             let head = format!("head.kind={head}");
-            let mut free = tail(text, &[&head]);
-            let mut limited = tail(text, &[&head, &format!("{key}={most:e}")]);
+            let mut free = stepper_of(text, &[&head]);
+            let mut limited = stepper_of(text, &[&head, &format!("{key}={most:e}")]);
             let rod = &free.model().rod;
             let (joints, spacing) = (rod.joints(), rod.spacing);
             let part: Vec<f64> = joints.clone().map(|k| rod.joint_part(k)).collect();
@@ -55,7 +49,7 @@ fn a_joint_is_given_what_the_limit_leaves_of_wave_and_host_together() {
 #[test]
 fn a_limit_out_of_reach_changes_nothing_and_the_balance_closes_within_one() {
     let run = |changes: &[&str]| {
-        let mut stepper = tail(
+        let mut stepper = stepper_of(
             SOFT,
             &[
                 changes,

@@ -8,7 +8,7 @@ use caudal::stepper::Stepper;
 use caudal::variable::VARIABLES;
 use nalgebra::Vector2;
 
-use crate::common::largest;
+use crate::common::{document_of, largest, stepper_of};
 
 /// A soft rod of 0.2 m with a tendon on either side.
 const PAIR: &str = r#"
@@ -43,13 +43,11 @@ newton_tolerance = 1e-13
 "#;
 
 fn pair(changes: &[&str]) -> Stepper {
-    Stepper::of(&document(changes).scene().unwrap()).unwrap()
+    stepper_of(PAIR, changes)
 }
 
 fn document(changes: &[&str]) -> Document {
-    let mut document = Document::new("pair.toml", PAIR);
-    changes.iter().for_each(|change| document.set(change).unwrap());
-    document
+    document_of("pair.toml", PAIR, changes)
 }
 
 fn get(stepper: &mut Stepper, name: &str) -> f64 {

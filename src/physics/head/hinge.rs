@@ -29,9 +29,9 @@ pub struct Hinge {
     pub largest_torque: Option<f64>,
 }
 
-/// What a motor is asked for at one time.
+/// What a motor is told at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Demand {
+pub struct MotorCommand {
     /// Torque τ, N m.
     pub torque: f64,
     /// Commanded angle φ_c, rad.
@@ -56,25 +56,21 @@ impl Hinge {
         Sample { value: at(&state.q), rate: at(&state.v), acceleration: at(&state.a) }
     }
 
-    /// The part of a further torque that the motor gives if it is asked for it at `angle` (rad).
-    pub fn torque_by_demand(&self, demand: Demand, angle: f64) -> f64 {
-        let asked = demand.torque + self.stiffness * (demand.angle - angle);
-        self.largest_torque.map_or(1.0, |most| 1.0 - (asked / most).tanh().powi(2))
-    }
-
-    /// T (N m) at `angle` (rad), and dT/dφ, N m/rad.
-    pub fn torque(&self, demand: Demand, angle: f64) -> [f64; 2] {
-        let asked = demand.torque + self.stiffness * (demand.angle - angle);
-        let torque = self.largest_torque.map_or(asked, |most| most * (asked / most).tanh());
-        [torque, -self.stiffness * self.torque_by_demand(demand, angle)]
+    /// T (N m) at `angle` (rad), and the part of a further torque that the motor gives if it is asked for it.
+    pub fn torque(&self, command: MotorCommand, angle: f64) -> [f64; 2] {
+        let asked = command.torque + self.stiffness * (command.angle - angle);
+        self.largest_torque.map_or([asked, 1.0], |most| {
+            let part = (asked / most).tanh();
+            [most * part, 1.0 - part * part]
+        })
     }
 
     /// The residual where the head is at `angle` and the joint passes on the couple `couple` (N m).
-    pub fn residual(&self, demand: Demand, angle: Sample, couple: f64, direction: Direction) -> HingeResidual {
-        let [torque, by_angle] = self.torque(demand, angle.value);
+    pub fn residual(&self, command: MotorCommand, angle: Sample, couple: f64, direction: Direction) -> HingeResidual {
+        let [torque, given] = self.torque(command, angle.value);
         HingeResidual {
             moment: self.inertia * angle.acceleration - torque + self.damping * angle.rate - couple,
-            slope: direction.a * self.inertia + direction.v * self.damping - direction.q * by_angle,
+            slope: direction.a * self.inertia + direction.v * self.damping + direction.q * self.stiffness * given,
             direction,
         }
     }

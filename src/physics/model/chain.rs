@@ -120,7 +120,7 @@ fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
 impl Dynamics {
     /// The first state of a run in `form`; its links are exact where positions are rounded.
     pub fn first_state_in(&mut self, form: Form) -> State {
-        let mut state = State::zeros(2 * self.model.rod.nodes + usize::from(self.model.hinge.is_some()));
+        let mut state = State::zeros(self.model.unknowns());
         if form == Form::Chain {
             state.links = vec![Link::default(); self.model.rod.nodes];
         }
@@ -291,7 +291,7 @@ impl Dynamics {
         self.hinge_residual = None;
         if let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) {
             // Its angle follows from the moment of its joint: D δφ − δM = r, so that the joint is that much more flexible.
-            let own = hinge.residual(self.demand, *angle, links[0].moment, direction);
+            let own = hinge.residual(self.command, *angle, links[0].moment, direction);
             if moves {
                 let flexibility = rows[0].slope * c_q / own.slope;
                 rows[0].flexibility += flexibility;

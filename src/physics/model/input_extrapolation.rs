@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Drive, Dynamics, Inputs, Model};
 use crate::fluid::{Fluid, Layers};
-use crate::head::Demand;
+use crate::head::MotorCommand;
 use crate::tendons::MAX_TENDONS;
 
 /// The highest derivative that a host may set.
@@ -227,7 +227,7 @@ impl Inputs {
         self.layers = self.layers.as_ref().map(Layers::none);
         self.head = None;
         self.tension = [0.0; MAX_TENDONS];
-        self.hinge = Demand::default();
+        self.hinge = MotorCommand::default();
         let arrays = [&mut self.natural, &mut self.moment, &mut self.force];
         arrays.into_iter().flatten().for_each(|values| values.fill(0.0));
     }

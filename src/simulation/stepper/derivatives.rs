@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::{Property, by_key};
 use crate::fluid::{Fluid, Kinematics, Layers, PowerKind};
-use crate::head::Demand;
+use crate::head::MotorCommand;
 use crate::linear::Direction;
 use crate::metrics::{Energy, HingeReading, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{ActiveMoments, DeformedRod, Dynamics, Inputs, Mechanics};
@@ -46,7 +46,7 @@ pub(super) struct StateTangent {
     /// Of the tension of each tendon, N.
     tensions: [f64; MAX_TENDONS],
     /// Of what the motor of a hinge is asked for.
-    demand: Demand,
+    command: MotorCommand,
     fluid: Fluid,
     layers: Option<Layers>,
     /// Differential of the force that opposes the motion.
@@ -64,7 +64,7 @@ impl StateTangent {
         let nodes = dynamics.nodes();
         let zeros = || vec![0.0; 2 * nodes];
         Self {
-            state: State::zeros(2 * nodes + usize::from(dynamics.model.hinge.is_some())),
+            state: State::zeros(dynamics.model.unknowns()),
             metrics: RunMetrics {
                 now: Measurements::new(nodes),
                 totals: RunningTotals::default(),
@@ -78,7 +78,7 @@ impl StateTangent {
             active: ActiveMoments::zeros(nodes),
             force: zeros(),
             tensions: [0.0; MAX_TENDONS],
-            demand: Demand::default(),
+            command: MotorCommand::default(),
             fluid: Fluid::NONE,
             layers: None,
             opposing: zeros(),
@@ -97,7 +97,7 @@ impl StateTangent {
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
         self.active.clear();
-        (self.tensions, self.demand) = ([0.0; MAX_TENDONS], Demand::default());
+        (self.tensions, self.command) = ([0.0; MAX_TENDONS], MotorCommand::default());
         (self.fluid, self.layers, self.angle) = (Fluid::NONE, None, [0.0; 2]);
         self.inputs.clear();
     }
@@ -108,7 +108,7 @@ impl StateTangent {
         let rod = &dynamics.model.rod;
         let natural = [&mut self.natural, &mut self.natural_rate].map(Vec::as_mut_slice);
         dynamics.natural_change(&self.inputs, state.t, natural, &mut self.active);
-        (self.tensions, self.demand) = (dynamics.tension_change(&self.inputs), self.inputs.hinge);
+        (self.tensions, self.command) = (dynamics.tension_change(&self.inputs), self.inputs.hinge);
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
@@ -241,10 +241,9 @@ impl StateTangent {
             power.load += node(force, k).dot(&v) + dynamics.load(k).dot(&dv);
         }
         if let (Some(hinge), Some([_, _, pitch])) = (&dynamics.model.hinge, &dynamics.held) {
-            let by_angle = hinge.torque(dynamics.demand, pitch.value)[1];
-            let by_demand = hinge.torque_by_demand(dynamics.demand, pitch.value);
-            let asked = self.demand.torque + hinge.stiffness * self.demand.angle;
-            now.hinge = HingeReading { torque: by_demand * asked + by_angle * angle, spin: angular_velocity };
+            let [_, given] = hinge.torque(dynamics.command, pitch.value);
+            let asked = self.command.torque + hinge.stiffness * (self.command.angle - angle);
+            now.hinge = HingeReading { torque: given * asked, spin: angular_velocity };
             energy.kinetic += hinge.inertia * pitch.rate * angular_velocity;
             power.material += 2.0 * hinge.damping * pitch.rate * angular_velocity;
         }
@@ -470,7 +469,7 @@ impl Stepper {
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
         tangent.tensions = self.dynamics.tensions[1];
-        tangent.demand = self.dynamics.demand_rate(t);
+        tangent.command = self.dynamics.command_rate(t);
         if let Some(active) = &self.dynamics.active {
             let natural_rate = tangent.natural_rate.iter().zip(&rate).enumerate();
             let joint = &self.dynamics.model.rod.joint;

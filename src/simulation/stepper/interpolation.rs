@@ -277,8 +277,8 @@ fn place_nodes(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], fraction:
     }
 }
 
-/// Writes velocities and accelerations, and the place of what is no node, to `out`: the cubic of velocities and accelerations and its rate; without inertia,
-/// where velocities are those of the positions, the rate of the cubic of positions and velocities, and zero.
+/// Writes velocities and accelerations, and the arc of a hinge, to `out`: the cubic of velocities and accelerations and its rate; without
+/// inertia, where velocities are those of the positions, the rate of the cubic of positions and velocities, and zero.
 fn interpolate_motion(dynamics: &Dynamics, [from, to]: [&State; 2], fraction: StepFraction, out: &mut State) {
     let inertia = dynamics.mechanics != Mechanics::Overdamped;
     let limit = if inertia {

@@ -135,7 +135,7 @@ pub(super) struct CheckedScenes {
 
 /// What became of a journal of the same sweep before levels or axes were added.
 #[derive(Debug)]
-enum Takeover {
+enum Migration {
     /// It has the cases of this sweep now.
     Done,
     /// It has other cases, and why.
@@ -566,19 +566,19 @@ impl Sweep {
             Ok(journal) => return Ok(journal),
             Err(error) => error,
         };
-        match self.take_over(&path, job) {
-            Ok(Takeover::Done) => Journal::open(&path, job),
-            Ok(Takeover::OtherCases(problem)) => Err(jobs::of_another_job(&path, &problem)),
-            Ok(Takeover::OtherJob) | Err(_) => Err(refusal),
+        match self.migrate_journal(&path, job) {
+            Ok(Migration::Done) => Journal::open(&path, job),
+            Ok(Migration::OtherCases(problem)) => Err(jobs::of_another_job(&path, &problem)),
+            Ok(Migration::OtherJob) | Err(_) => Err(refusal),
         }
     }
 
     /// Replaces the journal at `path` by one of `job` with the same cases, if it contains only cases of this sweep.
-    fn take_over(&self, path: &Path, job: &Job) -> Result<Takeover> {
+    fn migrate_journal(&self, path: &Path, job: &Job) -> Result<Migration> {
         let old = Journal::read(path)?;
         let grown = Job { hash: job.hash.clone(), size: job.size, ..old.job().clone() };
         let checked = self.checked.get().filter(|_| grown == *job && !old.is_held());
-        let Some(CheckedScenes { hashes, .. }) = checked else { return Ok(Takeover::OtherJob) };
+        let Some(CheckedScenes { hashes, .. }) = checked else { return Ok(Migration::OtherJob) };
         let mut known: HashMap<String, usize> = HashMap::new();
         for index in old.indices() {
             known.extend(old.get::<CaseResult>(index)?.map(|row| (row.scene_hash, index)));
@@ -586,7 +586,7 @@ impl Sweep {
         let own: HashSet<&String> = hashes.iter().collect();
         let others: Vec<&String> = known.keys().filter(|hash| !own.contains(hash)).collect();
         if !others.is_empty() {
-            return Ok(Takeover::OtherCases(self.other_cases(&others)));
+            return Ok(Migration::OtherCases(self.other_cases(&others)));
         }
         let path =
             &path.canonicalize().map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
@@ -607,7 +607,7 @@ impl Sweep {
         new.sync()?;
         std::fs::rename(&partial, path)
             .map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
-        Ok(Takeover::Done)
+        Ok(Migration::Done)
     }
 
     /// Why the scenes with these hashes, which have results, are not among those of the cases.

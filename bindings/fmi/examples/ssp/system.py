@@ -1,8 +1,8 @@
 """Systems of tails behind a vehicle as SSP files, and two hosts that run them: FMPy and ecos.
 
 `write` joins FMUs to one file by their variables; the vehicle is body.py, the tails are FMUs of ../vehicle/tail.toml. `write_loop`
-closes the loop of controller.py around a tail with a hinged head. Either
-host exchanges all values at once, after every step (Jacobi), the pose and rates as they are then: `head.input = "now"`.
+closes the loop of controller.py around a tail with a hinged head. Either host exchanges all values at
+once, after every step (Jacobi), the pose and rates as they are then: `head.input = "now"`.
 
     python system.py tail.fmu mirrored.fmu              # the tail, and the same with -kappa_amp; needs FMPy, ecospy, tbb and pythonfmu
 """
