@@ -112,7 +112,7 @@ pub mod fmu;
 mod workflows;
 
 #[cfg(feature = "faer")]
-pub use analysis::{linear_stability, modes};
+pub use analysis::{linear_stability, modes, rest};
 #[cfg(feature = "faer")]
 pub use checks::assessment;
 #[cfg(feature = "faer")]

@@ -146,12 +146,10 @@ impl Assessment {
         let fluid = regime.as_ref().map_or(model.fluid, |regime| regime.across.fluid);
         let across = resistance(scene, &model, fluid);
         let drive = DriveShape::of(&model, stepper.model().rod.spacing / model.rod.spacing);
-        let Model { mut rod, forces, fluid, layers, .. } = model;
-        rod.damping = None;
-        let is_inertial = forces.are_inertial();
-        let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?.undamped(&rod)?;
-        let line_density =
-            if is_inertial { matrices.line_density(rod.spacing) } else { rod.sections.line_density(0.5) };
+        let (is_inertial, spacing) = (model.forces.are_inertial(), model.rod.spacing);
+        let dry = model.rod.sections.line_density(0.5);
+        let matrices = Matrices::of_natural_modes(model)?;
+        let line_density = if is_inertial { matrices.line_density(spacing) } else { dry };
         let modes = Modes::of_matrices(&matrices)?;
         let (rod, first_frequency) = (&stepper.model().rod, modes.lowest());
         let mut assessment = Self {
