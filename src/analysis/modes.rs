@@ -231,11 +231,6 @@ impl Matrices {
         Ok(Self { stiffness: Self::of(alone)?.stiffness, ..Self::of(model)? })
     }
 
-    /// Inertia of node `k` along `axis`, kg.
-    fn inertia(&self, axis: ModeKind, k: usize) -> f64 {
-        self.mass[2 * k + axis.entry()]
-    }
-
     /// Inertia per length (kg/m) across the rod at its middle, where it all moves together.
     pub fn line_density(&self, spacing: f64) -> f64 {
         let k = self.nodes() / 2;

@@ -5,6 +5,7 @@ use serde::Deserialize;
 use super::Scene;
 use super::key_error::KeyError;
 use super::value::{self, Finite, NotNegative, ScalarSignal, Share, SignalValue};
+use crate::drives::{Drives, gives};
 use crate::error::Result;
 use crate::fluid::Force;
 use crate::head::Signal;
@@ -37,10 +38,25 @@ impl TendonTable {
         [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
     }
 
+    /// True where it is pulled without a host.
+    fn is_pulled(&self) -> bool {
+        self.tension_n.as_ref().is_some_and(|ScalarSignal(tension)| tension.formula().is_none_or(gives))
+    }
+
     /// Its tension, N, where that is a number.
     pub(super) fn constant_tension(&self) -> Option<NotNegative> {
         let tension = self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula());
         tension.and_then(Signal::constant).map(NotNegative::constant)
+    }
+
+    /// The largest moment that it bends the rod with, N m, as far as that is known before its table is read.
+    fn largest_moment(&self) -> f64 {
+        let tension = match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
+            Some(Signal::Constant(tension)) => *tension,
+            Some(Signal::Sinusoid { offset, amplitude, .. }) => offset + amplitude.abs(),
+            _ => 0.0,
+        };
+        tension * self.offset_m.get().abs()
     }
 
     /// The least tension that it names, N, if that is known before its table is read.
@@ -54,6 +70,16 @@ impl TendonTable {
 }
 
 impl Scene {
+    /// What drives the body.
+    pub fn drives(&self) -> Drives {
+        let torque = self.head.torque_n_m.as_ref();
+        Drives {
+            actuation: self.actuation.is_some(),
+            tendons: self.tendons.iter().any(TendonTable::is_pulled),
+            torque: torque.is_some_and(|ScalarSignal(torque)| torque.formula().is_none_or(gives)),
+        }
+    }
+
     /// Checks the tendons.
     pub(super) fn check_tendons(&self) -> std::result::Result<(), KeyError> {
         let refuse = |key: String, problem: String| Err(KeyError { key, problem });
@@ -103,6 +129,13 @@ impl Scene {
             })
         };
         self.tendons.iter().enumerate().map(tendon).collect::<Result<Vec<_>>>().map(Tendons::new)
+    }
+
+    /// The key of the tension of the tendon that bends the rod most.
+    pub(super) fn strongest_tendon_key(&self) -> String {
+        let moments = self.tendons.iter().map(TendonTable::largest_moment).enumerate();
+        let strongest = moments.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
+        format!("tendons.{strongest}.tension_n")
     }
 
     /// The signals of its tendons.
