@@ -277,8 +277,7 @@ impl Matrices {
         let damping = self.damping.as_ref()?;
         let at = |i: usize| mode.at(self.free, i);
         let products = self.free.along(mode.axis.entry()).map(|i| {
-            let times =
-                |matrix: &BandMatrix| self.coupled(matrix, i).map(|j| matrix.entry(i, j) * at(j)).sum::<f64>();
+            let times = |matrix: &BandMatrix| self.coupled(matrix, i).map(|j| matrix.entry(i, j) * at(j)).sum::<f64>();
             [at(i) * times(damping), at(i) * times(&self.inertia)]
         });
         let [lost, moved] = products.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);

@@ -155,7 +155,8 @@ fn largest(summary: &Summary) -> Option<String> {
         ),
     ];
     let tendon = |(i, tendon): (usize, &TendonExtremes)| {
-        let values = [(tendon.tension, "N"), (tendon.power, "W"), (tendon.speed, "m/s"), (tendon.travel(), "m of travel")];
+        let values =
+            [(tendon.tension, "N"), (tendon.power, "W"), (tendon.speed, "m/s"), (tendon.travel(), "m of travel")];
         list(&format!("tendon {i}"), &values.map(|(value, unit)| (Some(value), unit)))
     };
     let tendons = (1..).zip(&summary.tendons.0).map(tendon);

@@ -359,10 +359,12 @@ fn a_motor_that_is_asked_for_more_than_it_can_is_reported() {
 #[test]
 fn a_run_of_whole_cycles_raises_no_false_alarm_of_its_energy_balance() {
     // The head is at rest at both ends, and all that is left of the work of the head is what the method takes.
-    let driven = "head={kind=\"driven\",position_m={amplitude=[0.0,0.05],frequency_hz=2.0,phase_rad=1.5707963267948966}}";
-    let keep = [driven, "solver.integrator=implicit-euler", "solver.time_step_s=1e-3"];
+    let driven =
+        "head={kind=\"driven\",position_m={amplitude=[0.0,0.05],frequency_hz=2.0,phase_rad=1.5707963267948966}}";
+    let keep = [driven, "solver.integrator=implicit-euler", "solver.time_step_s=2e-4"];
     let text = SERVO.replace("inertia_kg_m2 = 1e-4\nstiffness_n_m = 0.4\ndamping_n_m_s = 4e-3\n", "");
-    let scene = document_of("cycle.toml", &text.replace("kind = \"hinged\"", "kind = \"clamped\""), &keep).scene().unwrap();
+    let scene =
+        document_of("cycle.toml", &text.replace("kind = \"hinged\"", "kind = \"clamped\""), &keep).scene().unwrap();
     let mut stepper = Stepper::of(&scene).unwrap();
     stepper.do_step(0.5).unwrap();
     let metrics = stepper.metrics();

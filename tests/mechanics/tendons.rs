@@ -316,7 +316,9 @@ fn scenes_without_tendons_say_what_their_variables_need() {
 
 #[test]
 fn a_jump_releases_the_rod_into_its_tendons_and_a_tail_with_tendons_is_not_passive() {
-    let scene = |changes: &[&str]| document_of("pair.toml", &PAIR.replace("integrator = \"newmark\"\n", ""), changes).scene().unwrap();
+    let scene = |changes: &[&str]| {
+        document_of("pair.toml", &PAIR.replace("integrator = \"newmark\"\n", ""), changes).scene().unwrap()
+    };
     // As a jump start of an actuation, that of tendons has a method that damps the ringing.
     assert_eq!(scene(&["start.kind=jump"]).integrator_name(), "implicit-euler");
     assert_eq!(scene(&[]).integrator_name(), "generalized-alpha");
@@ -330,7 +332,10 @@ fn a_jump_releases_the_rod_into_its_tendons_and_a_tail_with_tendons_is_not_passi
     assert!(!warnings(&coarse).iter().any(|warning| warning.contains("passive")));
     assert!(warnings(&[&coarse[..], &slack[1..]].concat()).iter().any(|warning| warning.contains("passive tail")));
     let jump = warnings(&["start.kind=jump", "solver.time_step_s=0.02"]);
-    assert!(jump.iter().any(|warning| warning.contains("the jump start rings") && warning.contains("\"ramp\"")), "{jump:?}");
+    assert!(
+        jump.iter().any(|warning| warning.contains("the jump start rings") && warning.contains("\"ramp\"")),
+        "{jump:?}"
+    );
     let outside = warnings(&["tendons.1.offset_m=-0.008"]);
     assert!(outside.iter().any(|warning| warning.contains("tendon 2 runs outside of the body")), "{outside:?}");
     assert!(!warnings(&[]).iter().any(|warning| warning.contains("outside")));
