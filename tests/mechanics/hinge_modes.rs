@@ -139,7 +139,7 @@ fn damped_motions_of_a_hinged_head_are_those_of_a_dense_matrix_with_its_angle() 
 
 #[test]
 fn a_rigid_tail_on_a_servo_swings_as_an_oscillator() {
-    let stiff = ["rod.youngs_modulus_pa=1e10"];
+    let stiff = ["rod.youngs_modulus_pa=1e11"];
     let (own, inertia) = (model(&stiff), 2e-5 + model(&stiff).rod.inertia_about_head());
     let omega = (0.03 / inertia).sqrt();
     let ratio = 2e-4 / (2.0 * inertia * omega);
