@@ -22,6 +22,7 @@ pub fn bare(rod: Rod) -> Model {
         actuation: None,
         active_moments: false,
         largest_drive: None,
+        lag: None,
         tendons: Tendons::default(),
         hinge: None,
         start: Start::Jump,
@@ -57,6 +58,7 @@ pub fn held_still(model: Model) -> Model {
     let steady = |hinge: Hinge| if hinge.torque.constant().is_some() { hinge } else { without_torque(hinge) };
     Model {
         actuation: None,
+        lag: None,
         start: Start::Jump,
         spin: 0.0,
         initial_curvature: None,

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use nalgebra::Vector2;
 
-use crate::actuation::Wave;
+use crate::actuation::{Wave, lag};
 use crate::error::{Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
@@ -364,6 +364,17 @@ impl Assessment {
             ),
             None => {}
         }
+        if let (Some(tau), Some((_, drive))) = (model.lag, &model.actuation) {
+            let part = lag::steady(tau, TAU * drive.frequency)(1.0);
+            let text = format!(
+                "{} s: gives {:.1} % of what is asked for at {} Hz, {:.1}° late",
+                significant(tau, 5),
+                100.0 * part.norm(),
+                significant(drive.frequency, 5),
+                -part.arg().to_degrees()
+            );
+            fact("lag of the drive", text);
+        }
         if let Some(hinge) = &model.hinge {
             fact("hinge", describe_hinge(hinge, rod));
         }
@@ -636,7 +647,7 @@ impl Assessment {
             let Some((xi, half)) = widths.min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
             if tendon.offset.abs() > half * (1.0 + 1e-9) {
                 self.warnings.push(format!(
-                    "tendon {} runs outside of the body: its distance from the centreline is {} m, and at xi = {} the body is {} m wide to either side",
+                    "tendon {} runs outside of the body: its distance from the centreline is {} m, and at xi = {} the body reaches {} m to either side; it needs guides there, or a smaller offset_m",
                     i + 1,
                     significant(tendon.offset.abs(), 3),
                     significant(xi, 3),

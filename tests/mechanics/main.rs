@@ -19,6 +19,7 @@ mod hinge_modes;
 mod homogeneity;
 mod invariance;
 mod jacobian;
+mod lag;
 mod linear;
 mod modes;
 mod moments;
