@@ -370,3 +370,12 @@ fn what_a_winch_is_bought_by_is_that_of_its_steps() {
     assert!((found.speed / most[2] - 1.0).abs() < 1e-9, "{found:?} {most:?}");
     assert_eq!(found.travel(), ends[1] - ends[0]);
 }
+
+#[test]
+fn a_derivative_by_a_tension_that_changes_is_refused_by_the_reason() {
+    let scene = document(&[]).scene().unwrap();
+    let reason = scene.not_a_number("tendons.0.tension_n.amplitude").unwrap();
+    assert!(reason.contains("tendons.0.tension_n changes in time") && reason.contains("constant tension"), "{reason}");
+    assert_eq!([scene.not_a_number("tendons.1.tension_n"), scene.not_a_number("tendons.0.offset_m")], [None, None]);
+    assert!(caudal::cycle::derivatives::differentiable().all(|measure| !measure.key.contains("hinge")));
+}
