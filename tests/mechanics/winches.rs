@@ -163,5 +163,5 @@ fn a_host_that_moves_a_winch_gives_what_the_scene_s_own_signal_gives() {
     println!("{differ:e}");
     assert!(differ < 1e-8, "{differ:e}");
     let error = hosted.set("tendon_1_added_tension_n", &[1.0]).unwrap_err().to_string();
-    assert!(error.contains("a tendon 1 without a winch"), "{error}");
+    assert!(error.contains("tendon 1 of [[tendons]], without a winch"), "{error}");
 }
