@@ -2,6 +2,7 @@
 
 use crate::head::Signal;
 use crate::model::Model;
+use crate::tendons::{Pull, rest_length};
 
 /// What drives a body by itself, without a host.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -19,7 +20,11 @@ impl Drives {
     pub fn of(model: &Model) -> Self {
         Self {
             actuation: model.actuation.is_some(),
-            tendons: model.tendons.iter().any(|tendon| gives(&tendon.tension)),
+            tendons: model.tendons.iter().any(|tendon| match &tendon.pull {
+                Pull::Tension(tension) => gives(tension),
+                // Beside the straight rod a cable of that length is slack.
+                Pull::Winch(winch) => winch.length.constant() != Some(rest_length(&model.rod, tendon.edges.clone())),
+            }),
             torque: model.hinge.as_ref().is_some_and(|hinge| gives(&hinge.torque)),
         }
     }

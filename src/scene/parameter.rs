@@ -219,9 +219,12 @@ impl Scene {
             let key = |name: &str| format!("tendons.{i}.{name}");
             let offset = format!("distance of tendon {} from the centreline, to the left", i + 1);
             list.add(&key("offset_m"), "m", &offset, tendon.offset_m);
-            if let Some(tension) = tendon.constant_tension() {
-                list.add(&key("tension_n"), "N", &format!("tension of tendon {}", i + 1), tension);
-            }
+            let [tension, length] = tendon.constants();
+            let of = |what: &str| format!("{what} of tendon {}", i + 1);
+            list.given(&key("tension_n"), "N", &of("tension"), tension.map(NotNegative::constant));
+            list.given(&key("stiffness_n_m"), "N/m", &of("stiffness"), tendon.stiffness_n_m);
+            list.given(&key("length_m"), "m", &of("length that the winch gives"), length.map(Finite::constant));
+            list.given(&key("take_up_m"), "m", &of("stretch that takes up the slack"), tendon.take_up_m);
         }
         let head = &self.head;
         let stiffness = "stiffness of the servo of the hinged head";
@@ -316,6 +319,7 @@ impl Scene {
         let parts: Vec<&str> = key.split('.').collect();
         let signal = match parts[..] {
             ["tendons", place, "tension_n", ..] => self.tendons.get(place.parse::<usize>().ok()?)?.tension_n.as_ref(),
+            ["tendons", place, "length_m", ..] => self.tendons.get(place.parse::<usize>().ok()?)?.length_m.as_ref(),
             ["head", "torque_n_m", ..] => self.head.torque_n_m.as_ref(),
             ["head", "angle_rad", ..] => self.head.angle_rad.as_ref(),
             _ => None,
@@ -324,7 +328,9 @@ impl Scene {
         let changes = signal.formula().and_then(Signal::constant).is_none();
         let given = parts.iter().take(if parts[0] == "tendons" { 3 } else { 2 }).copied().collect::<Vec<_>>().join(".");
         match parts[0] {
-            "tendons" if changes => Some(format!("{given} changes in time; a derivative needs a constant tension")),
+            "tendons" if changes => {
+                Some(format!("{given} changes in time; a derivative needs a constant {}", parts[2].split('_').next()?))
+            }
             "head" => Some(format!("{given} moves the head and has no derivative yet")),
             _ => None,
         }

@@ -3,15 +3,16 @@
 use serde::Deserialize;
 
 use super::Scene;
+use super::head::HeadKind;
 use super::key_error::KeyError;
-use super::value::{self, Finite, NotNegative, ScalarSignal, Share, SignalValue};
+use super::value::{self, Finite, Positive, ScalarSignal, Share, SignalValue};
 use crate::drives::{Drives, gives};
 use crate::error::Result;
 use crate::fluid::Force;
 use crate::head::Signal;
 use crate::number_format::number;
 use crate::rod::Rod;
-use crate::tendons::{MAX_TENDONS, Tendon, Tendons};
+use crate::tendons::{MAX_TENDONS, Pull, Tendon, Tendons, Winch};
 
 /// One of `[[tendons]]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -31,6 +32,16 @@ pub struct TendonTable {
     /// Tension, N, at least 0: a number, a sinusoid or a table. By default 0, for a host that sets it. The ramp of the start counts for it.
     #[serde(default)]
     pub tension_n: Option<ScalarSignal>,
+    /// Stiffness of the cable of a winch, N/m: in place of a tension it gives the tendon a length through it.
+    #[serde(default)]
+    pub stiffness_n_m: Option<Positive>,
+    /// Length without tension that the winch gives the tendon, m: a number, a sinusoid or a table. By default that beside the straight rod, from
+    /// which the ramp of the start leads.
+    #[serde(default)]
+    pub length_m: Option<ScalarSignal>,
+    /// The stretch over which the cable takes up its slack, m. By default a thousandth of its length beside the straight rod.
+    #[serde(default)]
+    pub take_up_m: Option<Positive>,
 }
 
 impl TendonTable {
@@ -38,24 +49,34 @@ impl TendonTable {
         [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
     }
 
-    /// True where it is pulled without a host.
+    /// True where it is pulled without a host: by a tension, or by a winch that is given a length.
     fn is_pulled(&self) -> bool {
-        self.tension_n.as_ref().is_some_and(|ScalarSignal(tension)| tension.formula().is_none_or(gives))
+        let tension = self.tension_n.as_ref();
+        let pulls = tension.is_some_and(|ScalarSignal(tension)| tension.formula().is_none_or(gives));
+        pulls || self.length_m.is_some()
     }
 
-    /// Its tension, N, where that is a number.
-    pub(super) fn constant_tension(&self) -> Option<NotNegative> {
-        let tension = self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula());
-        tension.and_then(Signal::constant).map(NotNegative::constant)
+    /// Its tension (N) and its length (m), where they are numbers.
+    pub(super) fn constants(&self) -> [Option<f64>; 2] {
+        [&self.tension_n, &self.length_m].map(|signal| {
+            let formula = signal.as_ref().and_then(|ScalarSignal(signal)| signal.formula());
+            formula.and_then(Signal::constant)
+        })
     }
 
-    /// The largest moment that it bends the rod with, N m, as far as that is known before its table is read.
-    fn largest_moment(&self) -> f64 {
-        let tension = match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
-            Some(Signal::Constant(tension)) => *tension,
-            Some(Signal::Sinusoid { offset, amplitude, .. }) => offset + amplitude.abs(),
-            _ => 0.0,
+    /// The largest moment that it bends a rod of that `length` (m) with, N m, as far as that is known before its table is read.
+    fn largest_moment(&self, length: f64) -> f64 {
+        let range = |signal: &Option<ScalarSignal>| match signal.as_ref().and_then(|ScalarSignal(own)| own.formula()) {
+            Some(Signal::Constant(value)) => Some([*value; 2]),
+            Some(Signal::Sinusoid { offset, amplitude, .. }) => {
+                Some([offset - amplitude.abs(), offset + amplitude.abs()])
+            }
+            _ => None,
         };
+        let [from, to] = self.ends();
+        let by_winch = self.stiffness_n_m.zip(range(&self.length_m));
+        let pulled = by_winch.map(|(stiffness, [least, _])| stiffness.get() * ((to - from) * length - least).max(0.0));
+        let tension = range(&self.tension_n).map(|[_, most]| most).or(pulled).unwrap_or(0.0);
         tension * self.offset_m.get().abs()
     }
 
@@ -94,6 +115,20 @@ impl Scene {
                 let found = format!("{to} with from_xi = {from}");
                 return refuse(format!("tendons.{i}.to_xi"), value::refused(found, "a number beyond from_xi, up to 1"));
             }
+            if tendon.stiffness_n_m.is_some() && tendon.tension_n.is_some() {
+                let problem = "found with a tension_n; allowed: a tension, or a winch that gives a length_m through it";
+                return refuse(format!("tendons.{i}.stiffness_n_m"), problem.into());
+            }
+            let of_winch = [("length_m", tendon.length_m.is_some()), ("take_up_m", tendon.take_up_m.is_some())];
+            if let Some((key, _)) = of_winch.into_iter().find(|(_, given)| *given && tendon.stiffness_n_m.is_none()) {
+                let problem =
+                    "found without stiffness_n_m, the stiffness of the cable that a winch needs; allowed: only with it";
+                return refuse(format!("tendons.{i}.{key}"), problem.into());
+            }
+            if tendon.stiffness_n_m.is_some() && self.head.kind == HeadKind::Hinged {
+                let problem = "found with a hinged head; allowed: a tension_n there, or a winch on a free, clamped or driven head";
+                return refuse(format!("tendons.{i}.stiffness_n_m"), problem.into());
+            }
             let least = tendon.least_tension();
             if least < 0.0 {
                 let found = format!("a tension of {} N", number(least));
@@ -118,8 +153,20 @@ impl Scene {
                 let allowed = "tensions of at least 0: a cable does not push";
                 return Err(self.error(&format!("tendons.{i}.tension_n"), value::refused(found, allowed)));
             }
+            let length = match &table.length_m {
+                Some(ScalarSignal(length)) => Some(self.signal(length, 0, 1)?),
+                None => None,
+            };
+            let pull = |rest: f64| match table.stiffness_n_m {
+                None => Pull::Tension(tension),
+                Some(stiffness) => Pull::Winch(Winch {
+                    stiffness: stiffness.get(),
+                    length: length.unwrap_or(Signal::Constant(rest)),
+                    take_up: table.take_up_m.map_or(1e-3 * rest, Positive::get),
+                }),
+            };
             let [from, to] = table.ends();
-            Tendon::along(rod, table.offset_m.get(), [from, to], tension).ok_or_else(|| {
+            Tendon::along(rod, table.offset_m.get(), [from, to], pull).ok_or_else(|| {
                 let found = format!("{from} to {to}, between nodes without a joint");
                 let allowed = format!(
                     "a tendon that passes a joint; those of this mesh are {} apart",
@@ -131,16 +178,19 @@ impl Scene {
         self.tendons.iter().enumerate().map(tendon).collect::<Result<Vec<_>>>().map(Tendons::new)
     }
 
-    /// The key of the tension of the tendon that bends the rod most.
+    /// The key of what pulls the tendon that bends the rod most.
     pub(super) fn strongest_tendon_key(&self) -> String {
-        let moments = self.tendons.iter().map(TendonTable::largest_moment).enumerate();
+        let length = self.rod.length_m.get();
+        let moments = self.tendons.iter().map(|tendon| tendon.largest_moment(length)).enumerate();
         let strongest = moments.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
-        format!("tendons.{strongest}.tension_n")
+        let wound = self.tendons.get(strongest).is_some_and(|tendon| tendon.stiffness_n_m.is_some());
+        format!("tendons.{strongest}.{}", if wound { "length_m" } else { "tension_n" })
     }
 
     /// The signals of its tendons.
     pub(super) fn tendon_signals(&self) -> impl Iterator<Item = &SignalValue> {
-        self.tendons.iter().filter_map(|tendon| tendon.tension_n.as_ref()).map(|ScalarSignal(tension)| tension)
+        let signals = self.tendons.iter().flat_map(|tendon| [&tendon.tension_n, &tendon.length_m]);
+        signals.flatten().map(|ScalarSignal(signal)| signal)
     }
 }
 

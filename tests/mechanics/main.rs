@@ -39,3 +39,4 @@ mod stability;
 mod study;
 mod tendons;
 mod waves;
+mod winches;
