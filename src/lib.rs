@@ -112,7 +112,7 @@ pub mod fmu;
 mod workflows;
 
 #[cfg(feature = "faer")]
-pub use analysis::{linear_stability, modes};
+pub use analysis::{linear_stability, modes, rest};
 #[cfg(feature = "faer")]
 pub use checks::assessment;
 #[cfg(feature = "faer")]
@@ -121,7 +121,7 @@ pub use checks::verification;
 pub use error::{Error, Result};
 pub use measure::{cycle, metrics, regime, spectrum};
 pub use numerics::{integrator, linear, newton, system};
-pub use physics::{actuation, fluid, head, loads, model, rod, start, tendons};
+pub use physics::{actuation, drives, fluid, head, loads, model, rod, start, tendons};
 #[cfg(feature = "report")]
 pub use simulation::batch;
 pub use simulation::{stepper, variable};

@@ -6,7 +6,7 @@
 //! matrix A of the unknowns (x, ẋ/Ω). Rounding in the eigenvalues of A is of the size of the largest, so those below the geometric
 //! mean of largest and smallest are found as inverses of the eigenvalues of A⁻¹, where rounding is of the size of the slowest motion:
 //! growth in thick fluids is 10¹² times slower than stretching. The motions that nothing holds, exact rigid motions R with K R = 0 and
-//! what C R = 0 leaves undamped, are projected out; of a held rod nothing is left out. Source: F. Tisseur & K. Meerbergen, SIAM
+//! what C R = 0 leaves undamped, are projected out; of a rod whose head is held nothing is left out, unless it turns about a hinge. Source: F. Tisseur & K. Meerbergen, SIAM
 //! Review 43 (2001).
 
 use std::sync::Arc;
@@ -15,15 +15,14 @@ use faer::linalg::solvers::{Eigen, Solve};
 use faer::{Mat, MatRef, c64};
 use nalgebra::Vector2;
 
+use super::rest::{self, FreeUnknowns};
 use crate::error::{Error, Result};
 use crate::fluid::force::resultant;
-use crate::head::Signal;
 use crate::linear::{BandMatrix, Direction};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
 use crate::rod::node;
-use crate::start::Start;
-use crate::system::{Linearisation, State, System};
+use crate::system::{State, System};
 
 /// The least part of a way to rest that is gone at once.
 const LEAST_PART: f64 = 1.0 / 4096.0;
@@ -70,6 +69,8 @@ pub struct Eigenmode {
     pub uncertainty: f64,
     /// Real and imaginary part of φ, x and y of every node; the largest modulus is 1.
     pub shape: Vec<[[f64; 2]; 2]>,
+    /// Real and imaginary part of the arc φL of a hinge; zero without one.
+    pub arc: [f64; 2],
 }
 
 impl Eigenmode {
@@ -94,7 +95,7 @@ impl Eigenmode {
 struct DecoupledGroup {
     unknowns: Vec<usize>,
     matrices: [Mat<f64>; 3],
-    /// The rigid motions of a free rod that move them: along x, along y, and turning.
+    /// The rigid motions that move them: of a free rod along x, along y, and turning; of a rod on a hinge turning about it.
     rigid: Vec<Vec<f64>>,
 }
 
@@ -104,9 +105,16 @@ struct DecoupledGroup {
 /// # Errors
 /// [`Error::NotConverged`] where the way ends before the rest; those of [`System::assemble`].
 pub(crate) fn continue_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
-    let mut holding = vec![0.0; state.q.len()];
+    let mut holding = vec![0.0; 2 * dynamics.nodes()];
     dynamics.assemble(state, &mut holding, None)?;
-    let own = dynamics.inputs.force.take();
+    let hinged = dynamics.model.hinge.is_some();
+    // Where nothing loads it, a rod on a hinge without a servo rests at any angle.
+    if hinged && holding.iter().all(|force| force.abs() <= dynamics.residual_floor(state)) {
+        return Ok(());
+    }
+    // What holds the angle of a hinge is a torque.
+    let torque = if hinged { std::mem::take(&mut holding[0]) * dynamics.length() } else { 0.0 };
+    let (own, own_torque) = (dynamics.inputs.force.take(), dynamics.inputs.hinge.torque);
     let mut from = state.clone();
     let (mut gone, mut part) = (0.0, 1.0);
     let ended = loop {
@@ -114,6 +122,10 @@ pub(crate) fn continue_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, sta
         let held = |(i, force): (usize, &f64)| own.as_ref().map_or(0.0, |own| own[i]) + (1.0 - to) * force;
         dynamics.inputs.force =
             if to < 1.0 { Some(holding.iter().enumerate().map(held).collect()) } else { own.clone() };
+        if hinged {
+            dynamics.inputs.hinge.torque = own_torque + (1.0 - to) * torque;
+            dynamics.evaluate_at(state.t);
+        }
         match newton.solve(dynamics, state, Direction::POSITIONS) {
             Ok(_) if to >= 1.0 => break Ok(()),
             Ok(_) => {
@@ -128,6 +140,7 @@ pub(crate) fn continue_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, sta
         }
     };
     dynamics.inputs.force = own;
+    dynamics.inputs.hinge.torque = own_torque;
     ended
 }
 
@@ -149,7 +162,7 @@ impl SteadyState {
         Self::found(model, Some(positions))
     }
 
-    fn found(mut model: Model, near: Option<&[f64]>) -> std::result::Result<Self, NoSteadyState> {
+    fn found(model: Model, near: Option<&[f64]>) -> std::result::Result<Self, NoSteadyState> {
         let unsteady = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
         if let Some(law) = model.forces.global() {
             let found = law.name();
@@ -157,10 +170,6 @@ impl SteadyState {
                 "{found:?} has no matrix of a band, which eigenvalues are found from; allowed here: a law for each edge, as \"cox\""
             );
             return Err(unsteady("drag.law", &problem));
-        }
-        if model.hinge.is_some() {
-            let problem = "found \"hinged\", whose angle is no unknown here; allowed: \"clamped\" or \"driven\", held at its angle";
-            return Err(unsteady("head.kind", problem));
         }
         if model.tendons.iter().any(|tendon| tendon.winch().is_some()) {
             let problem =
@@ -179,16 +188,13 @@ impl SteadyState {
             let problem = "the flow changes in time; allowed: a steady one, as [1.0, 0.0]";
             return Err(unsteady("medium.flow_m_s", problem));
         }
-        (model.actuation, model.start, model.spin, model.initial_curvature) = (None, Start::Jump, 0.0, None);
-        match &mut model.head {
-            Some(motion) => *motion = motion.each_ref().map(|signal| Signal::Constant(signal.at(0.0).value)),
-            None => {
-                // It goes with the flow, which is the same all along it, or it does not rest.
-                model.fluid.flow = Vector2::zeros();
-                if let Some(layers) = &model.layers {
-                    let first = layers.at(model.fluid, layers.height(Vector2::zeros())).fluid.flow;
-                    model.fluid.flow = -first;
-                }
+        let mut model = rest::held_still(model);
+        if model.head.is_none() {
+            // It goes with the flow, which is the same all along it, or it does not rest.
+            model.fluid.flow = Vector2::zeros();
+            if let Some(layers) = &model.layers {
+                let first = layers.at(model.fluid, layers.height(Vector2::zeros())).fluid.flow;
+                model.fluid.flow = -first;
             }
         }
         let held = model.head.is_some();
@@ -212,7 +218,7 @@ impl SteadyState {
         let mut newton = Newton::new(nodes, REST_TOLERANCE).map_err(failed)?;
         let mut state = dynamics.first_state();
         if let Some(near) = near {
-            state.q.copy_from_slice(near);
+            state.q[..2 * nodes].copy_from_slice(near);
             continue_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
             return Ok(Self { dynamics, state });
         }
@@ -246,17 +252,19 @@ impl SteadyState {
     /// Those of [`matrices`](Self::matrices).
     pub fn added_mass(&mut self) -> Result<Vec<f64>> {
         let [inertia, ..] = self.matrices()?;
-        let own = &self.dynamics.model.rod.mass;
-        Ok(own
-            .iter()
-            .enumerate()
-            .map(|(k, m)| inertia.entry(2 * k, 2 * k) + inertia.entry(2 * k + 1, 2 * k + 1) - 2.0 * m)
-            .collect())
+        let Model { rod, hinge, .. } = &*self.dynamics.model;
+        // The node that a hinge holds has no rows.
+        let has_rows = |k: usize| k > 0 || hinge.is_none();
+        let added = |(k, m): (usize, &f64)| {
+            let moved = inertia.entry(2 * k, 2 * k) + inertia.entry(2 * k + 1, 2 * k + 1) - 2.0 * m;
+            if has_rows(k) { moved } else { 0.0 }
+        };
+        Ok(rod.mass.iter().enumerate().map(added).collect())
     }
 
     /// Positions at rest, m, two entries per node.
     pub fn positions(&self) -> &[f64] {
-        &self.state.q
+        &self.state.q[..2 * self.dynamics.nodes()]
     }
 
     /// Largest displacement of a node from the straight rod, m.
@@ -266,59 +274,59 @@ impl SteadyState {
         (0..nodes).map(|k| (node(&self.state.q, k) - node(&straight.q, k)).norm()).fold(0.0, f64::max)
     }
 
-    /// M, C and K of all nodes, that of a held head too.
+    /// M, C and K of all nodes, that of a held head too, but of a hinge the arc in place of the node.
     ///
     /// # Errors
     /// Those of [`System::assemble`].
     pub fn matrices(&mut self) -> Result<[BandMatrix; 3]> {
-        let nodes = self.dynamics.nodes();
-        let mut residual = vec![0.0; 2 * nodes];
-        let mut along = |direction: Direction| {
-            let mut matrix = BandMatrix::new(nodes);
-            let linearisation = Linearisation { matrix: &mut matrix, direction };
-            self.dynamics.unconstrained(&self.state, &mut residual, Some(linearisation))?;
-            Ok::<_, Error>(matrix)
-        };
+        let mut along = |direction: Direction| rest::derivative(&mut self.dynamics, &self.state, direction);
         Ok([along(Direction::ACCELERATIONS)?, along(Direction::VELOCITIES)?, along(Direction::POSITIONS)?])
     }
 
     /// The free unknowns in groups that do not touch each other: x and y of a straight rod along an axis, else one.
     fn groups(&mut self) -> Result<Vec<DecoupledGroup>> {
         let nodes = self.dynamics.nodes();
-        let first = usize::from(self.dynamics.model.head.is_some());
+        let free = FreeUnknowns::of(&self.dynamics.model);
         let bands = self.matrices()?;
         let entry = |matrix: &BandMatrix, i: usize, j: usize| {
             if matrix.coupled(i / 2).contains(&(j / 2)) { matrix.entry(i, j) } else { 0.0 }
         };
         let coupled = |matrix: &BandMatrix| {
             let (mut across, mut all) = (0.0_f64, 0.0_f64);
-            for i in 2 * first..2 * nodes {
-                for j in matrix.coupled(i / 2).flat_map(|k| [2 * k, 2 * k + 1]).filter(|j| *j >= 2 * first) {
+            for i in free.all() {
+                for j in matrix.coupled(i / 2).flat_map(|k| [2 * k, 2 * k + 1]).filter(|j| free.contains(*j)) {
                     let size = matrix.entry(i, j).abs();
                     all = all.max(size);
-                    across = if i % 2 == j % 2 { across } else { across.max(size) };
+                    across = if free.axis(i) == free.axis(j) { across } else { across.max(size) };
                 }
             }
             across > DECOUPLED * all
         };
-        let unknowns: Vec<usize> = (2 * first..2 * nodes).collect();
         let groups = if bands.iter().any(coupled) {
-            vec![unknowns]
+            vec![free.all().collect()]
         } else {
-            let axis = |axis: usize| unknowns.iter().copied().filter(|i| i % 2 == axis).collect();
-            vec![axis(1), axis(0)]
+            [1, 0].map(|axis| free.along(axis).collect()).to_vec()
         };
-        // About the middle, so that turning is as large as it can be beside going along.
-        let centre = self.dynamics.model.rod.mean(&self.state.q);
-        let q: Vec<f64> = self.state.q.iter().enumerate().map(|(i, x)| x - centre[i % 2]).collect();
+        // About the middle, so that turning is as large as it can be beside going along; about a hinge where there is one.
+        let model = &self.dynamics.model;
+        let centre = if free.hinged { node(&self.state.q, 0) } else { model.rod.mean(&self.state.q) };
+        let q: Vec<f64> = self.state.q[..2 * nodes].iter().enumerate().map(|(i, x)| x - centre[i % 2]).collect();
         let group = |unknowns: Vec<usize>| {
             let dense = |matrix: &BandMatrix| {
                 Mat::from_fn(unknowns.len(), unknowns.len(), |i, j| entry(matrix, unknowns[i], unknowns[j]))
             };
             let motion = |of: &dyn Fn(usize) -> f64| unknowns.iter().map(|i| of(*i)).collect::<Vec<f64>>();
             let along = |axis: usize| motion(&|i| f64::from(u8::from(i % 2 == axis)));
-            let turning = motion(&|i| if i % 2 == 0 { -q[i + 1] } else { q[i - 1] });
-            let mut rigid = if first == 0 { vec![along(0), along(1), turning] } else { Vec::new() };
+            let turning = motion(&|i| match i {
+                _ if free.is_arc(i) => model.rod.length,
+                _ if i % 2 == 0 => -q[i + 1],
+                _ => q[i - 1],
+            });
+            let mut rigid = match free.first {
+                0 => vec![along(0), along(1), turning],
+                _ if free.turns_freely => vec![turning],
+                _ => Vec::new(),
+            };
             rigid.retain(|motion| motion.iter().any(|x| *x != 0.0));
             DecoupledGroup { matrices: bands.each_ref().map(dense), unknowns, rigid }
         };
@@ -352,7 +360,7 @@ impl SteadyState {
     /// # Errors
     /// Those of [`eigenvalues`](Self::eigenvalues).
     pub fn eigenmodes(&mut self) -> Result<Vec<Eigenmode>> {
-        let nodes = self.dynamics.nodes();
+        let (nodes, free) = (self.dynamics.nodes(), FreeUnknowns::of(&self.dynamics.model));
         let mut found = Vec::new();
         for group in self.groups()? {
             let pencil = Pencil::of(&group);
@@ -375,13 +383,17 @@ impl SteadyState {
                 }
                 let largest =
                     places.iter().fold(c64::new(0.0, 0.0), |max, x| if x.norm() > max.norm() { *x } else { max });
-                let mut shape = vec![[[0.0; 2]; 2]; nodes];
+                let (mut shape, mut arc) = (vec![[[0.0; 2]; 2]; nodes], [0.0; 2]);
                 for (x, unknown) in places.iter().zip(&group.unknowns) {
                     let x = x / largest;
-                    shape[unknown / 2][0][unknown % 2] = x.re;
-                    shape[unknown / 2][1][unknown % 2] = x.im;
+                    if free.is_arc(*unknown) {
+                        arc = [x.re, x.im];
+                    } else {
+                        shape[unknown / 2][0][unknown % 2] = x.re;
+                        shape[unknown / 2][1][unknown % 2] = x.im;
+                    }
                 }
-                found.push(Eigenmode { growth: value.re, frequency: value.im, uncertainty, shape });
+                found.push(Eigenmode { growth: value.re, frequency: value.im, uncertainty, shape, arc });
             }
         }
         found.sort_by(|a, b| a.growth.hypot(a.frequency).total_cmp(&b.growth.hypot(b.frequency)));

@@ -2,8 +2,9 @@
 //!
 //! K is the model's own Jacobian there, without actuation, drag and loads; M is the lumped mass with the fluid that the rod
 //! accelerates and the moment of inertia of a body. Along a straight rod the
-//! two axes decouple: motion across it bends, motion along it stretches. A held head leaves node 0 out; the rigid modes of
-//! a free rod are dropped. Source: R. W. Clough & J. Penzien, Dynamics of Structures (1975), chapter 12.
+//! two axes decouple: motion across it bends, motion along it stretches. A held head leaves node 0 out; one on a hinge has its arc φL as
+//! one more unknown of bending, with the inertia of the rotor and the stiffness of the servo. Rigid modes are dropped: those of a free
+//! rod, and the turning about a hinge without a servo. Source: R. W. Clough & J. Penzien, Dynamics of Structures (1975), chapter 12.
 //!
 //! All frequencies come from dense matrices, at a cost that grows as N³, and rounding reaches the first of bending as N⁴
 //! (3·10⁻⁶ of its square at N = 1000). The lowest modes of finer rods come from a Krylov iteration with (K + σM)⁻¹, which
@@ -16,18 +17,14 @@ use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::matrix_free::LinOp;
 use faer::matrix_free::eigen::{PartialEigenParams, partial_eigen_scratch, partial_self_adjoint_eigen};
 use faer::{Col, Mat, MatMut, MatRef, Par, Side};
-use nalgebra::Vector2;
 
+use super::rest::{self, FreeUnknowns};
 use crate::error::{Error, Result};
-use crate::fluid::{Fluid, Forces, Layers};
-use crate::head::Signal;
 use crate::integrator::{Integrator, METHODS, stability_limit};
 use crate::linear::{BandMatrix, ChainMatrix, Direction, Riccati};
 use crate::model::{Dynamics, Model};
 use crate::rod::{Damping, Rod};
-use crate::start::Start;
-use crate::system::{Form, Linearisation, System};
-use crate::tendons::Tendons;
+use crate::system::{Form, System};
 
 /// Up to this many nodes shapes are computed from dense matrices: beyond, vectors lose digits (2e-8 of the first frequency
 /// at 129 nodes), and the iteration needs that many.
@@ -35,9 +32,6 @@ const DENSE: usize = 65;
 
 /// Convergence of the Krylov iteration, relative to the largest eigenvalue of (K + σM)⁻¹M.
 const TOLERANCE: f64 = 1e-12;
-
-/// The external forces on a rod, and the fluid around it.
-pub type Surroundings = (Forces, Fluid, Option<Layers>);
 
 /// Which way a mode moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,12 +79,22 @@ pub struct Mode {
     pub frequency: f64,
     /// Displacement of every node along the axis; the largest is 1.
     pub shape: Vec<f64>,
+    /// Displacement of the arc φL of a hinge; zero without one.
+    pub arc: f64,
+}
+
+impl Mode {
+    /// The displacement of a free unknown.
+    fn at(&self, free: FreeUnknowns, unknown: usize) -> f64 {
+        if free.is_arc(unknown) { self.arc } else { self.shape[unknown / 2] }
+    }
 }
 
 /// The natural angular frequencies of a rod (rad/s), each list rising, without the rigid modes, and what damps them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
-    /// Of bending: motion across the rod; N − 2 of a free rod, N − 1 of one with a held head.
+    /// Of bending: motion across the rod; N − 2 of a free rod, N − 1 of one with a held head, and one more of a head on the spring of
+    /// a servo.
     pub bending: Vec<f64>,
     /// Of stretching: motion along the rod; N − 1 of either.
     pub stretching: Vec<f64>,
@@ -104,20 +108,18 @@ impl Modes {
     /// # Errors
     /// [`Error::Linear`] where the eigenvalue iteration does not converge.
     pub fn of(rod: &Rod) -> Result<Self> {
-        Self::of_matrices(&Matrices::of(rod, None)?)
+        Self::of_model(rest::bare(rod.clone()))
     }
 
-    /// The modes of the rod of `model` with the fluid that it accelerates.
+    /// The modes of the rod of `model` with its hinge and the fluid that it accelerates.
     ///
     /// # Errors
     /// Those of [`of`](Self::of).
     pub fn of_model(model: Model) -> Result<Self> {
-        let Model { mut rod, forces, fluid, layers, .. } = model;
-        rod.damping = None;
-        Self::of_matrices(&Matrices::of(&rod, Some((forces, fluid, layers)))?.undamped(&rod)?)
+        Self::of_matrices(&Matrices::of_natural_modes(model)?)
     }
 
-    /// The modes of M and K of `matrices`, of which K is the rod's alone.
+    /// The modes of M and K of `matrices`, of which K is that of rod and servo alone.
     ///
     /// # Errors
     /// Those of [`of`](Self::of).
@@ -180,59 +182,53 @@ pub struct StableSteps {
     pub limit: f64,
 }
 
-/// The rod linearised about its straight rest: M q̈ + C q̇ + K q = 0.
+/// A model linearised about the straight, unloaded rest of its rod: M q̈ + C q̇ + K q = 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrices {
     /// Inertia of each unknown, x and y of every node, kg: that of the fluid around a straight rod included. It is all of M
-    /// but for the moment of inertia of a body, which couples the first two nodes.
+    /// but for the moment of inertia of a body, which couples the first two nodes. That of the arc of a hinge is I/L².
     pub mass: Vec<f64>,
     /// Inertia M, kg.
     pub inertia: BandMatrix,
-    /// Damping C by drag and by the material, N s/m; `None` without. A drag that couples every node with every other is left out.
+    /// Damping C by drag, the material and the bearing of a hinge, N s/m; `None` without. A drag that couples every node with every
+    /// other is left out.
     pub damping: Option<BandMatrix>,
     /// Stiffness K, N/m.
     pub stiffness: BandMatrix,
-    /// First node that is free to move: 1 where the head is held.
-    pub first: usize,
+    /// The unknowns that are free to move.
+    pub free: FreeUnknowns,
 }
 
 impl Matrices {
-    /// The matrices of `rod` in a fluid at rest, and of the forces there; in layers, of one that lies along x from the origin.
+    /// The matrices of the [`unloaded`](rest::unloaded) `model`; in layers, of a rod that lies along x from the origin.
     ///
     /// # Errors
     /// Those of [`System::assemble`].
-    pub fn of(rod: &Rod, outside: Option<Surroundings>) -> Result<Self> {
-        let by_drag = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.global().is_none());
-        let damped = by_drag || rod.damping.is_some();
-        let mut dynamics = at_rest(rod, outside);
+    pub fn of(model: Model) -> Result<Self> {
+        let by_drag = !model.forces.is_empty() && model.forces.global().is_none();
+        let damped = by_drag || model.is_damped();
+        let free = FreeUnknowns::of(&model);
+        let mut dynamics = Dynamics::new(Arc::new(rest::unloaded(model)));
         let straight = dynamics.first_state();
-        let mut along = |direction: Direction| {
-            let mut matrix = BandMatrix::new(rod.nodes);
-            let linearisation = Linearisation { matrix: &mut matrix, direction };
-            dynamics.unconstrained(&straight, &mut vec![0.0; 2 * rod.nodes], Some(linearisation))?;
-            Ok::<_, Error>(matrix)
-        };
+        let mut along = |direction: Direction| rest::derivative(&mut dynamics, &straight, direction);
         let inertia = along(Direction::ACCELERATIONS)?;
         Ok(Self {
-            mass: (0..2 * rod.nodes).map(|i| inertia.entry(i, i)).collect(),
+            mass: (0..inertia.unknowns()).map(|i| inertia.entry(i, i)).collect(),
             inertia,
             stiffness: along(Direction::POSITIONS)?,
             damping: if damped { Some(along(Direction::VELOCITIES)?) } else { None },
-            first: usize::from(is_held(rod)),
+            free,
         })
     }
 
-    /// The same with the stiffness of `rod`, whose matrices they are, alone: that of its natural modes.
+    /// The same for natural modes: K of the rod and the servo of its hinge alone, and C without the damping of the material.
     ///
     /// # Errors
     /// Those of [`of`](Self::of).
-    pub fn undamped(self, rod: &Rod) -> Result<Self> {
-        Ok(Self { stiffness: Self::of(rod, None)?.stiffness, ..self })
-    }
-
-    /// Inertia of node `k` along `axis`, kg.
-    fn inertia(&self, axis: ModeKind, k: usize) -> f64 {
-        self.mass[2 * k + axis.entry()]
+    pub fn of_natural_modes(mut model: Model) -> Result<Self> {
+        model.rod.damping = None;
+        let alone = Model { hinge: model.hinge.clone(), ..rest::bare(model.rod.clone()) };
+        Ok(Self { stiffness: Self::of(alone)?.stiffness, ..Self::of(model)? })
     }
 
     /// Inertia per length (kg/m) across the rod at its middle, where it all moves together.
@@ -247,57 +243,67 @@ impl Matrices {
             let mut beside = self.inertia.coupled(k).filter(|j| *j != k).flat_map(|j| [2 * j, 2 * j + 1]);
             beside.all(|j| self.inertia.entry(2 * k, j) == 0.0 && self.inertia.entry(2 * k + 1, j) == 0.0)
         };
-        (self.first..self.nodes()).all(alone)
+        (self.free.first..self.nodes()).all(alone)
     }
 
     fn nodes(&self) -> usize {
         self.mass.len() / 2
     }
 
+    /// The free unknowns along the axis of unknown `i` that `matrix` couples with it.
+    fn coupled(&self, matrix: &BandMatrix, i: usize) -> impl Iterator<Item = usize> + use<> {
+        let (free, axis) = (self.free, self.free.axis(i));
+        let near = matrix.coupled(i / 2).flat_map(|k| [2 * k, 2 * k + 1]);
+        near.filter(move |j| free.contains(*j) && free.axis(*j) == axis)
+    }
+
+    /// The free unknowns along `axis`.
+    fn along(&self, axis: ModeKind) -> Vec<usize> {
+        self.free.along(axis.entry()).collect()
+    }
+
     /// A bound of the damping of a mode over its inertia, 1/s: the largest sum of a row of M^(-½) C M^(-½).
     fn largest_damping(&self, axis: ModeKind) -> f64 {
         let Some(damping) = &self.damping else { return 0.0 };
-        let i = axis.entry();
-        let row = |k: usize| {
-            let near = damping.coupled(k).filter(|j| *j >= self.first);
-            let inertia = |j: usize| (self.inertia(axis, k) * self.inertia(axis, j)).sqrt();
-            near.map(|j| damping.entry(2 * k + i, 2 * j + i).abs() / inertia(j)).sum()
+        let row = |i: usize| {
+            let part = |j: usize| damping.entry(i, j).abs() / (self.mass[i] * self.mass[j]).sqrt();
+            self.coupled(damping, i).map(part).sum()
         };
-        (self.first..self.nodes()).map(row).fold(0.0, f64::max)
+        self.free.along(axis.entry()).map(row).fold(0.0, f64::max)
     }
 
     /// Damping ratio ζ = φᵀCφ / (2ω φᵀMφ) of a mode; `None` without damping.
     pub fn damping_ratio(&self, mode: &Mode) -> Option<f64> {
         let damping = self.damping.as_ref()?;
-        let i = mode.axis.entry();
-        let products = mode.shape.iter().enumerate().skip(self.first).map(|(k, x)| {
-            let near = || damping.coupled(k).filter(|j| *j >= self.first);
-            let times =
-                |matrix: &BandMatrix| near().map(|j| matrix.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum::<f64>();
-            [x * times(damping), x * times(&self.inertia)]
+        let at = |i: usize| mode.at(self.free, i);
+        let products = self.free.along(mode.axis.entry()).map(|i| {
+            let times = |matrix: &BandMatrix| self.coupled(matrix, i).map(|j| matrix.entry(i, j) * at(j)).sum::<f64>();
+            [at(i) * times(damping), at(i) * times(&self.inertia)]
         });
         let [lost, moved] = products.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
         Some(lost / (2.0 * mode.frequency * moved))
     }
 
+    /// The number of rigid modes along `axis`.
     fn rigid(&self, axis: ModeKind) -> usize {
-        if self.first == 0 { axis.rigid() } else { 0 }
+        match axis {
+            _ if self.free.first == 0 => axis.rigid(),
+            ModeKind::Bending => usize::from(self.free.turns_freely),
+            ModeKind::Stretching => 0,
+        }
     }
 
     fn failed(&self, reason: &impl std::fmt::Debug) -> Error {
-        Error::Linear { unknowns: self.nodes() - self.first, reason: format!("its eigenvalues: {reason:?}") }
+        Error::Linear { unknowns: self.nodes() - self.free.first, reason: format!("its eigenvalues: {reason:?}") }
     }
 
     /// The symmetric L⁻¹ K L⁻ᵀ along `axis`, and L of M = L Lᵀ, where it is not the root of a diagonal.
     fn scaled(&self, axis: ModeKind) -> Result<(Mat<f64>, Option<Mat<f64>>)> {
-        let free = self.nodes() - self.first;
-        let of = |matrix: &BandMatrix, i: usize, j: usize| {
-            let (i, j) = (i + self.first, j + self.first);
-            let near = matrix.coupled(i).contains(&j);
-            if near { matrix.entry(2 * i + axis.entry(), 2 * j + axis.entry()) } else { 0.0 }
-        };
+        let unknowns = self.along(axis);
+        let free = unknowns.len();
+        let of = |matrix: &BandMatrix, i: usize, j: usize| matrix.entry(unknowns[i], unknowns[j]);
         if self.is_lumped() {
-            let inertia = |i: usize| self.inertia(axis, i + self.first);
+            let inertia = |i: usize| self.mass[unknowns[i]];
             let scaled = |i: usize, j: usize| of(&self.stiffness, i, j) / (inertia(i) * inertia(j)).sqrt();
             return Ok((Mat::from_fn(free, free, scaled), None));
         }
@@ -314,56 +320,81 @@ impl Matrices {
     /// All modes along `axis`, rising.
     fn modes(&self, axis: ModeKind) -> Result<Vec<Mode>> {
         let (scaled, root) = self.scaled(axis)?;
+        let unknowns = self.along(axis);
         let found = scaled.self_adjoint_eigen(Side::Lower).map_err(|e| self.failed(&e))?;
         let squares = found.S().column_vector();
         Ok((self.rigid(axis)..squares.nrows())
             .map(|j| {
-                let mut free: Vec<f64> = (0..squares.nrows()).map(|i| found.U()[(i, j)]).collect();
+                let mut moved: Vec<f64> = (0..squares.nrows()).map(|i| found.U()[(i, j)]).collect();
                 match &root {
-                    Some(root) => backward(root, &mut free),
-                    None => {
-                        let nodes = free.iter_mut().enumerate();
-                        nodes.for_each(|(i, x)| *x /= self.inertia(axis, i + self.first).sqrt());
-                    }
+                    Some(root) => backward(root, &mut moved),
+                    None => moved.iter_mut().zip(&unknowns).for_each(|(x, i)| *x /= self.mass[*i].sqrt()),
                 }
-                let mut shape = vec![0.0; self.nodes()];
-                shape[self.first..].copy_from_slice(&free);
-                Mode { axis, frequency: squares[j].max(0.0).sqrt(), shape: normed(shape) }
+                let moved = unknowns.iter().copied().zip(moved);
+                mode(axis, squares[j].max(0.0).sqrt(), self.nodes(), self.free, moved)
             })
             .collect())
     }
 
     /// M, C and K as texts in the Matrix Market exchange format, symmetric, each with a name; the unknowns are x and y of
-    /// every node that is free to move. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935 (1996).
+    /// every node that is free to move, after the arc of a hinge. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935 (1996).
     pub fn matrix_market(&self) -> Vec<(&'static str, String)> {
         let mut texts = vec![
-            ("mass.mtx", self.matrix_market_text("mass M, kg", &|i, j| self.inertia.entry(i, j))),
-            ("stiffness.mtx", self.matrix_market_text("stiffness K, N/m", &|i, j| self.stiffness.entry(i, j))),
+            ("mass.mtx", self.matrix_market_text("mass M, kg", &self.inertia)),
+            ("stiffness.mtx", self.matrix_market_text("stiffness K, N/m", &self.stiffness)),
         ];
         if let Some(damping) = &self.damping {
-            texts.push(("damping.mtx", self.matrix_market_text("drag C, N s/m", &|i, j| damping.entry(i, j))));
+            texts.push(("damping.mtx", self.matrix_market_text("drag C, N s/m", damping)));
         }
         texts
     }
 
-    fn matrix_market_text(&self, what: &str, entry: &dyn Fn(usize, usize) -> f64) -> String {
-        let (first, last) = (2 * self.first, self.mass.len());
+    fn matrix_market_text(&self, what: &str, matrix: &BandMatrix) -> String {
+        let unknowns: Vec<usize> = self.free.all().collect();
         let (mut lines, mut count) = (String::new(), 0);
-        for j in first..last {
-            for i in j..last.min(2 * self.stiffness.coupled(j / 2).end) {
-                let value = entry(i, j);
+        for (j, column) in unknowns.iter().enumerate() {
+            let last = 2 * matrix.coupled(column / 2).end;
+            for (i, row) in unknowns.iter().enumerate().skip(j).take_while(|(_, row)| **row < last) {
+                let value = matrix.entry(*row, *column);
                 if value != 0.0 {
                     count += 1;
-                    let _ = writeln!(lines, "{} {} {value:e}", i + 1 - first, j + 1 - first); // a String takes everything
+                    let _ = writeln!(lines, "{} {} {value:e}", i + 1, j + 1); // a String takes everything
                 }
             }
         }
-        let held = if self.first == 0 { "" } else { "; node 0 is held and left out" };
+        let (arc, held) = match self.free {
+            FreeUnknowns { hinged: true, .. } => {
+                ("the head's angle times the length, then ", "; node 0 is held and left out")
+            }
+            FreeUnknowns { first: 0, .. } => ("", ""),
+            _ => ("", "; node 0 is held and left out"),
+        };
         format!(
-            "%%MatrixMarket matrix coordinate real symmetric\n% {what}, about the straight rod at rest; unknowns x, y of each node{held}\n{0} {0} {count}\n{lines}",
-            last - first
+            "%%MatrixMarket matrix coordinate real symmetric\n% {what}, about the straight rod at rest; unknowns {arc}x, y of each node{held}\n{0} {0} {count}\n{lines}",
+            unknowns.len()
         )
     }
+}
+
+/// The mode along `axis` of that frequency (rad/s) in which the free unknowns are displaced as `moved` says.
+fn mode(
+    axis: ModeKind,
+    frequency: f64,
+    nodes: usize,
+    free: FreeUnknowns,
+    moved: impl Iterator<Item = (usize, f64)>,
+) -> Mode {
+    let (mut shape, mut arc) = (vec![0.0; nodes], 0.0);
+    for (i, x) in moved {
+        if free.is_arc(i) {
+            arc = x;
+        } else {
+            shape[i / 2] = x;
+        }
+    }
+    let largest = shape.iter().fold(0.0, |max: f64, x| if x.abs() > max.abs() { *x } else { max });
+    shape.iter_mut().for_each(|x| *x /= largest);
+    Mode { axis, frequency, shape, arc: arc / largest }
 }
 
 /// Nodes to either side that one is coupled with, in M and so in its root L.
@@ -394,60 +425,25 @@ fn backward(root: &Mat<f64>, x: &mut [f64]) {
 /// # Errors
 /// [`Error::Linear`] where the eigenvalue iteration does not converge.
 pub fn lowest(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
-    lowest_within(rod, None, count)
+    lowest_of_model(rest::bare(rod.clone()), count)
 }
 
-/// The same with the fluid that the rod accelerates.
+/// The same of the rod of `model`, with its hinge and the fluid that the rod accelerates.
 ///
 /// # Errors
 /// Those of [`lowest`].
-pub fn lowest_within(rod: &Rod, outside: Option<Surroundings>, count: usize) -> Result<Vec<Mode>> {
-    let count = count.clamp(1, rod.nodes / 2);
-    let mut modes = if rod.nodes <= DENSE {
-        let matrices = Matrices::of(rod, outside)?.undamped(rod)?;
+pub fn lowest_of_model(model: Model, count: usize) -> Result<Vec<Mode>> {
+    let nodes = model.rod.nodes;
+    let count = count.clamp(1, nodes / 2);
+    let mut modes = if nodes <= DENSE {
+        let matrices = Matrices::of_natural_modes(model)?;
         [matrices.modes(ModeKind::Bending)?, matrices.modes(ModeKind::Stretching)?].concat()
     } else {
-        iterated(rod, outside, count)?
+        iterated(model, count)?
     };
     modes.sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
     modes.truncate(count);
     Ok(modes)
-}
-
-fn is_held(rod: &Rod) -> bool {
-    rod.first_joint == 0
-}
-
-/// The rod and the forces on it alone, straight, in a fluid at rest.
-fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
-    let (forces, fluid, layers) = outside.unwrap_or((Forces::default(), Fluid::NONE, None));
-    Dynamics::new(Arc::new(Model {
-        rod: rod.clone(),
-        actuation: None,
-        active_moments: false,
-        largest_drive: None,
-        lag: None,
-        tendons: Tendons::default(),
-        hinge: None,
-        start: Start::Jump,
-        forces,
-        fluid: Fluid { flow: Vector2::zeros(), acceleration: Vector2::zeros(), ..fluid },
-        flow: None,
-        load: None,
-        layers,
-        buoyancy: None,
-        head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
-        head_input: Default::default(),
-        spin: 0.0,
-        initial_curvature: None,
-    }))
-}
-
-/// The shape with its largest entry 1.
-fn normed(mut shape: Vec<f64>) -> Vec<f64> {
-    let largest = shape.iter().fold(0.0, |max: f64, x| if x.abs() > max.abs() { *x } else { max });
-    shape.iter_mut().for_each(|x| *x /= largest);
-    shape
 }
 
 /// Entries of a row of the root of an inertia, its diagonal last: a node is coupled with the two before it.
@@ -461,12 +457,14 @@ struct Root {
 }
 
 impl Root {
-    /// That of `inertia`, of which the nodes before `first` are held; zero there.
-    fn of(inertia: &BandMatrix, nodes: usize, first: usize) -> Self {
-        let mut rows = vec![[0.0; REACH]; 2 * nodes];
-        for i in 2 * first..2 * nodes {
+    /// That of `inertia` in the unknowns that are free; zero in the others.
+    fn of(inertia: &BandMatrix, free: FreeUnknowns) -> Self {
+        let mut rows = vec![[0.0; REACH]; 2 * free.nodes];
+        for i in free.all() {
             for d in 0..REACH {
-                let Some(j) = (i + d + 1).checked_sub(REACH).filter(|j| *j >= 2 * first) else { continue };
+                let Some(j) = (i + d + 1).checked_sub(REACH).filter(|j| *j >= 2 * free.first || *j == i) else {
+                    continue;
+                };
                 let own = if inertia.coupled(i / 2).contains(&(j / 2)) { inertia.entry(i, j) } else { 0.0 };
                 // Σ L_ik L_jk over the columns k before j that both rows have.
                 let known: f64 = (0..REACH)
@@ -515,7 +513,18 @@ struct ShiftInvert {
     /// The rigid modes, orthonormal in the unknowns Lᵀ x.
     rigid: Vec<Vec<f64>>,
     matrix: ChainMatrix,
+    hinge: Option<EliminatedHinge>,
     work: Mutex<SolverWorkspace>,
+}
+
+/// The equation of a hinge, which the chain form eliminates: (k + σI) δφ − δM = r, with the moment M of the first joint.
+struct EliminatedHinge {
+    /// k + σI, N m.
+    slope: f64,
+    /// The length that the arc is over the angle, m.
+    length: f64,
+    /// What the equation of the joint is multiplied with to be a force, N.
+    per_radian: f64,
 }
 
 /// The solver, a right-hand side and its solution.
@@ -543,8 +552,15 @@ impl ShiftInvert {
         for i in 0..x.len() {
             rhs[6 * (i / 2) + i % 2] = self.root.row(i).map(|(j, entry)| entry * x[j]).sum();
         }
+        let hinge = self.hinge.as_ref().map(|hinge| (hinge, std::mem::take(&mut rhs[0]) * hinge.length));
+        if let Some((EliminatedHinge { slope, per_radian, .. }, moment)) = hinge {
+            rhs[2] = per_radian * moment / slope;
+        }
         solver.solve(&self.matrix, rhs, solution);
-        let found: Vec<f64> = (0..x.len()).map(|i| solution[6 * (i / 2) + i % 2]).collect();
+        let mut found: Vec<f64> = (0..x.len()).map(|i| solution[6 * (i / 2) + i % 2]).collect();
+        if let Some((EliminatedHinge { slope, length, .. }, moment)) = hinge {
+            found[0] = length * (moment + solution[2]) / slope;
+        }
         x.copy_from_slice(&self.root.transposed(&found));
         self.without_rigid(x);
     }
@@ -577,38 +593,48 @@ impl LinOp<f64> for ShiftInvert {
     }
 }
 
-fn iterated(rod: &Rod, outside: Option<Surroundings>, count: usize) -> Result<Vec<Mode>> {
-    let failed = |reason: String| Error::Linear { unknowns: 2 * rod.nodes, reason };
-    let mut dynamics = at_rest(rod, outside);
-    let mut inertia = BandMatrix::new(rod.nodes);
-    let linearisation = Linearisation { matrix: &mut inertia, direction: Direction::ACCELERATIONS };
+fn iterated(model: Model, count: usize) -> Result<Vec<Mode>> {
+    let free = FreeUnknowns::of(&model);
+    let mut dynamics = Dynamics::new(Arc::new(rest::unloaded(model)));
     let unbent = dynamics.first_state();
-    dynamics.unconstrained(&unbent, &mut vec![0.0; 2 * rod.nodes], Some(linearisation))?;
-    let across: f64 = (0..rod.nodes).map(|k| inertia.entry(2 * k + 1, 2 * k + 1)).sum();
+    let inertia = rest::derivative(&mut dynamics, &unbent, Direction::ACCELERATIONS)?;
     let straight = dynamics.first_state_in(Form::Chain);
+    let model = Arc::clone(&dynamics.model);
+    let rod = &model.rod;
+    let failed = |reason: String| Error::Linear { unknowns: 2 * rod.nodes, reason };
+    let across: f64 = (usize::from(free.hinged)..rod.nodes).map(|k| inertia.entry(2 * k + 1, 2 * k + 1)).sum();
     // σ is of the size of the first ω², so that K + σM is regular for a free rod too and nearly as good as K.
     let sigma = rod.ei / (across * rod.length.powi(3)) * 500.0;
     let mut matrix = ChainMatrix::new(rod.nodes);
     let mut residual = vec![0.0; matrix.unknowns()];
     dynamics.assemble_chain(&straight, Direction { q: 1.0, v: 0.0, a: sigma }, &mut residual, &mut matrix)?;
-    let held = is_held(rod);
     let mut operator = ShiftInvert {
         rigid: Vec::new(),
         work: Mutex::new((Riccati::new(rod.nodes), residual.clone(), residual)),
+        hinge: model.hinge.as_ref().map(|hinge| EliminatedHinge {
+            slope: hinge.stiffness + sigma * hinge.inertia,
+            length: rod.length,
+            per_radian: matrix.terms.scale[0],
+        }),
         matrix,
-        root: Root::of(&inertia, rod.nodes, usize::from(held)),
+        root: Root::of(&inertia, free),
     };
-    if !held {
-        let centre = 0.5 * rod.length;
-        let motions: [fn(f64) -> [f64; 2]; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |s| [0.0, s]];
-        for motion in motions {
-            let motion: Vec<f64> = (0..rod.nodes).flat_map(|k| motion(rod.arc_length(k) - centre)).collect();
-            let mut mode = operator.root.transposed(&motion);
-            operator.without_rigid(&mut mode);
-            let norm = mode.iter().map(|x| x * x).sum::<f64>().sqrt();
-            mode.iter_mut().for_each(|x| *x /= norm);
-            operator.rigid.push(mode);
+    let centre = if free.first == 0 { 0.5 * rod.length } else { 0.0 };
+    let motions: &[fn(f64) -> [f64; 2]] = match free.first {
+        0 => &[|_| [1.0, 0.0], |_| [0.0, 1.0], |s| [0.0, s]],
+        _ if free.turns_freely => &[|s| [0.0, s]],
+        _ => &[],
+    };
+    for motion in motions {
+        let mut motion: Vec<f64> = (0..rod.nodes).flat_map(|k| motion(rod.arc_length(k) - centre)).collect();
+        if free.hinged {
+            motion[0] = rod.length;
         }
+        let mut mode = operator.root.transposed(&motion);
+        operator.without_rigid(&mut mode);
+        let norm = mode.iter().map(|x| x * x).sum::<f64>().sqrt();
+        mode.iter_mut().for_each(|x| *x /= norm);
+        operator.rigid.push(mode);
     }
     let unknowns = 2 * rod.nodes;
     // A start with something of every mode.
@@ -635,17 +661,17 @@ fn iterated(rod: &Rod, outside: Option<Surroundings>, count: usize) -> Result<Ve
     if found < count {
         return Err(failed(format!("only {found} of its {count} lowest modes converged")));
     }
-    let mode = |j: usize| {
+    let of = |j: usize| {
         let mut entries: Vec<f64> = (0..unknowns).map(|i| vectors[(i, j)]).collect();
-        let share = |axis: ModeKind| (0..rod.nodes).map(|k| entries[2 * k + axis.entry()].powi(2)).sum::<f64>();
+        let share = |axis: ModeKind| free.along(axis.entry()).map(|i| entries[i].powi(2)).sum::<f64>();
         let axis = if share(ModeKind::Bending) >= share(ModeKind::Stretching) {
             ModeKind::Bending
         } else {
             ModeKind::Stretching
         };
         operator.root.unscale(&mut entries);
-        let shape = (0..rod.nodes).map(|k| entries[2 * k + axis.entry()]).collect();
-        Mode { axis, frequency: (1.0 / values[j] - sigma).max(0.0).sqrt(), shape: normed(shape) }
+        let moved = free.along(axis.entry()).map(|i| (i, entries[i]));
+        mode(axis, (1.0 / values[j] - sigma).max(0.0).sqrt(), rod.nodes, free, moved)
     };
-    Ok((0..found).map(mode).collect())
+    Ok((0..found).map(of).collect())
 }

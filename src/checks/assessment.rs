@@ -146,12 +146,10 @@ impl Assessment {
         let fluid = regime.as_ref().map_or(model.fluid, |regime| regime.across.fluid);
         let across = resistance(scene, &model, fluid);
         let drive = DriveShape::of(&model, stepper.model().rod.spacing / model.rod.spacing);
-        let Model { mut rod, forces, fluid, layers, .. } = model;
-        rod.damping = None;
-        let is_inertial = forces.are_inertial();
-        let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?.undamped(&rod)?;
-        let line_density =
-            if is_inertial { matrices.line_density(rod.spacing) } else { rod.sections.line_density(0.5) };
+        let (is_inertial, spacing) = (model.forces.are_inertial(), model.rod.spacing);
+        let dry = model.rod.sections.line_density(0.5);
+        let matrices = Matrices::of_natural_modes(model)?;
+        let line_density = if is_inertial { matrices.line_density(spacing) } else { dry };
         let modes = Modes::of_matrices(&matrices)?;
         let (rod, first_frequency) = (&stepper.model().rod, modes.lowest());
         let mut assessment = Self {
@@ -166,6 +164,10 @@ impl Assessment {
             ranges: Vec::new(),
         };
         assessment.warn_of_media(scene, stepper.model());
+        // A scene may give stiffness and mass in place of a section.
+        if scene.rod.outer_radius_m.is_some() {
+            assessment.warn_of_tendons(stepper.model());
+        }
         assessment.warn_of_waves(scene, rod);
         // Of a coarser mesh it is another.
         if !is_coarse {
@@ -283,7 +285,7 @@ impl Assessment {
             format!(
                 "{} nodes, {} unknowns, spacing {:.4e} m, {:.4e} kg",
                 rod.nodes,
-                2 * rod.nodes,
+                stepper.model().unknowns(),
                 rod.spacing,
                 rod.total_mass()
             ),
@@ -385,15 +387,22 @@ impl Assessment {
             Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
         };
         let resists = rod.damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Whole);
+        let drives = scene.drives();
         let followed = if stepper.model().active_moments && resists {
             ": far below 1 the rod bends as far as the moments bend it at rest, less and later by tan δ at the drive"
         } else if stepper.model().active_moments {
             ": far below 1 the rod bends as far as the moments bend it at rest"
-        } else if resists && scene.actuation.is_some() {
+        } else if resists && drives.actuation {
             ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
-        } else if scene.actuation.is_none() && !scene.tendons.is_empty() {
+        } else if drives.tendons && !drives.actuation {
             ": far below 1 the rod bends as far as its tendons bend it at rest"
-        } else if scene.actuation.is_none() {
+        } else if let (false, Some(hinge)) = (drives.actuation, &model.hinge) {
+            if hinge.stiffness > 0.0 {
+                ": far below 1 the head turns as its servo is told, and the rod does not bend"
+            } else {
+                ": far below 1 the rod turns with its head without bending"
+            }
+        } else if !drives.actuation {
             ": far below 1 the rod follows its head without bending"
         } else {
             ": far below 1 the rod takes its natural curvature"
@@ -629,11 +638,30 @@ impl Assessment {
         }
     }
 
-    /// Warns if a passive tail has fewer nodes than the waves need that its head, or the flow, sends along it: with their
+    /// Warns of tendons that would run outside of the body.
+    fn warn_of_tendons(&mut self, model: &Model) {
+        let rod = &model.rod;
+        for (i, tendon) in model.tendons.iter().enumerate() {
+            let nodes = tendon.edges.start..=tendon.edges.end;
+            let widths = nodes.map(|k| (rod.xi(k), rod.sections.outer.at(rod.xi(k))));
+            let Some((xi, half)) = widths.min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+            if tendon.offset.abs() > half * (1.0 + 1e-9) {
+                self.warnings.push(format!(
+                    "tendon {} runs outside of the body: its distance from the centreline is {} m, and at xi = {} the body reaches {} m to either side; it needs guides there, or a smaller offset_m",
+                    i + 1,
+                    significant(tendon.offset.abs(), 3),
+                    significant(xi, 3),
+                    significant(half, 3)
+                ));
+            }
+        }
+    }
+
+    /// Warns if a tail that nothing bends from within has fewer nodes than the waves need that its head, or the flow, sends along it: with their
     /// wavenumber k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI its thrust errs by 0.4 (kΔL)² (measured, in oil and in water, for kL of 0.4 to
     /// 21).
     fn warn_of_waves(&mut self, scene: &Scene, rod: &Rod) {
-        let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| scene.actuation.is_none());
+        let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| !scene.drives().bend());
         let Some(waves) = numbers.map(|(sperm, inertia)| sperm * (1.0 + inertia * inertia).powf(0.125)) else { return };
         let turning = waves * rod.spacing / rod.length;
         if turning > MAX_WAVE_PHASE {
@@ -684,7 +712,7 @@ impl Assessment {
             warnings.push(format!("drag.law = \"stokes-like\" is kept for {range}{advice}"));
         }
         let asked = stepper.choice().is_some_and(|choice| choice.reason.is_none());
-        if asked && stepper.view().dynamics.mechanics == Mechanics::Shape && scene.actuation.is_none() {
+        if asked && stepper.view().dynamics.mechanics == Mechanics::Shape && !scene.drives().bend() {
             warnings.push(
                 "solver.model = \"shape\" gives the rod its natural shape, which without [actuation] never changes: a passive tail neither bends nor swims by bending; model = \"full\" or \"overdamped\" lets it bend".to_string(),
             );
@@ -719,7 +747,7 @@ impl Assessment {
         let now = &stepper.metrics().now;
         let strained = stepper.metrics().first_energy.max(now.imbalance(rod)) > 0.0;
         let bent = stepper.model().initial_curvature.iter().flatten().any(|kappa| *kappa != 0.0);
-        let jumps = scene.start.kind == StartKind::Jump && scene.actuation.is_some();
+        let jumps = scene.is_released();
         if strained && (jumps || bent) {
             let [start, advice] = if bent {
                 let longest = rounded_down(MAX_RESOLVED_PHASE / self.first_frequency);
@@ -728,7 +756,8 @@ impl Assessment {
                     format!("a step of at most {longest:e} s resolves the slowest of it"),
                 ]
             } else {
-                let smooth = if stepper.model().active_moments { "ramp" } else { "shaped" };
+                let shaped = scene.actuation.is_some() && !stepper.model().active_moments;
+                let smooth = if shaped { "shaped" } else { "ramp" };
                 ["the jump start".to_string(), format!("start.kind = \"{smooth}\" has no ringing")]
             };
             let rings = format!("{start} rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
@@ -807,10 +836,10 @@ fn describe_section(rod: &Rod) -> String {
 
 /// How heavy what turns with a hinge is, and how its servo swings with the straight rod.
 fn describe_hinge(hinge: &Hinge, rod: &Rod) -> String {
-    let tail: f64 = (0..rod.nodes).map(|k| rod.mass[k] * rod.arc_length(k).powi(2)).sum();
+    let tail = rod.inertia_about_head();
     let whole = hinge.inertia + tail;
     let mut text = format!(
-        "{} kg m^2, beside {} of the straight rod about its head; natural frequencies are those with the head held at its angle",
+        "{} kg m^2, beside {} of the straight rod about its head",
         significant(hinge.inertia, 3),
         significant(tail, 3)
     );

@@ -2,8 +2,9 @@
 //! motion stay inside the validity of the fluid's laws?
 
 use crate::integrator::StepControl;
-use crate::metrics::{Power, Resultants, RunMetrics};
+use crate::metrics::{HingeExtremes, Resultants, RunMetrics};
 use crate::model::Model;
+use crate::number_format::significant;
 use crate::rod::Rod;
 use crate::scene::Scene;
 
@@ -48,8 +49,7 @@ fn rounding_strain(rod: &Rod, positions: &[f64]) -> f64 {
 /// A note on an energy balance that does not close beyond `rounding` (J): a sign of steps that are too large, or of a wrong root of
 /// the equations.
 fn balance_note(metrics: &RunMetrics, rounding: f64, step_control: StepControl) -> Option<String> {
-    let energies = metrics.first_energy.abs().max(metrics.now.energy.total().abs());
-    let scale = largest_work(&metrics.totals.work).max(energies);
+    let scale = metrics.totals.max_energy;
     let defect = metrics.numerical_dissipation();
     (defect.abs() > MAX_BALANCE_DEFECT * scale && defect.abs() > rounding).then(|| {
         let what = if defect < 0.0 { "came from nowhere" } else { "was dissipated by the method itself" };
@@ -80,7 +80,7 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_contro
     // Where they cancel: what moves the rod at its mean speed, and what the largest power takes there.
     let motion = (2.0 * rod.total_mass() * metrics.totals.energy_time.kinetic / metrics.elapsed()).sqrt();
     let speed = metrics.across().map_or(0.0, |across| across.speed);
-    let effort = if speed > 0.0 { largest_work(&metrics.totals.work) / speed } else { 0.0 };
+    let effort = if speed > 0.0 { metrics.totals.work.largest() / speed } else { 0.0 };
     let whole = parts.iter().fold(motion.max(effort), |max, impulse| max.max(impulse.norm()));
     let defects = metrics.momentum_defect();
     // The force of an edge whose ends are rounded at their positions.
@@ -98,13 +98,6 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_contro
             )
         })
     })
-}
-
-/// The largest modulus of the parts of work, J.
-fn largest_work(work: &Power) -> f64 {
-    let Power { actuation, material, viscous, wake, spray, load, head, flow, other } = *work;
-    let parts = [actuation, material, viscous, wake, spray, load, head, flow, other];
-    parts.into_iter().fold(0.0, |max: f64, x| max.max(x.abs()))
 }
 
 /// Notes on edges that stretch or rotate further than the model or the step size allows.
@@ -127,8 +120,22 @@ fn motion_notes(metrics: &RunMetrics, step_control: StepControl) -> impl Iterato
     strained.into_iter().chain(turned)
 }
 
+/// A note on a motor of a hinge that was asked for more than it can give.
+fn motor_note(model: &Model, metrics: &RunMetrics) -> Option<String> {
+    let largest = model.hinge.as_ref()?.largest_torque?;
+    let HingeExtremes { asked, torque, .. } = metrics.totals.hinge;
+    (asked > largest).then(|| {
+        format!(
+            "the motor of the hinge reaches its limit: it is asked for up to {} N m and gives up to {} N m of head.largest_torque_n_m = {}",
+            significant(asked, 3),
+            significant(torque, 3),
+            significant(largest, 3)
+        )
+    })
+}
+
 /// Notes on a simulation of `scene` with this `model` and `step_control`, measured by `metrics`, that ends at these `positions`: the
-/// `warnings` given before it, the balances of energy and momentum, strain, rotation per step, and ranges of validity that the motion left.
+/// `warnings` given before it, the balances of energy and momentum, strain, rotation per step, a motor at its limit, and ranges of validity that the motion left.
 pub(crate) fn notes(
     scene: &Scene,
     model: &Model,
@@ -142,6 +149,7 @@ pub(crate) fn notes(
         .chain(balance_note(metrics, rounding_energy(&model.rod, positions), step_control))
         .chain(momentum_note(metrics, &model.rod, positions, step_control))
         .chain(motion_notes(metrics, step_control))
+        .chain(motor_note(model, metrics))
         .chain(left.into_iter().flatten())
         .collect()
 }

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
+use caudal::metrics::TendonExtremes;
 use caudal::number_format::significant;
 use caudal::reduced::{ErrorMeasure, ModelKind};
 use caudal::report::Summary;
@@ -130,7 +131,7 @@ pub fn run(
     })
 }
 
-/// What a joint, the actuation and a held head bore or gave at most; nothing of what they did not.
+/// What a joint, the actuation, tendons, the motor of a hinge and a held head bore or gave at most; nothing of what they did not.
 fn largest(summary: &Summary) -> Option<String> {
     let list = |name: &str, values: &[(Option<f64>, &str)]| {
         let there = values.iter().filter_map(|(value, unit)| Some((value.filter(|value| *value != 0.0)?, unit)));
@@ -140,13 +141,26 @@ fn largest(summary: &Summary) -> Option<String> {
     let parts = [
         list("a joint", &[(Some(summary.max_joint_moment_n_m), "N m")]),
         list("the actuation", &[(summary.max_actuation_power_w, "W")]),
-        list("the motor of the hinge", &[(summary.max_hinge_torque_n_m, "N m")]),
+        list(
+            "the motor of the hinge",
+            &[
+                (summary.max_hinge_torque_n_m, "N m"),
+                (summary.max_hinge_power_w, "W"),
+                (summary.max_hinge_speed_rad_s, "rad/s"),
+            ],
+        ),
         list(
             "the held head",
             &[(summary.max_head_force_n, "N"), (summary.max_head_moment_n_m, "N m"), (summary.max_head_power_w, "W")],
         ),
     ];
-    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    let tendon = |(i, tendon): (usize, &TendonExtremes)| {
+        let values =
+            [(tendon.tension, "N"), (tendon.power, "W"), (tendon.speed, "m/s"), (tendon.travel(), "m of travel")];
+        list(&format!("tendon {i}"), &values.map(|(value, unit)| (Some(value), unit)))
+    };
+    let tendons = (1..).zip(&summary.tendons.0).map(tendon);
+    let parts: Vec<String> = parts.into_iter().chain(tendons).flatten().collect();
     (!parts.is_empty()).then(|| format!("at most, the start included: {}", parts.join("; ")))
 }
 

@@ -84,10 +84,13 @@ mod index {
     pub(super) const FORCE_MODULUS: usize = 10;
     pub(super) const MOMENT_MODULUS: usize = 11;
     pub(super) const TORQUE_SQUARE: usize = 12;
-    pub(super) const DRAG: usize = 13;
-    pub(super) const REACTIVE: usize = 15;
-    pub(super) const WORK: usize = 17;
-    pub(super) const ALL: usize = 26;
+    pub(super) const HINGE_POWER: usize = 13;
+    pub(super) const HINGE_ANGLE: usize = 14;
+    pub(super) const HINGE_ERROR_SQUARE: usize = 15;
+    pub(super) const DRAG: usize = 16;
+    pub(super) const REACTIVE: usize = 18;
+    pub(super) const WORK: usize = 20;
+    pub(super) const ALL: usize = 29;
 }
 
 /// Integrals over time since the start, or their rates.
@@ -193,6 +196,8 @@ struct CycleSample {
     rates: Integrals,
     /// Position (m) and velocity (m/s) of the tip.
     tip: [Vector2<f64>; 2],
+    /// Angle (rad) and angular velocity (rad/s) of a head on a hinge.
+    hinge: [f64; 2],
 }
 
 /// The rates of all integrals in `state`, which has these `measurements`.
@@ -223,7 +228,11 @@ fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Int
     rates[index::PATH] = (velocity - flow).norm();
     rates[index::FORCE_MODULUS] = measurements.head_force.norm();
     rates[index::MOMENT_MODULUS] = measurements.head_moment.abs();
-    rates[index::TORQUE_SQUARE] = measurements.hinge.torque.powi(2);
+    let hinge = &measurements.hinge;
+    rates[index::TORQUE_SQUARE] = hinge.torque.powi(2);
+    rates[index::HINGE_POWER] = hinge.power();
+    rates[index::HINGE_ANGLE] = hinge.angle;
+    rates[index::HINGE_ERROR_SQUARE] = hinge.error.powi(2);
     set_work(&mut rates, measurements.power);
     rates
 }
@@ -242,6 +251,7 @@ impl CycleSample {
             integrals,
             rates: rates(dynamics, state, &metrics.now),
             tip: [node(&state.q, tip), node(&state.v, tip)],
+            hinge: [metrics.now.hinge.angle, metrics.now.hinge.spin],
         }
     }
 
@@ -308,6 +318,8 @@ pub struct Cycle {
     pub until: f64,
     /// Peak-to-peak excursion of the tip across the mean path, see [`STROUHAL`], m.
     pub excursion: f64,
+    /// Peak-to-peak angle of a head on a hinge, rad.
+    swing: f64,
     change: Integrals,
 }
 
@@ -333,6 +345,11 @@ impl Cycle {
     /// Mean modulus of the velocity relative to the flow, of the centre of mass or of a held head, m/s.
     pub fn mean_path_speed(&self) -> f64 {
         self.mean(index::PATH)
+    }
+
+    /// A mean of a square of the motor of a hinge, as its root.
+    fn root(&self, place: usize) -> f64 {
+        self.mean(place).max(0.0).sqrt()
     }
 
     /// Mean power dissipated in the fluid by drag, wake and spray, W.
@@ -518,6 +535,10 @@ fn held<T>(dynamics: &Dynamics, value: T) -> Option<T> {
     dynamics.model.head.is_some().then_some(value)
 }
 
+fn hinged<T>(dynamics: &Dynamics, value: T) -> Option<T> {
+    dynamics.model.hinge.is_some().then_some(value)
+}
+
 /// The mean of a force along the head's mean axis, in a fluid with added mass; otherwise drag is the only force.
 fn along_axis_in_water(cycle: &Cycle, dynamics: &Dynamics, place: usize) -> Option<f64> {
     let axis = cycle.axis().filter(|_| dynamics.model.forces.are_inertial())?;
@@ -626,7 +647,39 @@ measure!(
     "_n_m",
     "N m",
     "root mean square of the torque of the motor of the hinged head over the last whole cycles",
-    |c, d| d.model.hinge.as_ref().map(|_| c.mean(index::TORQUE_SQUARE).max(0.0).sqrt())
+    |c, d| hinged(d, c.root(index::TORQUE_SQUARE))
+);
+measure!(
+    HINGE_POWER,
+    "hinge_power",
+    "_w",
+    "W",
+    "mean power put in by the motor of the hinged head over the last whole cycles",
+    |c, d| hinged(d, c.mean(index::HINGE_POWER))
+);
+measure!(
+    HINGE_ANGLE,
+    "hinge_angle",
+    "_rad",
+    "rad",
+    "mean angle of the hinged head, from +x, over the last whole cycles",
+    |c, d| hinged(d, c.mean(index::HINGE_ANGLE))
+);
+measure!(
+    HINGE_AMPLITUDE,
+    "hinge_amplitude",
+    "_rad",
+    "rad",
+    "half of the peak-to-peak angle of the hinged head over a cycle",
+    |c, d| hinged(d, 0.5 * c.swing)
+);
+measure!(
+    TRACKING_ERROR,
+    "rms_tracking_error",
+    "_rad",
+    "rad",
+    "root mean square of the angle that the servo of the hinged head is told less the angle that it has over the last whole cycles",
+    |c, d| d.model.hinge.as_ref().filter(|hinge| hinge.stiffness > 0.0).map(|_| c.root(index::HINGE_ERROR_SQUARE))
 );
 measure!(
     ACTUATION_POWER,
@@ -700,7 +753,7 @@ measure!(
 );
 
 /// All measures, in the order of display.
-pub const MEASURES: [CycleMeasure; 25] = [
+pub const MEASURES: [CycleMeasure; 29] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
@@ -716,6 +769,10 @@ pub const MEASURES: [CycleMeasure; 25] = [
     HEAD_FORCE_Y,
     HEAD_MOMENT,
     HINGE_TORQUE,
+    HINGE_POWER,
+    HINGE_ANGLE,
+    HINGE_AMPLITUDE,
+    TRACKING_ERROR,
     ACTUATION_POWER,
     MATERIAL_POWER,
     VISCOUS_POWER,
@@ -773,6 +830,8 @@ pub struct Cycles {
     drift: Vector2<f64>,
     /// The minimum and maximum coordinate of the tip in that direction in this cycle, m.
     range: [f64; 2],
+    /// The minimum and maximum angle of a head on a hinge in this cycle, rad.
+    hinge_range: [f64; 2],
     /// The first `count` entries are whole cycles, in order of time.
     kept: [Cycle; MAX_CYCLES],
     count: usize,
@@ -797,7 +856,7 @@ impl Cycles {
         let last = CycleSample::of(source, dynamics, state, metrics);
         let chord = last.tip[0] - node(&state.q, 0);
         let across = Vector2::new(-chord.y, chord.x).try_normalize(0.0).unwrap_or(Vector2::y());
-        let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, change: Integrals::zeros() };
+        let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, swing: 0.0, change: Integrals::zeros() };
         // What goes with a free rod before its first cycle is the fluid.
         let drift = if dynamics.model.head.is_some() { Vector2::zeros() } else { vector(&last.rates, index::FLOW) };
         let range = [(last.tip[0] - drift * last.time).dot(&across); 2];
@@ -809,6 +868,7 @@ impl Cycles {
             across,
             drift,
             range,
+            hinge_range: [last.hinge[0]; 2],
             kept: [none; MAX_CYCLES],
             count: 0,
             last,
@@ -853,32 +913,45 @@ impl Cycles {
                     }
                     self.push_cycle(dynamics, time, integrals);
                     passed = z;
-                    self.range = [f64::INFINITY, f64::NEG_INFINITY];
+                    self.clear_ranges();
                 }
             }
             (None, Some(_)) => {
                 self.begin = Some((now.time, now.integrals));
-                self.range = [f64::INFINITY, f64::NEG_INFINITY];
+                self.clear_ranges();
             }
             (_, None) => self.begin = None,
         }
         self.extend_range(now, [passed, 1.0]);
     }
 
-    /// Extends the range by the motion of the tip over the fractions `span` of the step to `now`.
+    /// Begins the ranges of a cycle.
+    fn clear_ranges(&mut self) {
+        self.range = [f64::INFINITY, f64::NEG_INFINITY];
+        self.hinge_range = self.range;
+    }
+
+    /// Extends the ranges by the motion of the tip and of a hinge over the fractions `span` of the step to `now`.
     fn extend_range(&mut self, now: &CycleSample, span: [f64; 2]) {
         let seen = |&CycleSample { time, tip: [place, velocity], .. }: &CycleSample| {
             [place - self.drift * time, velocity - self.drift].map(|tip| tip.dot(&self.across))
         };
         let [from, to] = [&self.last, now].map(seen);
-        let [least, most] = range([from[0], to[0]], [from[1], to[1]], now.time - self.last.time, span);
+        let h = now.time - self.last.time;
+        let [least, most] = range([from[0], to[0]], [from[1], to[1]], h, span);
         self.range = [self.range[0].min(least), self.range[1].max(most)];
+        if self.last.hinge != [0.0; 2] || now.hinge != [0.0; 2] {
+            let ([from, rate], [to, rate_then]) = (self.last.hinge, now.hinge);
+            let [least, most] = range([from, to], [rate, rate_then], h, span);
+            self.hinge_range = [self.hinge_range[0].min(least), self.hinge_range[1].max(most)];
+        }
     }
 
     /// Appends the cycle that ends at time `until` (s) with these integrals.
     fn push_cycle(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
         let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
-        let cycle = Cycle { from, until, excursion: self.range[1] - self.range[0], change: integrals - first };
+        let [excursion, swing] = [self.range, self.hinge_range].map(|[least, most]| most - least);
+        let cycle = Cycle { from, until, excursion, swing, change: integrals - first };
         if self.count == MAX_CYCLES {
             self.kept.rotate_left(1);
             self.count -= 1;
@@ -901,7 +974,7 @@ impl Cycles {
     /// The whole run since its start as one cycle, whose excursion is unknown.
     pub fn since_start(&self) -> Option<Cycle> {
         let ((from, first), until) = (self.start, self.last.time);
-        let cycle = Cycle { from, until, excursion: 0.0, change: self.last.integrals - first };
+        let cycle = Cycle { from, until, excursion: 0.0, swing: 0.0, change: self.last.integrals - first };
         (cycle.period() > 0.0).then_some(cycle)
     }
 
@@ -1023,6 +1096,10 @@ impl std::fmt::Display for CycleAverages {
                 ("thrust", &THRUST),
                 ("moment", &HEAD_MOMENT),
                 ("power of the head", &HEAD_POWER),
+                ("power of the hinge's motor", &HINGE_POWER),
+                ("root mean square of its torque", &HINGE_TORQUE),
+                ("amplitude of the hinge", &HINGE_AMPLITUDE),
+                ("root mean square of its tracking error", &TRACKING_ERROR),
                 ("power of the actuation", &ACTUATION_POWER),
                 ("efficiency (thrust times speed against the stream over the power)", &EFFICIENCY),
             ]

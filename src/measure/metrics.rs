@@ -91,6 +91,13 @@ impl Power {
             + self.other
     }
 
+    /// The largest modulus of its parts.
+    pub(crate) fn largest(&self) -> f64 {
+        let Self { actuation, material, viscous, wake, spray, load, head, flow, other } = *self;
+        let parts = [actuation, material, viscous, wake, spray, load, head, flow, other];
+        parts.into_iter().fold(0.0, |max: f64, x| max.max(x.abs()))
+    }
+
     /// Of the actuation and of a held head.
     fn of_drives(&self) -> [f64; 2] {
         [self.actuation, self.head]
@@ -246,8 +253,14 @@ impl TendonReading {
 pub struct HingeReading {
     /// Torque T of its motor, N m.
     pub torque: f64,
+    /// The torque that the motor is asked for, before its limit, N m.
+    pub asked: f64,
+    /// Angle, rad.
+    pub angle: f64,
     /// Angular velocity, rad/s.
     pub spin: f64,
+    /// What the angle that its servo is told is ahead of it by, rad.
+    pub error: f64,
 }
 
 impl HingeReading {
@@ -642,7 +655,13 @@ impl Measurements {
             self.head_angle = [angle.value, angle.rate];
             self.head_couple = moment;
             if let Some(hinge) = &dynamics.model.hinge {
-                self.hinge = HingeReading { torque: dynamics.hinge_torque(), spin: angle.rate };
+                self.hinge = HingeReading {
+                    torque: dynamics.hinge_torque(),
+                    asked: hinge.asked(dynamics.command, angle.value),
+                    angle: angle.value,
+                    spin: angle.rate,
+                    error: dynamics.command.angle - angle.value,
+                };
                 self.head_couple = -self.hinge.torque;
                 power.material += hinge.damping * angle.rate * angle.rate;
                 energy.kinetic += 0.5 * hinge.inertia * angle.rate * angle.rate;
@@ -736,6 +755,71 @@ pub enum WorkSource {
     Flow,
 }
 
+/// What the motor of a hinge did at most.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct HingeExtremes {
+    /// Largest modulus of its torque, N m.
+    pub torque: f64,
+    /// Largest modulus of the torque that it was asked for, N m.
+    pub asked: f64,
+    /// Largest power that it put in, W.
+    pub power: f64,
+    /// Largest modulus of its angular velocity, rad/s.
+    pub speed: f64,
+}
+
+impl HingeExtremes {
+    fn of(hinge: &HingeReading) -> Self {
+        let HingeReading { torque, asked, spin, .. } = hinge;
+        Self { torque: torque.abs(), asked: asked.abs(), power: hinge.power(), speed: spin.abs() }
+    }
+
+    fn widen(&mut self, hinge: &HingeReading) {
+        let Self { torque, asked, power, speed } = Self::of(hinge);
+        *self = Self {
+            torque: self.torque.max(torque),
+            asked: self.asked.max(asked),
+            power: self.power.max(power),
+            speed: self.speed.max(speed),
+        };
+    }
+}
+
+/// What pulled a tendon did at most.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct TendonExtremes {
+    /// Largest tension, N.
+    pub tension: f64,
+    /// Largest power that it put in, W.
+    pub power: f64,
+    /// Largest speed of winding, either way, m/s.
+    pub speed: f64,
+    /// Least and largest length of the tendon, m.
+    pub length: [f64; 2],
+}
+
+impl TendonExtremes {
+    fn of(tendon: &TendonReading) -> Self {
+        let TendonReading { tension, length, length_rate, .. } = *tendon;
+        Self { tension, power: tendon.power(), speed: length_rate.abs(), length: [length; 2] }
+    }
+
+    fn widen(&mut self, tendon: &TendonReading) {
+        let Self { tension, power, speed, length: [least, most] } = Self::of(tendon);
+        *self = Self {
+            tension: self.tension.max(tension),
+            power: self.power.max(power),
+            speed: self.speed.max(speed),
+            length: [self.length[0].min(least), self.length[1].max(most)],
+        };
+    }
+
+    /// What it took in and let out, m.
+    pub fn travel(&self) -> f64 {
+        self.length[1] - self.length[0]
+    }
+}
+
 /// The running totals of a run, over every step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunningTotals {
@@ -757,12 +841,16 @@ pub struct RunningTotals {
     pub max_rotation: f64,
     /// Largest force (N) and moment (N m) of the tail on a held head at any step.
     pub max_on_head: [f64; 2],
+    /// Largest energy, or work of one kind since the start, at any step, J. At the end of whole cycles both may be near zero.
+    pub max_energy: f64,
     /// Largest couple (N m) that a joint passes on at any step.
     pub max_couple: f64,
     /// Largest power (W) of the actuation and of a held head at any step.
     pub max_power: [f64; 2],
-    /// Largest torque (N m) of the motor of a hinge at any step.
-    pub max_hinge_torque: f64,
+    /// What the motor of a hinge did at most at any step.
+    pub hinge: HingeExtremes,
+    /// What pulled each tendon did at most at any step.
+    pub tendons: [TendonExtremes; MAX_TENDONS],
     /// Number of accepted steps.
     pub steps: u64,
     /// Number of halved steps.
@@ -839,9 +927,11 @@ impl RunMetrics {
                 max_lateral: now.com.y.abs(),
                 max_strain: now.strain,
                 max_on_head: now.on_head(),
+                max_energy: now.energy.total().abs(),
                 max_couple: now.largest_couple(),
                 max_power: now.power.of_drives(),
-                max_hinge_torque: now.hinge.torque.abs(),
+                hinge: HingeExtremes::of(&now.hinge),
+                tendons: now.tendons.each_ref().map(TendonExtremes::of),
                 ..RunningTotals::default()
             },
             first_energy: now.energy.total(),
@@ -923,10 +1013,12 @@ impl RunMetrics {
         totals.max_rotation = next.rotation_since(&self.now, totals.max_rotation);
         let [force, moment] = next.on_head();
         totals.max_on_head = [totals.max_on_head[0].max(force), totals.max_on_head[1].max(moment)];
+        totals.max_energy = totals.max_energy.max(next.energy.total().abs()).max(totals.work.largest());
         totals.max_couple = totals.max_couple.max(next.largest_couple());
         let [actuation, head] = next.power.of_drives();
         totals.max_power = [totals.max_power[0].max(actuation), totals.max_power[1].max(head)];
-        totals.max_hinge_torque = totals.max_hinge_torque.max(next.hinge.torque.abs());
+        totals.hinge.widen(&next.hinge);
+        totals.tendons.iter_mut().zip(&next.tendons).for_each(|(most, tendon)| most.widen(tendon));
         std::mem::swap(&mut self.now, next);
         Ok(())
     }
@@ -939,6 +1031,7 @@ impl RunMetrics {
             WorkSource::Flow => &mut work.flow,
         };
         *given += next.energy.total() - self.now.energy.total();
+        self.totals.max_energy = self.totals.max_energy.max(next.energy.total().abs()).max(self.totals.work.largest());
         // What changes the shape at once of a rod that is held is borne by what holds it.
         let impulse = &mut self.totals.impulse;
         let given = match source {

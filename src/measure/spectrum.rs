@@ -93,7 +93,7 @@ impl Spectrum {
         }
         if let Some(Hinge { torque, inertia, .. }) = hinge {
             // A torque T turns the rigid rod by T/(Iω²).
-            let whole = inertia + rod.total_mass() * rod.length * rod.length / 3.0;
+            let whole = inertia + rod.inertia_about_head();
             let omega = match torque {
                 Signal::Sinusoid { frequency, .. } if *frequency != 0.0 => TAU * frequency,
                 _ => 1.0,

@@ -15,3 +15,5 @@ pub mod tendons;
 pub mod start;
 
 pub mod model;
+
+pub mod drives;

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use crate::drives::Drives;
 use crate::fluid::Kinematics;
 use crate::model::Dynamics;
 use crate::rod::{Edge, node};
@@ -28,7 +29,7 @@ fn periods(dynamics: &Dynamics) -> [f64; 2] {
     let model = &dynamics.model;
     let spectrum = Spectrum::of_model(model);
     let ramp = match model.start {
-        Start::Ramp { duration } if model.actuation.is_some() => duration,
+        Start::Ramp { duration } if Drives::of(model).begin_with_start() => duration,
         _ => f64::INFINITY,
     };
     let shortest = spectrum.fastest().map_or(f64::INFINITY, f64::recip).min(ramp);

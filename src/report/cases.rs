@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
-pub const QUANTITIES: [SummaryQuantity; 28] = [
+pub const QUANTITIES: [SummaryQuantity; 29] = [
     SummaryQuantity::new("net_displacement_m", "net displacement in x", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
     SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true).settled("cycle_thrust_n"),
@@ -22,6 +22,7 @@ pub const QUANTITIES: [SummaryQuantity; 28] = [
     SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
     SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
     SummaryQuantity::new("max_hinge_torque_n_m", "largest torque of the hinge's motor", "N m", true),
+    SummaryQuantity::new("max_hinge_power_w", "largest power of the hinge's motor", "W", true),
     SummaryQuantity::new("max_head_power_w", "largest power of the head", "W", true),
     SummaryQuantity::new("max_joint_moment_n_m", "largest moment of a joint", "N m", true),
     SummaryQuantity::new("max_actuation_power_w", "largest power of the actuation", "W", true),

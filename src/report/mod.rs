@@ -35,4 +35,4 @@ pub(crate) use run_figures::energy_balance;
 pub use run_record::Frame;
 #[cfg(test)]
 pub(crate) use run_record::RunRecord;
-pub use summary::{FluidError, Summary};
+pub use summary::{FluidError, Summary, TendonMaxima};

@@ -12,7 +12,8 @@ use crate::variable::VARIABLES;
 const DIGITS: usize = 6;
 
 /// Ends of keys, and the units that they mean. Of two that fit, the first counts.
-const UNITS: [(&str, &str); 9] = [
+const UNITS: [(&str, &str); 10] = [
+    ("_rad_s", "rad/s"),
     ("_m_s", "m/s"),
     ("_n_m", "N m"),
     ("_n_s", "N s"),

@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
-use serde::Serialize;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 
 use crate::cycle::CycleAverages;
+use crate::metrics::TendonExtremes;
 use crate::system::Form;
 use crate::verification::Verification;
 
@@ -19,6 +21,23 @@ pub struct FluidError {
 impl From<[f64; 2]> for FluidError {
     fn from([motion, power]: [f64; 2]) -> Self {
         Self { motion, power }
+    }
+}
+
+/// What pulled each tendon did at most: a flat map of `max_tendon_1_tension_n` and so on.
+#[derive(Debug, Clone, Default)]
+pub struct TendonMaxima(pub Vec<TendonExtremes>);
+
+impl Serialize for TendonMaxima {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        for (i, tendon) in (1..).zip(&self.0) {
+            map.serialize_entry(&format!("max_tendon_{i}_tension_n"), &tendon.tension)?;
+            map.serialize_entry(&format!("max_tendon_{i}_power_w"), &tendon.power)?;
+            map.serialize_entry(&format!("max_tendon_{i}_speed_m_s"), &tendon.speed)?;
+            map.serialize_entry(&format!("max_tendon_{i}_travel_m"), &tendon.travel())?;
+        }
+        map.end()
     }
 }
 
@@ -108,9 +127,13 @@ pub struct Summary {
     pub max_head_moment_n_m: Option<f64>,
     /// Largest torque of the motor of a hinged head at any step, N m.
     pub max_hinge_torque_n_m: Option<f64>,
+    pub max_hinge_power_w: Option<f64>,
+    pub max_hinge_speed_rad_s: Option<f64>,
     pub max_head_power_w: Option<f64>,
     pub max_joint_moment_n_m: f64,
     pub max_actuation_power_w: Option<f64>,
+    #[serde(flatten)]
+    pub tendons: TendonMaxima,
     #[serde(flatten)]
     pub cycles: CycleAverages,
     pub wall_s: f64,

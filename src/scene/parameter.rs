@@ -4,7 +4,8 @@ use std::ops::RangeInclusive;
 
 use super::Scene;
 use super::material::DampingTime;
-use super::value::{Finite, Gradient, NotNegative, NumberOrProfile, Positive, Share, Tolerance};
+use super::value::{Finite, Gradient, NotNegative, NumberOrProfile, Positive, ScalarSignal, Share, Tolerance};
+use crate::head::Signal;
 
 /// A scalar value of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +25,13 @@ pub struct ScalarParameter {
 }
 
 impl ScalarParameter {
-    /// The key, with `[0]`, `[1]`, … for its component if it has several, and for the place of its table in a list of tables.
+    /// The key as overrides and sweeps write it, with the place of its component if it has several: `tendons.0.offset_m`,
+    /// `medium.flow_m_s.1`.
+    pub fn path(&self) -> String {
+        self.component.map_or_else(|| self.key.clone(), |i| format!("{}.{i}", self.key))
+    }
+
+    /// The same as a structured name of the FMI standard, with `[0]`, `[1]`, … in place of `.0`, `.1`, ….
     pub fn name(&self) -> String {
         let mut name = String::with_capacity(self.key.len() + 3);
         for part in self.key.split('.') {
@@ -305,6 +312,25 @@ impl Scene {
             }
         }
         list.0
+    }
+
+    /// Why a key that the scene gives is none of its [`parameters`](Self::parameters): a function of time is not a number.
+    pub fn not_a_number(&self, key: &str) -> Option<String> {
+        let parts: Vec<&str> = key.split('.').collect();
+        let signal = match parts[..] {
+            ["tendons", place, "tension_n", ..] => self.tendons.get(place.parse::<usize>().ok()?)?.tension_n.as_ref(),
+            ["head", "torque_n_m", ..] => self.head.torque_n_m.as_ref(),
+            ["head", "angle_rad", ..] => self.head.angle_rad.as_ref(),
+            _ => None,
+        };
+        let ScalarSignal(signal) = signal?;
+        let changes = signal.formula().and_then(Signal::constant).is_none();
+        let given = parts.iter().take(if parts[0] == "tendons" { 3 } else { 2 }).copied().collect::<Vec<_>>().join(".");
+        match parts[0] {
+            "tendons" if changes => Some(format!("{given} changes in time; a derivative needs a constant tension")),
+            "head" => Some(format!("{given} moves the head and has no derivative yet")),
+            _ => None,
+        }
     }
 
     /// The key or table by which this scene differs from `other` in more than tunable parameters, if any. Names, folders, durations and

@@ -381,12 +381,17 @@ impl Scene {
         Ok((method, values))
     }
 
+    /// True where the rod is released into its drive at once.
+    pub fn is_released(&self) -> bool {
+        self.start.kind == StartKind::Jump && self.drives().begin_with_start()
+    }
+
     /// The name of its integrator. By default it depends on whether a step size is given, and on the start.
     pub fn integrator_name(&self) -> &str {
         let [without_step, with_step, released] = DEFAULT_INTEGRATORS;
         let default = match self.solver.time_step_s {
             None => without_step,
-            Some(_) if self.start.kind == StartKind::Jump && self.actuation.is_some() => released,
+            Some(_) if self.is_released() => released,
             Some(_) => with_step,
         };
         self.solver.integrator.as_deref().unwrap_or(default)

@@ -11,26 +11,38 @@ impl Scene {
         let bent = |what: String| format!("{what} in the first shape; allowed: a weaker one, or more nodes");
         let (key, problem) = match error {
             Error::FoldOver { node, .. } => {
-                let turned = *node == 0 && self.head.angle_rad.is_some() || self.actuation.is_none();
-                let key = if turned { "head.angle_rad" } else { self.amplitude_key() };
+                let turned = *node == 0 && self.actuation.is_some() && self.head.angle_rad.is_some();
+                let key = if turned { "head.angle_rad".to_string() } else { self.bending_key() };
                 (key, bent(format!("the rod folds over at node {node}")))
             }
             Error::EdgeCollapse { node, .. } => {
-                (self.amplitude_key(), bent(format!("the edge after node {node} collapses")))
+                (self.bending_key(), bent(format!("the edge after node {node} collapses")))
             }
             Error::NotFinite { node, what, .. } => {
                 let problem = format!("{what} is not finite at node {node} at the start; try a less extreme number");
-                (self.most_extreme_key(), problem)
+                (self.most_extreme_key().to_string(), problem)
             }
             Error::NotConverged { residual_n, node, .. } => {
                 let problem = format!(
                     "no accelerations at the start balance the forces: {residual_n:e} N are left at node {node}; try a less extreme number"
                 );
-                (self.most_extreme_key(), problem)
+                (self.most_extreme_key().to_string(), problem)
             }
             other => return other.clone(),
         };
-        self.error(key, problem)
+        self.error(&key, problem)
+    }
+
+    /// The key of what bends the rod at the start: the wave, the tendon of the largest moment, or the curvature of the start; where there is
+    /// none of them, the angle of the head.
+    fn bending_key(&self) -> String {
+        let drives = self.drives();
+        match &self.start.curvature_1_m {
+            _ if drives.actuation => self.amplitude_key().to_string(),
+            _ if drives.tendons => self.strongest_tendon_key(),
+            Some(_) => "start.curvature_1_m".to_string(),
+            None => "head.angle_rad".to_string(),
+        }
     }
 
     /// The key of the amplitude of the actuation.

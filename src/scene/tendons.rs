@@ -6,6 +6,7 @@ use super::Scene;
 use super::head::HeadKind;
 use super::key_error::KeyError;
 use super::value::{self, Finite, Positive, ScalarSignal, Share, SignalValue};
+use crate::drives::{Drives, gives};
 use crate::error::Result;
 use crate::fluid::Force;
 use crate::head::Signal;
@@ -48,12 +49,30 @@ impl TendonTable {
         [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
     }
 
+    /// True where it is pulled without a host: by a tension, or by a winch whose length is not that of the straight rod.
+    fn is_pulled(&self) -> bool {
+        let pulls = |signal: &Option<ScalarSignal>, pulls: fn(&Signal) -> bool| {
+            signal.as_ref().is_some_and(|ScalarSignal(signal)| signal.formula().is_none_or(pulls))
+        };
+        pulls(&self.tension_n, gives) || pulls(&self.length_m, |_| true)
+    }
+
     /// Its tension (N) and its length (m), where they are numbers.
     pub(super) fn constants(&self) -> [Option<f64>; 2] {
         [&self.tension_n, &self.length_m].map(|signal| {
             let formula = signal.as_ref().and_then(|ScalarSignal(signal)| signal.formula());
             formula.and_then(Signal::constant)
         })
+    }
+
+    /// The largest moment that it bends the rod with, N m, as far as that is known before its table is read.
+    fn largest_moment(&self) -> f64 {
+        let tension = match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
+            Some(Signal::Constant(tension)) => *tension,
+            Some(Signal::Sinusoid { offset, amplitude, .. }) => offset + amplitude.abs(),
+            _ => 0.0,
+        };
+        tension * self.offset_m.get().abs()
     }
 
     /// The least tension that it names, N, if that is known before its table is read.
@@ -67,6 +86,16 @@ impl TendonTable {
 }
 
 impl Scene {
+    /// What drives the body.
+    pub fn drives(&self) -> Drives {
+        let torque = self.head.torque_n_m.as_ref();
+        Drives {
+            actuation: self.actuation.is_some(),
+            tendons: self.tendons.iter().any(TendonTable::is_pulled),
+            torque: torque.is_some_and(|ScalarSignal(torque)| torque.formula().is_none_or(gives)),
+        }
+    }
+
     /// Checks the tendons.
     pub(super) fn check_tendons(&self) -> std::result::Result<(), KeyError> {
         let refuse = |key: String, problem: String| Err(KeyError { key, problem });
@@ -142,6 +171,13 @@ impl Scene {
             })
         };
         self.tendons.iter().enumerate().map(tendon).collect::<Result<Vec<_>>>().map(Tendons::new)
+    }
+
+    /// The key of the tension of the tendon that bends the rod most.
+    pub(super) fn strongest_tendon_key(&self) -> String {
+        let moments = self.tendons.iter().map(TendonTable::largest_moment).enumerate();
+        let strongest = moments.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
+        format!("tendons.{strongest}.tension_n")
     }
 
     /// The signals of its tendons.

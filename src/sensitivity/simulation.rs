@@ -198,10 +198,14 @@ impl DifferentiableParameters {
     }
 
     /// The error for a derivative by an unknown `name`.
-    fn refuse(&self, scene: &str, name: &str) -> Error {
+    fn refuse(&self, scene: &Scene, name: &str) -> Error {
         let names = self.names();
-        let near = did_you_mean(nearest(name, names.iter().map(AsRef::as_ref)));
-        refusal(format!("a simulation of {scene:?} has no derivative by `{name}`{near}; allowed: {}", names.join(", ")))
+        let hint = match scene.not_a_number(name) {
+            Some(reason) => format!(": {reason}"),
+            None => did_you_mean(nearest(name, names.iter().map(AsRef::as_ref))),
+        };
+        let scene = &scene.name;
+        refusal(format!("a simulation of {scene:?} has no derivative by `{name}`{hint}; allowed: {}", names.join(", ")))
     }
 }
 
@@ -263,7 +267,7 @@ impl Simulation {
                 // The error of the scene suggests a similar key.
                 document.set(&format!("{name}={:e}", value.values.first().unwrap_or(&0.0)))?;
                 document.scene()?;
-                return Err(known.refuse(&as_is.name, name));
+                return Err(known.refuse(&as_is, name));
             };
             let (own, found) = (&known.keys[i], value.values.len());
             if own.len() != found {
@@ -322,7 +326,7 @@ impl Simulation {
         let (mut natural, mut force) = (None, [None, None]);
         let mut first = Vec::new();
         for (name, value) in values {
-            let Some((by, ..)) = self.known.named(name) else { return Err(self.known.refuse(&self.scene.name, name)) };
+            let Some((by, ..)) = self.known.named(name) else { return Err(self.known.refuse(&self.scene, name)) };
             let width = match by {
                 WithRespectTo::Scene(_) => continue, // the scene has it
                 WithRespectTo::Phase => 1,
@@ -479,7 +483,7 @@ impl Simulation {
     /// The parameters with these names.
     fn by(&self, names: &[&str]) -> Result<Vec<WithRespectTo>> {
         let find = |name: &&str| self.known.named(name).map(|named| named.0);
-        names.iter().map(|name| find(name).ok_or_else(|| self.known.refuse(&self.scene.name, name))).collect()
+        names.iter().map(|name| find(name).ok_or_else(|| self.known.refuse(&self.scene, name))).collect()
     }
 
     /// The parameters of the problem for `by`, in order, after preparing their finite differences.

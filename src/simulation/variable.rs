@@ -728,14 +728,22 @@ const TENDON_1: Requirement = Requirement { met: has_tendon::<1>, what: "one of 
 const TENDON_2: Requirement = Requirement { met: has_tendon::<2>, what: "two of [[tendons]]" };
 const TENDON_3: Requirement = Requirement { met: has_tendon::<3>, what: "three of [[tendons]]" };
 const TENDON_4: Requirement = Requirement { met: has_tendon::<4>, what: "four of [[tendons]]" };
-const PULLED_1: Requirement = Requirement { met: is_pulled::<1, false>, what: "tendon 1 of [[tendons]], without a winch" };
-const WINCH_1: Requirement = Requirement { met: is_pulled::<1, true>, what: "tendon 1 of [[tendons]], with a winch (stiffness_n_m)" };
-const PULLED_2: Requirement = Requirement { met: is_pulled::<2, false>, what: "tendon 2 of [[tendons]], without a winch" };
-const WINCH_2: Requirement = Requirement { met: is_pulled::<2, true>, what: "tendon 2 of [[tendons]], with a winch (stiffness_n_m)" };
-const PULLED_3: Requirement = Requirement { met: is_pulled::<3, false>, what: "tendon 3 of [[tendons]], without a winch" };
-const WINCH_3: Requirement = Requirement { met: is_pulled::<3, true>, what: "tendon 3 of [[tendons]], with a winch (stiffness_n_m)" };
-const PULLED_4: Requirement = Requirement { met: is_pulled::<4, false>, what: "tendon 4 of [[tendons]], without a winch" };
-const WINCH_4: Requirement = Requirement { met: is_pulled::<4, true>, what: "tendon 4 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_1: Requirement =
+    Requirement { met: is_pulled::<1, false>, what: "tendon 1 of [[tendons]], without a winch" };
+const WINCH_1: Requirement =
+    Requirement { met: is_pulled::<1, true>, what: "tendon 1 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_2: Requirement =
+    Requirement { met: is_pulled::<2, false>, what: "tendon 2 of [[tendons]], without a winch" };
+const WINCH_2: Requirement =
+    Requirement { met: is_pulled::<2, true>, what: "tendon 2 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_3: Requirement =
+    Requirement { met: is_pulled::<3, false>, what: "tendon 3 of [[tendons]], without a winch" };
+const WINCH_3: Requirement =
+    Requirement { met: is_pulled::<3, true>, what: "tendon 3 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_4: Requirement =
+    Requirement { met: is_pulled::<4, false>, what: "tendon 4 of [[tendons]], without a winch" };
+const WINCH_4: Requirement =
+    Requirement { met: is_pulled::<4, true>, what: "tendon 4 of [[tendons]], with a winch (stiffness_n_m)" };
 const INTERFACE_1: Requirement =
     Requirement { met: has_interface::<1>, what: "[medium.beyond] or one of [[medium.layers]]" };
 const INTERFACE_2: Requirement = Requirement { met: has_interface::<2>, what: "two layers in [[medium.layers]]" };
@@ -1103,6 +1111,11 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::HEAD_FORCE_X, |v, _| v.average(&cycle::HEAD_FORCE_X)).when(HELD_HEAD),
     average(&cycle::HEAD_FORCE_Y, |v, _| v.average(&cycle::HEAD_FORCE_Y)).when(HELD_HEAD),
     average(&cycle::HEAD_MOMENT, |v, _| v.average(&cycle::HEAD_MOMENT)).when(HELD_HEAD),
+    average(&cycle::HINGE_TORQUE, |v, _| v.average(&cycle::HINGE_TORQUE)).when(HINGE),
+    average(&cycle::HINGE_POWER, |v, _| v.average(&cycle::HINGE_POWER)).when(HINGE),
+    average(&cycle::HINGE_ANGLE, |v, _| v.average(&cycle::HINGE_ANGLE)).when(HINGE),
+    average(&cycle::HINGE_AMPLITUDE, |v, _| v.average(&cycle::HINGE_AMPLITUDE)).when(HINGE),
+    average(&cycle::TRACKING_ERROR, |v, _| v.average(&cycle::TRACKING_ERROR)).when(SERVO),
     average(&cycle::ACTUATION_POWER, |v, _| v.average(&cycle::ACTUATION_POWER)),
     average(&cycle::MATERIAL_POWER, |v, _| v.average(&cycle::MATERIAL_POWER)).when(DAMPED),
     average(&cycle::VISCOUS_POWER, |v, _| v.average(&cycle::VISCOUS_POWER)),

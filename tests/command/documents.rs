@@ -84,6 +84,25 @@ fn the_plain_fmu_of_an_eel_with_muscles_is_what_it_was() {
 }
 
 #[test]
+fn every_parameter_of_a_hinged_head_has_its_unit_in_an_fmu() {
+    let document = Document::read(&root().join("models/servo-tail.toml")).unwrap();
+    for standard in [Standard::Fmi2, Standard::Fmi3] {
+        let xml = Fmu::of(&document).unwrap().description(standard).unwrap();
+        for (name, kind, unit) in [
+            ("head.stiffness_n_m", "RotationalStiffness", "N m/rad"),
+            ("head.damping_n_m_s", "RotationalDamping", "N m s/rad"),
+            ("head.inertia_kg_m2", "MomentOfInertia", "kg m^2"),
+            ("cycle_rms_tracking_error_rad", "Angle", "rad"),
+        ] {
+            let at = xml.find(&format!("name=\"{name}\"")).unwrap_or_else(|| panic!("{name} in {standard:?}"));
+            let own: String = xml[at..].chars().take(600).collect();
+            assert!(own.contains(&format!("=\"{kind}\"")), "{name} in {standard:?}: {own}");
+            assert!(xml.contains(&format!("<Unit name=\"{unit}\"")), "{unit}");
+        }
+    }
+}
+
+#[test]
 fn variables_are_listed_as_they_were() {
     is_as_recorded("documents/variables", |_| {
         let scenes = ["models/driven-head.toml", "models/fish.toml", "models/muscle-eel.toml"];

@@ -558,3 +558,59 @@ fn the_motion_of_a_case_has_no_more_times_than_steps_and_ends_with_it() {
         .unwrap();
     }
 }
+
+#[test]
+fn an_axis_finds_the_entries_of_lists_by_their_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let base = r#"
+[rod]
+nodes = 9
+length_m = 0.2
+outer_radius_m = 0.005
+youngs_modulus_pa = 5e5
+density_kg_m3 = 1100.0
+[[tendons]]
+offset_m = 0.004
+tension_n = 0.5
+[[loads.point]]
+node = -1
+force_n = [0.0, 0.02]
+[medium]
+viscosity_pa_s = 1e-3
+density_kg_m3 = 1000.0
+flow_m_s = [0.1, 0.0]
+[[medium.layers]]
+normal = [0.0, 1.0]
+offset_m = 0.4
+thickness_m = 0.05
+viscosity_pa_s = 2e-5
+density_kg_m3 = 10.0
+[drag]
+law = "cox"
+[head]
+kind = "clamped"
+[solver]
+time_step_s = 1e-3
+duration_s = 0.01
+"#;
+    std::fs::write(folder.path().join("base.toml"), base).unwrap();
+    let path = folder.path().join("sweep.toml");
+    let axes = ["tendons.0.offset_m", "loads.point.0.force_n.1", "medium.flow_m_s.0", "medium.layers.0.offset_m"];
+    let text: Vec<String> = axes.iter().map(|axis| format!("{axis}.factors = [0.5, 2.0]")).collect();
+    std::fs::write(&path, format!("scene = \"base.toml\"\n[axes]\n{}\n", text.join("\n"))).unwrap();
+    let sweep = Sweep::read(&path, &[]).unwrap();
+    assert_eq!(sweep.size(), 16);
+    let (scene, _) = sweep.scene(&sweep.case(0b0110).unwrap()).unwrap();
+    assert_eq!(scene.tendons[0].offset_m.get(), 0.002);
+    assert_eq!(scene.loads.as_ref().unwrap().point[0].force_n[1].get(), 0.04);
+    let number = |path: &str| scene.parameters().into_iter().find(|number| number.path() == path).unwrap().value;
+    assert_eq!([number("medium.flow_m_s.0"), number("tendons.0.offset_m")], [0.2, 0.002]);
+    // What a scene calls its numbers, an override and a sweep take.
+    let known: Vec<String> = scene.parameters().iter().map(|parameter| parameter.path()).collect();
+    assert!(axes[..1].iter().chain(&axes[2..3]).all(|axis| known.iter().any(|path| path == axis)), "{known:?}");
+    for parameter in scene.parameters() {
+        let mut document = sweep.document(&sweep.case(0).unwrap());
+        document.set(&format!("{}={:e}", parameter.path(), parameter.value)).unwrap();
+        document.scene().unwrap_or_else(|error| panic!("{}: {error}", parameter.path()));
+    }
+}

@@ -9,7 +9,7 @@ use caudal::design::{Answer, Design};
 use caudal::design::{Identifiability, Identification};
 
 use caudal::linear_stability::{SteadyState, grows};
-use caudal::modes::{Modes, lowest, lowest_within};
+use caudal::modes::{Modes, lowest, lowest_of_model};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::Problem;
 use caudal::stepper::Stepper;
@@ -305,7 +305,7 @@ fn natural_frequencies_in_water_are_those_of_a_ring_down() {
         let scene = wet(changes);
         let model = scene.model().unwrap();
         let dry = lowest(&model.rod, 1).unwrap()[0].frequency / TAU;
-        let mode = &lowest_within(&model.rod, Some((model.forces, model.fluid, model.layers)), 1).unwrap()[0];
+        let mode = &lowest_of_model(scene.model().unwrap(), 1).unwrap()[0];
         let frequency = mode.frequency / TAU;
         let all = Modes::of_model(scene.model().unwrap()).unwrap().lowest() / TAU;
         assert!((all / frequency - 1.0).abs() < 1e-6, "{name}: {all} {frequency}");
@@ -340,8 +340,7 @@ fn natural_frequencies_in_water_are_those_of_a_ring_down() {
     }
     // On a fine mesh too, where modes come from an iteration.
     let scene = wet(&[WET[0].1, &["rod.nodes=129"]].concat());
-    let model = scene.model().unwrap();
-    let found = lowest_within(&model.rod, Some((model.forces, model.fluid, model.layers)), 5).unwrap();
+    let found = lowest_of_model(scene.model().unwrap(), 5).unwrap();
     let all = Modes::of_model(scene.model().unwrap()).unwrap();
     for (mode, expected) in found.iter().zip(&all.bending) {
         assert!((mode.frequency / expected - 1.0).abs() < 1e-4, "{} {expected}", mode.frequency);

@@ -569,7 +569,7 @@ fn water_lowers_the_frequencies_of_a_plate_by_its_added_mass() {
     let model = plate(65, 0.8, 0.0, 1.0);
     let rod = model.rod.clone();
     let unit = (rod.ei / (rod.length.powi(3) * 5.0 * rod.total_mass())).sqrt();
-    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid, model.layers))).unwrap();
+    let matrices = Matrices::of(model).unwrap();
     let scaled = DMatrix::from_fn(64, 64, |i, j| {
         let (i, j) = (2 * i + 3, 2 * j + 3);
         matrices.stiffness.entry(i, j) / (matrices.mass[i] * matrices.mass[j]).sqrt()

@@ -1,8 +1,11 @@
 //! A head on a hinge: it turns as an oscillator with the inertia of its tail does, as far as its motor's torque goes.
 
 use std::f64::consts::TAU;
+use std::time::Duration;
 
+use caudal::report::Summary;
 use caudal::rod::node;
+use caudal::run::{Ending, Outcome};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 
@@ -294,4 +297,82 @@ fn a_host_moves_the_hinge_and_its_tail_follows() {
     let expected = -0.5 * 2.0 * lever / (1e-4 + inertia(&stepper)) * 0.01;
     assert!((angle / expected - 1.0).abs() < 5e-3, "{angle} for {expected}");
     assert!(largest([stepper.metrics().numerical_dissipation()]) < 1e-6);
+}
+
+#[test]
+fn what_a_motor_is_bought_by_is_that_of_its_samples() {
+    let told = "head.angle_rad={offset=0.1,amplitude=0.3,frequency_hz=2.0}";
+    let mut stepper = servo(&[told, "head.largest_torque_n_m=0.1", "solver.time_step_s=5e-4"]);
+    stepper.do_step(1.0).unwrap();
+    let (mut sums, mut ends) = ([0.0; 4], [f64::INFINITY, f64::NEG_INFINITY]);
+    let mut most = [0.0_f64; 3];
+    let mut sample = |stepper: &Stepper, weight: f64| {
+        let [torque, angle, spin, power] =
+            ["hinge_torque_n_m", "hinge_angle_rad", "hinge_spin_rad_s", "hinge_power_w"].map(|name| get(stepper, name));
+        let error = 0.1 + 0.3 * (2.0 * TAU * stepper.time()).sin() - angle;
+        let values = [torque * torque, power, angle, error * error];
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+        ends = [ends[0].min(angle), ends[1].max(angle)];
+        most.iter_mut().zip([torque.abs(), power, spin.abs()]).for_each(|(most, own)| *most = most.max(own));
+    };
+    sample(&stepper, 0.5);
+    for step in 1..=4000 {
+        stepper.do_step(5e-4).unwrap();
+        sample(&stepper, if step == 4000 { 0.5 } else { 1.0 });
+    }
+    let [torque, power, angle, error] = sums.map(|sum| sum / 4000.0);
+    for (name, expected) in [
+        ("cycle_rms_hinge_torque_n_m", torque.sqrt()),
+        ("cycle_hinge_power_w", power),
+        ("cycle_hinge_angle_rad", angle),
+        ("cycle_rms_tracking_error_rad", error.sqrt()),
+    ] {
+        let found = get(&stepper, name);
+        println!("{name}: {found} for {expected}");
+        assert!((found / expected - 1.0).abs() < 1e-4, "{name}: {found} for {expected}");
+    }
+    // The largest of four cycles against their mean.
+    let amplitude = get(&stepper, "cycle_hinge_amplitude_rad");
+    assert!((amplitude / (0.5 * (ends[1] - ends[0])) - 1.0).abs() < 0.02, "{amplitude} for {ends:?}");
+    let of_run = stepper.metrics().totals.hinge;
+    assert!(of_run.torque >= most[0] && of_run.power >= most[1] && of_run.speed >= most[2], "{of_run:?} {most:?}");
+    assert!(of_run.asked > of_run.torque && of_run.torque < 0.1);
+}
+
+/// The notes on a run to 0.5 s.
+fn notes(changes: &[&str]) -> Vec<String> {
+    let scene = document(&[&["solver.duration_s=0.5"], changes].concat()).scene().unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    stepper.do_step(0.5).unwrap();
+    let outcome = Outcome { ending: Ending::Complete, wall: Duration::ZERO };
+    Summary::of(&scene, &stepper, &outcome, &[]).notes
+}
+
+#[test]
+fn a_motor_that_is_asked_for_more_than_it_can_is_reported() {
+    let told = "head.angle_rad={amplitude=0.3,frequency_hz=2.0}";
+    let said = |changes: &[&str]| notes(changes).iter().any(|note| note.contains("reaches its limit"));
+    assert!(said(&[told, "head.largest_torque_n_m=0.01"]));
+    assert!(!said(&[told, "head.largest_torque_n_m=10.0"]) && !said(&[told]));
+}
+
+#[test]
+fn a_run_of_whole_cycles_raises_no_false_alarm_of_its_energy_balance() {
+    // The head is at rest at both ends, and all that is left of the work of the head is what the method takes.
+    let driven =
+        "head={kind=\"driven\",position_m={amplitude=[0.0,0.05],frequency_hz=2.0,phase_rad=1.5707963267948966}}";
+    let keep = [driven, "solver.integrator=implicit-euler", "solver.time_step_s=2e-4"];
+    let text = SERVO.replace("inertia_kg_m2 = 1e-4\nstiffness_n_m = 0.4\ndamping_n_m_s = 4e-3\n", "");
+    let scene =
+        document_of("cycle.toml", &text.replace("kind = \"hinged\"", "kind = \"clamped\""), &keep).scene().unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    stepper.do_step(0.5).unwrap();
+    let metrics = stepper.metrics();
+    let (defect, end) = (metrics.numerical_dissipation().abs(), metrics.now.energy.total());
+    let scale = metrics.totals.max_energy;
+    println!("a defect of {defect:e} J, {end:e} J at the end, up to {scale:e} J");
+    assert!(defect > 0.05 * end.max(metrics.totals.work.head.abs()) && defect < 0.05 * scale);
+    let outcome = Outcome { ending: Ending::Complete, wall: Duration::ZERO };
+    let notes = Summary::of(&scene, &stepper, &outcome, &[]).notes;
+    assert!(!notes.iter().any(|note| note.contains("energy balance")), "{notes:?}");
 }

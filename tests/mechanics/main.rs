@@ -15,6 +15,7 @@ mod forces;
 mod guards;
 mod head;
 mod hinge;
+mod hinge_modes;
 mod homogeneity;
 mod invariance;
 mod jacobian;

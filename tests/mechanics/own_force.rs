@@ -500,9 +500,7 @@ fn modes_know_its_inertia_its_stiffness_and_its_drag() {
     let scene = scene(&["head.kind=clamped"]);
     let dry = scene.model().unwrap();
     let wet = model(&scene, values());
-    let rod = dry.rod.clone();
-    let [dry, wet] =
-        [dry, wet].map(|model| Matrices::of(&rod, Some((model.forces, model.fluid, model.layers))).unwrap());
+    let [dry, wet] = [dry, wet].map(|model| Matrices::of(model).unwrap());
     for k in 1..9 {
         // Across the rod every edge adds its mass; along it, nothing.
         let ends = if k == 8 { 1.0 } else { 2.0 };

@@ -86,7 +86,7 @@ fn highest(scene: &Scene) -> Mode {
     let nodes = rod(scene).nodes;
     let angle = PI * (nodes - 1) as f64 / nodes as f64;
     let shape = (0..nodes).map(|k| (angle * (k as f64 + 0.5)).cos()).collect();
-    Mode { axis: ModeKind::Stretching, frequency: Modes::of(&rod(scene)).unwrap().highest(), shape }
+    Mode { axis: ModeKind::Stretching, frequency: Modes::of(&rod(scene)).unwrap().highest(), shape, arc: 0.0 }
 }
 
 /// Adds `size` times a shape along an axis.

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use caudal::assessment::Assessment;
 use caudal::rod::node;
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
@@ -311,4 +312,70 @@ fn scenes_without_tendons_say_what_their_variables_need() {
         let message = stepper.get(name).unwrap_err().to_string();
         assert!(message.contains("[[tendons]]"), "{message}");
     }
+}
+
+#[test]
+fn a_jump_releases_the_rod_into_its_tendons_and_a_tail_with_tendons_is_not_passive() {
+    let scene = |changes: &[&str]| {
+        document_of("pair.toml", &PAIR.replace("integrator = \"newmark\"\n", ""), changes).scene().unwrap()
+    };
+    // As a jump start of an actuation, that of tendons has a method that damps the ringing.
+    assert_eq!(scene(&["start.kind=jump"]).integrator_name(), "implicit-euler");
+    assert_eq!(scene(&[]).integrator_name(), "generalized-alpha");
+    let slack = ["start.kind=jump", "tendons.0.tension_n=0.0", "tendons.1.tension_n=0.0"];
+    assert_eq!(scene(&slack).integrator_name(), "generalized-alpha");
+    let warnings = |changes: &[&str]| {
+        let scene = scene(changes);
+        Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap().warnings
+    };
+    let coarse = ["rod.nodes=5", "head.kind=driven", "head.angle_rad={amplitude=0.1,frequency_hz=20.0}"];
+    assert!(!warnings(&coarse).iter().any(|warning| warning.contains("passive")));
+    assert!(warnings(&[&coarse[..], &slack[1..]].concat()).iter().any(|warning| warning.contains("passive tail")));
+    let jump = warnings(&["start.kind=jump", "solver.time_step_s=0.02"]);
+    assert!(
+        jump.iter().any(|warning| warning.contains("the jump start rings") && warning.contains("\"ramp\"")),
+        "{jump:?}"
+    );
+    let outside = warnings(&["tendons.1.offset_m=-0.008"]);
+    assert!(outside.iter().any(|warning| warning.contains("tendon 2 runs outside of the body")), "{outside:?}");
+    assert!(!warnings(&[]).iter().any(|warning| warning.contains("outside")));
+}
+
+#[test]
+fn a_rod_that_its_tendons_fold_at_the_start_blames_the_stronger_one() {
+    for strong in [0, 1] {
+        let tension = format!("tendons.{strong}.tension_n=1e12");
+        let scene = document(&[&tension, "head.kind=clamped"]).scene().unwrap();
+        let error = Stepper::of(&scene).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(&format!("tendons.{strong}.tension_n: the rod folds over")), "{error}");
+    }
+}
+
+#[test]
+fn what_a_winch_is_bought_by_is_that_of_its_steps() {
+    let mut stepper = pair(&[]);
+    let mut most = [0.0_f64; 3];
+    let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
+    for _ in 0..=500 {
+        let [tension, power, length] =
+            ["tendon_1_tension_n", "tendon_1_power_w", "tendon_1_length_m"].map(|name| get(&mut stepper, name));
+        most.iter_mut().zip([tension, power, (power / tension).abs()]).for_each(|(most, own)| *most = most.max(own));
+        ends = [ends[0].min(length), ends[1].max(length)];
+        stepper.do_step(1e-3).unwrap();
+    }
+    stepper = pair(&[]);
+    stepper.do_step(0.5).unwrap();
+    let found = stepper.metrics().totals.tendons[0];
+    assert_eq!([found.tension, found.power], [most[0], most[1]]);
+    assert!((found.speed / most[2] - 1.0).abs() < 1e-9, "{found:?} {most:?}");
+    assert_eq!(found.travel(), ends[1] - ends[0]);
+}
+
+#[test]
+fn a_derivative_by_a_tension_that_changes_is_refused_by_the_reason() {
+    let scene = document(&[]).scene().unwrap();
+    let reason = scene.not_a_number("tendons.0.tension_n.amplitude").unwrap();
+    assert!(reason.contains("tendons.0.tension_n changes in time") && reason.contains("constant tension"), "{reason}");
+    assert_eq!([scene.not_a_number("tendons.1.tension_n"), scene.not_a_number("tendons.0.offset_m")], [None, None]);
+    assert!(caudal::cycle::derivatives::differentiable().all(|measure| !measure.key.contains("hinge")));
 }

@@ -105,12 +105,13 @@ impl Scene {
         self.document.overrides().to_vec()
     }
 
-    /// The scalar values by key, such as ``rod.length_m``; of pairs ``key[0]`` and ``key[1]``.
+    /// The scalar values by key as overrides take it, such as ``rod.length_m``; of pairs ``key.0`` and ``key.1``, of tables in a list
+    /// ``tendons.0.offset_m``.
     #[getter]
     fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dictionary = PyDict::new(py);
         for parameter in self.scene.parameters() {
-            dictionary.set_item(parameter.name(), parameter.value)?;
+            dictionary.set_item(parameter.path(), parameter.value)?;
         }
         fields(&dictionary)
     }

@@ -109,7 +109,7 @@ def test_an_answer_of_the_gallery_is_that_of_its_run(name):
 def test_the_other_answers_of_the_gallery():
     assert gallery().keys() - GALLERY.keys() == {"flag", "spinning-bar"}
     flag = caudal.load(ROOT / "models/flag.toml")
-    for flow, moves in [(flag.parameters["medium.flow_m_s[0]"], 0.033), (flag.parameters["medium.flow_m_s[0]"] / 2, 0.0)]:
+    for flow, moves in [(flag.parameters["medium.flow_m_s.0"], 0.033), (flag.parameters["medium.flow_m_s.0"] / 2, 0.0)]:
         run = caudal.run(caudal.load(flag, set={"medium.flow_m_s": [flow, 0.0]}))
         tip = run["tip_dy_m"][run["time_s"] > 16]
         assert tip.max() - tip.min() == pytest.approx(moves, abs=5e-4), flow

@@ -103,7 +103,7 @@ def test_the_files_of_a_sweep_may_be_read_by_whom_the_umask_lets(tmp_path):
 
 def test_numbers_of_numpy_may_be_anywhere_inside_of_what_is_given(tmp_path):
     scene = caudal.load(GLYCEROL, set={**SHORT, "medium.flow_m_s": [np.float32(0.5), np.int64(0)]})
-    assert scene.parameters["medium.flow_m_s[0]"] == 0.5
+    assert scene.parameters["medium.flow_m_s.0"] == 0.5
     rod = {"nodes": np.int64(9), "length_m": 1.0, "outer_radius_m": np.float64(0.01), "youngs_modulus_pa": 1e6, "density_kg_m3": 1e3}
     assert caudal.load({"name": "a", "rod": rod, "solver": {"time_step_s": 1e-3, "duration_s": 0.1}}).nodes == 9
     caudal.study("modes", scene, count=np.int64(2), out=tmp_path)

@@ -4,9 +4,9 @@
 use nalgebra::Vector2;
 
 use super::{
-    Cycle, CycleMeasure, CycleSource, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, MAX_CYCLES, MAX_STEP_RATIO,
-    MEASURES, PERIOD, PHASE_ROUNDING, REACTIVE_THRUST, STROUHAL, TIP_EXCURSION, ends_in, index, interpolate,
-    set_vector, vector,
+    Cycle, CycleMeasure, CycleSource, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, HINGE_AMPLITUDE, HINGE_ANGLE,
+    HINGE_POWER, HINGE_TORQUE, Integrals, MAX_CYCLES, MAX_STEP_RATIO, MEASURES, PERIOD, PHASE_ROUNDING,
+    REACTIVE_THRUST, STROUHAL, TIP_EXCURSION, TRACKING_ERROR, ends_in, index, interpolate, set_vector, vector,
 };
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::{Key, PowerKind};
@@ -193,9 +193,22 @@ impl Cycles {
     }
 }
 
-/// True if a measure has derivatives: all but durations, angles, extremes, and contributions to the thrust.
+/// True if a measure has derivatives: all but durations, angles, extremes, contributions to the thrust, and those of a hinge, whose angle
+/// has none.
 pub fn is_differentiable(measure: &CycleMeasure) -> bool {
-    let others = [PERIOD, DIRECTION, TIP_EXCURSION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST];
+    let others = [
+        PERIOD,
+        DIRECTION,
+        TIP_EXCURSION,
+        STROUHAL,
+        DRAG_THRUST,
+        REACTIVE_THRUST,
+        HINGE_TORQUE,
+        HINGE_POWER,
+        HINGE_ANGLE,
+        HINGE_AMPLITUDE,
+        TRACKING_ERROR,
+    ];
     others.iter().all(|other| other.key != measure.key)
 }
 

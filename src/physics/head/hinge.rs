@@ -56,9 +56,14 @@ impl Hinge {
         Sample { value: at(&state.q), rate: at(&state.v), acceleration: at(&state.a) }
     }
 
+    /// The torque (N m) that the motor is asked for at `angle` (rad).
+    pub fn asked(&self, command: MotorCommand, angle: f64) -> f64 {
+        command.torque + self.stiffness * (command.angle - angle)
+    }
+
     /// T (N m) at `angle` (rad), and the part of a further torque that the motor gives if it is asked for it.
     pub fn torque(&self, command: MotorCommand, angle: f64) -> [f64; 2] {
-        let asked = command.torque + self.stiffness * (command.angle - angle);
+        let asked = self.asked(command, angle);
         self.largest_torque.map_or([asked, 1.0], |most| {
             let part = (asked / most).tanh();
             [most * part, 1.0 - part * part]

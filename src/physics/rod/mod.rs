@@ -309,6 +309,11 @@ impl Rod {
         self.total_mass
     }
 
+    /// Moment of inertia of the straight rod about its head, kg m².
+    pub fn inertia_about_head(&self) -> f64 {
+        (0..self.nodes).map(|k| self.mass[k] * self.arc_length(k).powi(2)).sum()
+    }
+
     /// Mass-weighted mean of a flat array of two entries per node.
     pub fn mean(&self, values: &[f64]) -> Vector2<f64> {
         let sum: Vector2<f64> = self.mass.iter().enumerate().map(|(k, m)| node(values, k) * *m).sum();

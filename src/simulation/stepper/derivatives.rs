@@ -252,7 +252,7 @@ impl StateTangent {
         if let (Some(hinge), Some([_, _, pitch])) = (&dynamics.model.hinge, &dynamics.held) {
             let [_, given] = hinge.torque(dynamics.command, pitch.value);
             let asked = self.command.torque + hinge.stiffness * (self.command.angle - angle);
-            now.hinge = HingeReading { torque: given * asked, spin: angular_velocity };
+            now.hinge = HingeReading { torque: given * asked, spin: angular_velocity, ..HingeReading::default() };
             energy.kinetic += hinge.inertia * pitch.rate * angular_velocity;
             power.material += 2.0 * hinge.damping * pitch.rate * angular_velocity;
         }

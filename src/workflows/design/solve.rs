@@ -595,7 +595,7 @@ fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Op
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
     let mut newton = Newton::new(dynamics.nodes(), REST_TOLERANCE).ok()?;
     let mut state = dynamics.first_state();
-    state.q.copy_from_slice(positions);
+    state.q.get_mut(..positions.len())?.copy_from_slice(positions);
     continue_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
     let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))

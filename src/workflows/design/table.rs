@@ -471,9 +471,9 @@ impl DesignTable {
             (
                 "design.largest_power_w",
                 self.largest_power_w,
-                scene.actuation.is_some(),
+                scene.drives().bend(),
                 "a passive tail",
-                "an [actuation], whose power that is",
+                "an [actuation] or [[tendons]], whose power that is",
             ),
         ] {
             if given.is_some() && !fits {
@@ -593,8 +593,9 @@ impl DesignTable {
             let of_key = known.of_key(key);
             if of_key.is_empty() {
                 let listed = known.keys().join(", ");
+                let reason = scene.not_a_number(key).map_or(String::new(), |reason| format!(": {reason}"));
                 return Err(format!(
-                    "found {key:?}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its \
+                    "found {key:?}{reason}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its \
                      motion depends on: {listed}; a number that the scene leaves to its default is among them once the scene \
                      gives it, as `form_drag = 1.1` in [drag]"
                 ));

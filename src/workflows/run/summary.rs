@@ -7,7 +7,7 @@ use crate::integrator::StepControl;
 use crate::linear::SolverChoice;
 use crate::metrics::Power;
 use crate::model::Mechanics;
-use crate::report::{FluidError, Summary};
+use crate::report::{FluidError, Summary, TendonMaxima};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -31,6 +31,7 @@ impl Summary {
         let whole = stepper.cycles().since_start();
         let held = |measure: &cycle::CycleMeasure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
         let cycles = stepper.cycles().averages(dynamics);
+        let hinge = model.hinge.as_ref().map(|_| metrics.totals.hinge);
         Self {
             name: scene.name.clone(),
             scene_file: scene.file(),
@@ -131,11 +132,14 @@ impl Summary {
             mean_head_moment_n_m: held(&cycle::HEAD_MOMENT),
             max_head_force_n: model.head.as_ref().map(|_| metrics.totals.max_on_head[0]),
             max_head_moment_n_m: model.head.as_ref().map(|_| metrics.totals.max_on_head[1]),
-            max_hinge_torque_n_m: model.hinge.as_ref().map(|_| metrics.totals.max_hinge_torque),
+            max_hinge_torque_n_m: hinge.map(|hinge| hinge.torque),
+            max_hinge_power_w: hinge.map(|hinge| hinge.power),
+            max_hinge_speed_rad_s: hinge.map(|hinge| hinge.speed),
             max_head_power_w: model.head.as_ref().map(|_| metrics.totals.max_power[1]),
             max_joint_moment_n_m: metrics.totals.max_couple,
             max_actuation_power_w: (model.actuation.is_some() || !model.tendons.is_empty())
                 .then_some(metrics.totals.max_power[0]),
+            tendons: TendonMaxima(metrics.totals.tendons[..model.tendons.len()].to_vec()),
             cycles,
             wall_s: outcome.wall.as_secs_f64(),
             verification: None,

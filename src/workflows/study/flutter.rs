@@ -80,6 +80,7 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail
     let pushed = load * rod.length * rod.length > MAX_DEVIATION * rod.ei || scene.has_followers();
     let tensioned = pushed || bend > MAX_DEVIATION * rod.length;
     let theory = match (time.filter(|_| uniform), aligned, tensioned) {
+        _ if model.hinge.is_some() => Err("it is for a head whose angle is held"),
         (None, ..) => Err("it is for a rod that is the same all along"),
         (_, false, _) => Err("it is for a flow along the rod, from its head"),
         (.., true) => Err("it is for a straight rod without loads along it"),

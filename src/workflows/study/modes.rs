@@ -9,8 +9,7 @@ use serde_json::json;
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::linear_stability::{NoSteadyState, SteadyState};
-use crate::model::Model;
-use crate::modes::{Matrices, Mode, ModeKind, Modes, StableSteps, lowest_within};
+use crate::modes::{Matrices, Mode, ModeKind, Modes, StableSteps, lowest_of_model};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::rod::Rod;
@@ -49,19 +48,23 @@ const VACUUM: f64 = 1e-12;
 /// The `count` lowest modes of `scene`.
 ///
 /// # Errors
-/// Those of [`Scene::model`] and [`lowest_within`].
+/// Those of [`Scene::model`] and [`lowest_of_model`].
 pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let model = scene.model()?;
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
-    let outside = |model: Model| (model.forces, model.fluid, model.layers);
-    let found = lowest_within(&model.rod, Some(outside(scene.model()?)), count)?;
+    let found = lowest_of_model(scene.model()?, count)?;
     let all = if model.rod.nodes <= MAX_NODES_FOR_SPECTRUM { Some(Modes::of_model(scene.model()?)?) } else { None };
     let wet = model.forces.are_inertial();
-    let Model { rod, forces, fluid, layers, .. } = model;
-    let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?;
+    let (rod, hinge) = (model.rod.clone(), model.hinge.clone());
+    let matrices = Matrices::of(model)?;
 
     let mut findings = Findings { subject: "natural modes", ..Findings::default() };
-    let head = if matrices.first == 0 { "free" } else { "held at its head" };
+    let head = match &hinge {
+        Some(hinge) if hinge.stiffness > 0.0 => "on the servo that turns its head",
+        Some(_) => "on the hinge of its head, which no servo holds",
+        None if matrices.free.first == 0 => "free",
+        None => "held at its head",
+    };
     let Some(first) = found.first() else { return Ok(findings) };
     let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
     findings.answers.push(format!(
@@ -73,7 +76,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     // What is not the fluid's, as the inertia of a body at the head, stays.
     let mut dry = scene.model()?;
     (dry.fluid.density, dry.layers) = (VACUUM * dry.fluid.density, None);
-    if wet && let Some(dry) = lowest_within(&dry.rod.clone(), Some(outside(dry)), 1)?.first() {
+    if wet && let Some(dry) = lowest_of_model(dry, 1)?.first() {
         findings.answers.push(format!("Without that fluid it would be {:.6} Hz.", dry.frequency / TAU));
     }
     if let Some(drive) = drive {
@@ -163,7 +166,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
 /// Adds the modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates.
 fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()> {
     let model = scene.model()?;
-    if model.forces.is_empty() && model.load.is_none() && model.rod.damping.is_none() {
+    if model.forces.is_empty() && model.load.is_none() && !model.is_damped() {
         return Ok(()); // they are the natural modes
     }
     if model.rod.nodes > MAX_NODES_FOR_DAMPING {

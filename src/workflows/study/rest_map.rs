@@ -201,6 +201,11 @@ pub(super) fn left_out(scene: &Scene, nodes: usize, findings: &mut Findings) {
             .answers
             .push("Actuation and motion of the head are left out: the head is held where it starts.".into());
     }
+    if scene.head.kind == HeadKind::Hinged {
+        findings.answers.push(
+            "A command and a torque of the hinge's motor that change are left out: the servo holds the angle of the start.".into(),
+        );
+    }
     if nodes < scene.rod.nodes.get() {
         findings.answers.push(format!(
             "Computed on {nodes} nodes instead of {}: the cost grows as the cube of their number.",

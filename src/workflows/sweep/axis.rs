@@ -236,7 +236,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
 }
 
 /// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
-const RESULT_COLUMNS: [&str; 91] = [
+const RESULT_COLUMNS: [&str; 93] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -320,6 +320,8 @@ const RESULT_COLUMNS: [&str; 91] = [
     "max_head_force_n",
     "max_head_moment_n_m",
     "max_hinge_torque_n_m",
+    "max_hinge_power_w",
+    "max_hinge_speed_rad_s",
     "max_head_power_w",
     "max_joint_moment_n_m",
     "max_actuation_power_w",
@@ -332,7 +334,7 @@ const RESULT_COLUMNS: [&str; 91] = [
 
 /// True if `name` is that of a result column.
 pub(super) fn is_result(name: &str) -> bool {
-    RESULT_COLUMNS.contains(&name) || name.starts_with("cycle")
+    RESULT_COLUMNS.contains(&name) || ["cycle", "max_tendon_"].iter().any(|begin| name.starts_with(begin))
 }
 
 /// The levels that `value` describes: a list, or a table with a range.
@@ -459,12 +461,15 @@ pub(super) fn leaves(table: &toml::Table, path: &str, found: &mut Vec<(String, V
     }
 }
 
-/// The value of a dotted key.
+/// The value of a dotted key, in which the entries of a list have their places from 0, as in an override.
 pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value> {
-    match key.split_once('.') {
-        Some((first, rest)) => look_up(table.get(first)?.as_table()?, rest),
-        None => table.get(key),
-    }
+    let mut parts = key.split('.');
+    let first = table.get(parts.next()?)?;
+    parts.try_fold(first, |value, part| match value {
+        Value::Table(table) => table.get(part),
+        Value::Array(entries) => entries.get(part.parse::<usize>().ok()?),
+        _ => None,
+    })
 }
 
 /// The product of two numbers; an integer if the first is one and stays so.

@@ -1,4 +1,4 @@
-"""Simulates bio-inspired tails and swimmers: a slender rod driven by a travelling natural curvature in a fluid.
+"""Simulates bio-inspired tails and swimmers: a slender rod in a fluid, driven by curvature, muscles, tendons or a motor at its head.
 
 `load` reads a scene, `run` runs it, and a `Stepper` lets a host drive it. SI units everywhere; the names of variables end in
 their units.
