@@ -21,7 +21,7 @@ type Attributes = Vec<(&'static str, String)>;
 struct Unit(&'static str, &'static str, [i32; 4], Option<(&'static str, f64)>);
 
 /// The units of all variables and parameters.
-const UNITS: [Unit; 24] = [
+const UNITS: [Unit; 25] = [
     Unit("s", "Time", [0, 0, 1, 0], Some(("ms", 1e3))),
     Unit("m", "Length", [0, 1, 0, 0], Some(("mm", 1e3))),
     Unit("m/s", "Velocity", [0, 1, -1, 0], Some(("mm/s", 1e3))),
@@ -35,6 +35,7 @@ const UNITS: [Unit; 24] = [
     Unit("kg/m^3", "Density", [1, -3, 0, 0], Some(("g/cm^3", 1e-3))),
     Unit("N", "Force", [1, 1, -2, 0], Some(("mN", 1e3))),
     Unit("N m", "Moment", [1, 2, -2, 0], Some(("mN m", 1e3))),
+    Unit("N/m", "Stiffness", [1, 0, -2, 0], None),
     Unit("N m/rad", "RotationalStiffness", [1, 2, -2, -1], None),
     Unit("N m s/rad", "RotationalDamping", [1, 2, -1, -1], None),
     Unit("kg m^2", "MomentOfInertia", [1, 2, 0, 0], None),

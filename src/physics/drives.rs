@@ -22,6 +22,7 @@ impl Drives {
             actuation: model.actuation.is_some(),
             tendons: model.tendons.iter().any(|tendon| match &tendon.pull {
                 Pull::Tension(tension) => gives(tension),
+                // Beside the straight rod a cable of that length is slack.
                 Pull::Winch(winch) => winch.length.constant() != Some(rest_length(&model.rod, tendon.edges.clone())),
             }),
             torque: model.hinge.as_ref().is_some_and(|hinge| gives(&hinge.torque)),

@@ -319,6 +319,7 @@ impl Scene {
         let parts: Vec<&str> = key.split('.').collect();
         let signal = match parts[..] {
             ["tendons", place, "tension_n", ..] => self.tendons.get(place.parse::<usize>().ok()?)?.tension_n.as_ref(),
+            ["tendons", place, "length_m", ..] => self.tendons.get(place.parse::<usize>().ok()?)?.length_m.as_ref(),
             ["head", "torque_n_m", ..] => self.head.torque_n_m.as_ref(),
             ["head", "angle_rad", ..] => self.head.angle_rad.as_ref(),
             _ => None,
@@ -327,7 +328,9 @@ impl Scene {
         let changes = signal.formula().and_then(Signal::constant).is_none();
         let given = parts.iter().take(if parts[0] == "tendons" { 3 } else { 2 }).copied().collect::<Vec<_>>().join(".");
         match parts[0] {
-            "tendons" if changes => Some(format!("{given} changes in time; a derivative needs a constant tension")),
+            "tendons" if changes => {
+                Some(format!("{given} changes in time; a derivative needs a constant {}", parts[2].split('_').next()?))
+            }
             "head" => Some(format!("{given} moves the head and has no derivative yet")),
             _ => None,
         }

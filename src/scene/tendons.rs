@@ -49,12 +49,11 @@ impl TendonTable {
         [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
     }
 
-    /// True where it is pulled without a host: by a tension, or by a winch whose length is not that of the straight rod.
+    /// True where it is pulled without a host: by a tension, or by a winch that is given a length.
     fn is_pulled(&self) -> bool {
-        let pulls = |signal: &Option<ScalarSignal>, pulls: fn(&Signal) -> bool| {
-            signal.as_ref().is_some_and(|ScalarSignal(signal)| signal.formula().is_none_or(pulls))
-        };
-        pulls(&self.tension_n, gives) || pulls(&self.length_m, |_| true)
+        let tension = self.tension_n.as_ref();
+        let pulls = tension.is_some_and(|ScalarSignal(tension)| tension.formula().is_none_or(gives));
+        pulls || self.length_m.is_some()
     }
 
     /// Its tension (N) and its length (m), where they are numbers.
@@ -65,13 +64,19 @@ impl TendonTable {
         })
     }
 
-    /// The largest moment that it bends the rod with, N m, as far as that is known before its table is read.
-    fn largest_moment(&self) -> f64 {
-        let tension = match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
-            Some(Signal::Constant(tension)) => *tension,
-            Some(Signal::Sinusoid { offset, amplitude, .. }) => offset + amplitude.abs(),
-            _ => 0.0,
+    /// The largest moment that it bends a rod of that `length` (m) with, N m, as far as that is known before its table is read.
+    fn largest_moment(&self, length: f64) -> f64 {
+        let range = |signal: &Option<ScalarSignal>| match signal.as_ref().and_then(|ScalarSignal(own)| own.formula()) {
+            Some(Signal::Constant(value)) => Some([*value; 2]),
+            Some(Signal::Sinusoid { offset, amplitude, .. }) => {
+                Some([offset - amplitude.abs(), offset + amplitude.abs()])
+            }
+            _ => None,
         };
+        let [from, to] = self.ends();
+        let by_winch = self.stiffness_n_m.zip(range(&self.length_m));
+        let pulled = by_winch.map(|(stiffness, [least, _])| stiffness.get() * ((to - from) * length - least).max(0.0));
+        let tension = range(&self.tension_n).map(|[_, most]| most).or(pulled).unwrap_or(0.0);
         tension * self.offset_m.get().abs()
     }
 
@@ -173,11 +178,13 @@ impl Scene {
         self.tendons.iter().enumerate().map(tendon).collect::<Result<Vec<_>>>().map(Tendons::new)
     }
 
-    /// The key of the tension of the tendon that bends the rod most.
+    /// The key of what pulls the tendon that bends the rod most.
     pub(super) fn strongest_tendon_key(&self) -> String {
-        let moments = self.tendons.iter().map(TendonTable::largest_moment).enumerate();
+        let length = self.rod.length_m.get();
+        let moments = self.tendons.iter().map(|tendon| tendon.largest_moment(length)).enumerate();
         let strongest = moments.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
-        format!("tendons.{strongest}.tension_n")
+        let wound = self.tendons.get(strongest).is_some_and(|tendon| tendon.stiffness_n_m.is_some());
+        format!("tendons.{strongest}.{}", if wound { "length_m" } else { "tension_n" })
     }
 
     /// The signals of its tendons.
