@@ -232,6 +232,10 @@ def test_the_tables_of_steps_and_meshes_are_what_the_runs_give(folder):
         assert 1e3 * row["cycle_head_power_w"] == pytest.approx(float(power), rel=1e-3), changes
     for nodes, thrust in meshes:
         assert 1e3 * found(f"rod.nodes={nodes}")["cycle_thrust_n"] == pytest.approx(float(thrust), rel=1e-3), nodes
+    (eel,) = re.findall(r"is (\S+) with (\d+) nodes and (\S+) with (\d+)\.", text)
+    for efficiency, nodes in zip(eel[::2], eel[1::2]):
+        row = json.loads(run(f"caudal run models/eel.toml --quiet --json --force --set rod.nodes={nodes}"))
+        assert f"{row['cycle_efficiency']:.3f}" == efficiency, nodes
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "```c\n" in page.read_text()], ids=lambda page: page.stem)
