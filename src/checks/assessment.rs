@@ -705,10 +705,12 @@ impl Assessment {
             );
         }
         let keys = ["head.position_m.0", "head.position_m.1", "head.angle_rad"];
-        for (key, signal) in keys.into_iter().zip(stepper.model().head.iter().flatten()) {
-            if matches!(signal, Signal::Sinusoid { amplitude: 0.0, .. }) {
-                warnings.push(format!("{key} has an amplitude of 0: it stays at its offset unless a host moves it"));
-            }
+        let signals = || keys.into_iter().zip(stepper.model().head.iter().flatten());
+        let is_zero = |signal: &Signal| matches!(signal, Signal::Sinusoid { amplitude: 0.0, .. });
+        // Of two coordinates that one function of time moves, one may stay.
+        let moves = signals().any(|(_, signal)| !is_zero(signal) && !matches!(signal, Signal::Constant(_)));
+        if let Some((key, _)) = signals().find(|(_, signal)| is_zero(signal)).filter(|_| !moves) {
+            warnings.push(format!("{key} has an amplitude of 0: the head stands still unless a host moves it"));
         }
         if drive.sharpest_turning == 0.0
             && let Some(actuation) = &scene.actuation

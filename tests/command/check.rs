@@ -319,6 +319,11 @@ fn what_cannot_move_is_told_before_a_run() {
     // Amplitudes of 0.
     let heave = "head.position_m.1 has an amplitude of 0";
     assert!(warned(&STRIP.replace("amplitude = 0.01", "amplitude = 0.0"), heave) && !warned(STRIP, heave));
+    let both = "position_m = { amplitude = [0.0, 0.01], frequency_hz = 0.5 }";
+    assert!(!warned(
+        &STRIP.replace("position_m = [0.0, { amplitude = 0.01, frequency_hz = 0.5 }]", both),
+        "amplitude of 0"
+    ));
     let wave = |amplitude: &str, more: &str| {
         format!("{STRIP}[actuation]\nkind = \"standing-wave\"\nkappa_amp = {amplitude}\nfrequency_hz = 0.5\n{more}")
     };
