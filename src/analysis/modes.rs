@@ -426,6 +426,7 @@ fn at_rest(rod: &Rod, outside: Option<Surroundings>) -> Dynamics {
         actuation: None,
         active_moments: false,
         largest_drive: None,
+        lag: None,
         tendons: Tendons::default(),
         hinge: None,
         start: Start::Jump,

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use nalgebra::Vector2;
 
-use crate::actuation::Wave;
+use crate::actuation::{Wave, lag};
 use crate::error::{Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
@@ -378,6 +378,17 @@ impl Assessment {
                     .to_string(),
             ),
             None => {}
+        }
+        if let (Some(tau), Some((_, drive))) = (model.lag, &model.actuation) {
+            let part = lag::steady(tau, TAU * drive.frequency)(1.0);
+            let text = format!(
+                "{} s: gives {:.1} % of what is asked for at {} Hz, {:.1}° late",
+                significant(tau, 5),
+                100.0 * part.norm(),
+                significant(drive.frequency, 5),
+                -part.arg().to_degrees()
+            );
+            fact("lag of the drive", text);
         }
         if let Some(hinge) = &model.hinge {
             fact("hinge", describe_hinge(hinge, rod));

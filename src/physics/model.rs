@@ -17,6 +17,7 @@ pub use deformed_rod::DeformedRod;
 use input_extrapolation::HIGHEST_ORDER;
 pub use input_extrapolation::InputExtrapolation;
 
+use crate::actuation::lag::{self, Jet, LaggedWave, Remainder, Span, product};
 use crate::actuation::{Actuation, Saturation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
@@ -81,6 +82,8 @@ pub struct Model {
     pub active_moments: bool,
     /// What it and a host give a joint at the most, if there is a limit: a dimensionless curvature, or N m of active moments.
     pub largest_drive: Option<f64>,
+    /// The time (s) of the first-order lag between what it and a host ask for and what the drive gives, before that limit.
+    pub lag: Option<f64>,
     /// The tendons; their pull on the edges is one of the forces.
     pub tendons: Tendons,
     /// How the run starts.
@@ -123,9 +126,12 @@ impl Model {
         XxHash3_128::oneshot(format!("{} {solved:?} {self:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }
 
-    /// Shows `look` the actuation as one of natural curvatures, with its drive: of moments those that they bend the unloaded rod to.
+    /// Shows `look` the actuation as one of natural curvatures, with its drive: of moments those that they bend the unloaded rod to, and of a
+    /// drive that lags those of its steady wave.
     pub(crate) fn with_curvature_wave<R>(&self, look: impl FnOnce(&dyn Actuation, Drive) -> R) -> Option<R> {
         let (actuation, drive) = self.actuation.as_ref()?;
+        let lagging = self.lag.map(|tau| actuation.filtered(&lag::steady(tau, TAU * drive.frequency), self.rod.nodes));
+        let actuation = lagging.as_ref().unwrap_or(actuation);
         if self.active_moments {
             return Some(look(&*bending(&**actuation, &self.rod), *drive));
         }
@@ -140,6 +146,11 @@ impl Model {
     /// True where the material of the rod, or the bearing of a hinge, dissipates.
     pub fn is_damped(&self) -> bool {
         self.rod.damping.is_some() || self.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
+    }
+
+    /// True where the drive has a limit or a lag, and does not give what it is asked for.
+    pub fn filters_drive(&self) -> bool {
+        self.largest_drive.is_some() || self.lag.is_some()
     }
 
     /// Half of what the speed (m/s) of its head varies by in the scene's own motion.
@@ -166,6 +177,8 @@ pub struct Inputs {
     pub tension: [f64; MAX_TENDONS],
     /// What a host adds to the torque (N m) and to the commanded angle (rad) of a hinge.
     pub hinge: MotorCommand,
+    /// What a drive that lags still gives of the inputs before these; `None` while these are the first ones.
+    pub lagging: Option<Remainder>,
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
@@ -181,19 +194,20 @@ pub struct Inputs {
 impl Clone for Inputs {
     fn clone(&self) -> Self {
         let (natural, moment) = (self.natural.clone(), self.moment.clone());
-        let (force, head) = (self.force.clone(), self.head.clone());
-        Self { natural, moment, force, head, ..*self }
+        let (force, head, lagging) = (self.force.clone(), self.head.clone(), self.lagging.clone());
+        Self { natural, moment, force, head, lagging, ..*self }
     }
 
     /// Allocates nothing where there is room.
     fn clone_from(&mut self, other: &Self) {
         let (mut natural, mut moment) = (self.natural.take(), self.moment.take());
-        let (mut force, mut head) = (self.force.take(), self.head.take());
+        let (mut force, mut head, mut lagging) = (self.force.take(), self.head.take(), self.lagging.take());
         natural.clone_from(&other.natural);
         moment.clone_from(&other.moment);
         force.clone_from(&other.force);
         head.clone_from(&other.head);
-        *self = Self { natural, moment, force, head, ..*other };
+        lagging.clone_from(&other.lagging);
+        *self = Self { natural, moment, force, head, lagging, ..*other };
     }
 }
 
@@ -208,6 +222,7 @@ impl Inputs {
             moment: None,
             tension: [0.0; MAX_TENDONS],
             hinge: MotorCommand::default(),
+            lagging: None,
             force: None,
             fluid: model.fluid,
             flow_taken: false,
@@ -554,6 +569,17 @@ impl Dynamics {
         if let Some(own) = &by.moment {
             active.moment.iter_mut().zip(own).for_each(|(moment, own)| *moment += own);
         }
+        if let Some(tau) = self.model.lag {
+            // What a drive that lags gives does not jump; its rate does, by that of (x − y)/τ.
+            let (given, rate) = if *active_moments {
+                (&mut active.moment[..], &mut active.rate[..])
+            } else {
+                (&mut *natural, &mut *rate)
+            };
+            for (given, rate) in given.iter_mut().zip(rate) {
+                (*given, *rate) = (0.0, *given / tau);
+            }
+        }
         match &self.saturation {
             Some(limit) if *active_moments => limit.change(&mut active.moment, &mut active.rate),
             Some(limit) => limit.change(natural, rate),
@@ -614,10 +640,9 @@ impl Dynamics {
         out.fill(0.0);
         let Model { rod, active_moments, .. } = &*self.model;
         if !active_moments {
-            self.add_wave_acceleration(t, out);
-        }
-        if let Some(extrapolation) = &self.extrapolation {
-            extrapolation.add_second(t, |inputs| inputs.natural.as_deref(), rod.spacing, out);
+            self.add_drive_acceleration(t, out);
+        } else {
+            self.add_own(2, t, false, 1.0, out);
         }
         if let Some(limit) = self.saturation.as_ref().filter(|_| !active_moments) {
             limit.second(out);
@@ -627,10 +652,9 @@ impl Dynamics {
         if self.active.is_some() {
             active.resize(rod.nodes, 0.0);
             if *active_moments {
-                self.add_wave_acceleration(t, active);
-            }
-            if let Some(extrapolation) = &self.extrapolation {
-                extrapolation.add_second(t, |inputs| inputs.moment.as_deref(), 1.0, active);
+                self.add_drive_acceleration(t, active);
+            } else {
+                self.add_own(2, t, true, 1.0, active);
             }
             if let Some(limit) = self.saturation.as_ref().filter(|_| *active_moments) {
                 limit.second(active);
@@ -664,12 +688,112 @@ impl Dynamics {
         std::array::from_fn(|i| if self.tensions[0][i] > 0.0 { by.tension[i] } else { 0.0 })
     }
 
-    fn add_wave_acceleration(&self, t: f64, out: &mut [f64]) {
-        let Model { actuation, start, .. } = &*self.model;
+    /// Adds the second derivative of what the drive gives, before its limit, with what a host adds, to `out`.
+    fn add_drive_acceleration(&self, t: f64, out: &mut [f64]) {
+        let Model { actuation, start, lag, active_moments, .. } = &*self.model;
+        if let Some(tau) = lag {
+            return self.add_lagging(*tau, t, 2, out);
+        }
         if let Some((actuation, _)) = actuation {
             let drive = self.inputs.drive_state(start, t, self.extrapolation.as_deref());
             actuation.add_derivatives(drive.acceleration(), drive.phase[0], out);
         }
+        self.add_own(2, t, *active_moments, 1.0, out);
+    }
+
+    /// Adds `factor` times the derivative of `order` of a host's own natural curvatures (dimensionless), or of its active `moments`, to `out`.
+    fn add_own(&self, order: usize, t: f64, moments: bool, factor: f64, out: &mut [f64]) {
+        let (of, factor): (fn(&Inputs) -> Option<&[f64]>, f64) = match moments {
+            true => (|inputs| inputs.moment.as_deref(), factor),
+            false => (|inputs| inputs.natural.as_deref(), factor * self.model.rod.spacing),
+        };
+        match &self.extrapolation {
+            Some(extrapolation) => extrapolation.add_derivative(order, t, of, factor, out),
+            None if order == 0 => {
+                out.iter_mut().zip(of(&self.inputs).into_iter().flatten()).for_each(|(out, own)| *out += factor * own);
+            }
+            None => {}
+        }
+    }
+
+    /// Adds the derivative of `order` 0, 1 or 2 of what a drive of lag `tau` (s) gives at time `t` (s), before its limit, to `out`: a
+    /// dimensionless curvature or a moment (N m) per node.
+    fn add_lagging(&self, tau: f64, t: f64, order: usize, out: &mut [f64]) {
+        let Model { actuation, start, active_moments, .. } = &*self.model;
+        let Inputs { lagging, drive, .. } = &self.inputs;
+        let since = lagging.as_ref().map_or(0.0, |remainder| remainder.since);
+        // A shaped start is one in the steady wave.
+        let begins = lagging.is_some() || !matches!(start, Start::Shaped);
+        let age = begins.then_some(t - since);
+        if let Some((actuation, _)) = actuation {
+            let extrapolation = self.extrapolation.as_deref();
+            let size_at = |t: f64, before: bool| {
+                let mut amplitude = Jet::default();
+                amplitude[0] = drive.amplitude;
+                if let Some(extrapolation) = extrapolation {
+                    for (order, value) in amplitude.iter_mut().enumerate().take(HIGHEST_ORDER + 1) {
+                        *value = extrapolation.derivative(order, t, |inputs| inputs.drive.amplitude);
+                    }
+                }
+                product(&amplitude, &start.gain_jet(t, before))
+            };
+            let now = |age: Option<f64>| Span { size: size_at(t, false), age };
+            let (now, before) = match *start {
+                Start::Ramp { duration } if since < duration && duration <= t => {
+                    let ramp = Span { size: size_at(duration, true), age: Some(duration - since) };
+                    (now(Some(t - duration)), Some(ramp))
+                }
+                _ => (now(age), None),
+            };
+            let DriveState { phase: [phase, turning, _], .. } = self.inputs.drive_state(start, t, extrapolation);
+            LaggedWave { tau, phase, turning, now, before }.add(&**actuation, order, out);
+        }
+        for derivative in 0..=HIGHEST_ORDER {
+            let size = std::array::from_fn(|j| if j == derivative { 1.0 } else { 0.0 });
+            let own = LaggedWave { tau, phase: 0.0, turning: 0.0, now: Span { size, age }, before: None };
+            self.add_own(derivative, t, *active_moments, own.factor(0.0, order).re, out);
+        }
+        if let Some(remainder) = lagging {
+            remainder.add(tau, t, order, out);
+        }
+    }
+
+    /// Evaluates what a drive of lag `tau` (s) gives at time `t` (s), and its rate.
+    fn evaluate_lagging(&mut self, tau: f64, t: f64) {
+        let moments = self.model.active_moments;
+        let mut given = match &mut self.active {
+            Some(ActiveMoments { moment, rate, .. }) if moments => [moment, rate].map(std::mem::take),
+            _ => [&mut self.natural, &mut self.natural_rate].map(std::mem::take),
+        };
+        given.iter_mut().enumerate().for_each(|(order, given)| self.add_lagging(tau, t, order, given));
+        let [value, speed] = given;
+        match &mut self.active {
+            Some(ActiveMoments { moment, rate, .. }) if moments => (*moment, *rate) = (value, speed),
+            _ => (self.natural, self.natural_rate) = (value, speed),
+        }
+    }
+
+    /// Lets a drive that lags go on at time `t` (s) from what it gives there when `change` changes the inputs.
+    pub(crate) fn change_inputs(&mut self, t: f64, change: impl FnOnce(&mut Self)) {
+        let Some(tau) = self.model.lag else { return change(self) };
+        let given = |dynamics: &Self| {
+            let mut given = vec![0.0; dynamics.model.rod.nodes];
+            dynamics.add_lagging(tau, t, 0, &mut given);
+            given
+        };
+        let before = given(self);
+        change(self);
+        self.follow_extrapolation(t);
+        if given(self) != before {
+            self.inputs.lagging = Some(Remainder { since: t, given: before });
+        }
+    }
+
+    /// The reason why the time derivative of that `order` of the input `name` cannot be `value`.
+    pub(crate) fn refused_derivative(&self, name: &str, order: usize, value: f64) -> Option<&'static str> {
+        let bends_phase = name == "actuation_frequency_hz" || name == "actuation_phase_rad" && order > 1;
+        (self.model.lag.is_some() && bends_phase && value != 0.0)
+            .then_some("0: a drive with a lag needs a frequency that is constant until it is set again")
     }
 
     /// Evaluates natural curvature and head pose at time `t`.
@@ -688,19 +812,25 @@ impl Dynamics {
         }
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
-        if let Some((actuation, _)) = actuation {
+        if let Some(tau) = self.model.lag {
+            self.evaluate_lagging(tau, t);
+        } else if let Some((actuation, _)) = actuation {
             let wave = self.inputs.wave(start, t, self.extrapolation.as_deref());
             match &mut self.active {
                 Some(ActiveMoments { moment, rate, .. }) if *active_moments => actuation.add(wave, moment, rate),
                 _ => actuation.add(wave, &mut self.natural, &mut self.natural_rate),
             }
         }
-        if let Some(own) = &self.inputs.natural {
-            self.natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
-        }
-        if let Some(rate) = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.rate().natural.as_ref())
-        {
-            self.natural_rate.iter_mut().zip(rate).for_each(|(to, rate)| *to += rate * rod.spacing);
+        let Model { rod, active_moments, tendons, .. } = &*self.model;
+        // What lags is given already, with what a host adds.
+        let [curvature_lags, moment_lags] =
+            [false, true].map(|moments| self.model.lag.is_some() && *active_moments == moments);
+        let extrapolation = self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate());
+        if !curvature_lags {
+            let rate = extrapolation.and_then(|rate| rate.natural.as_ref());
+            for (to, own) in [(&mut self.natural, self.inputs.natural.as_ref()), (&mut self.natural_rate, rate)] {
+                to.iter_mut().zip(own.into_iter().flatten()).for_each(|(to, own)| *to += own * rod.spacing);
+            }
         }
         if let Some(limit) = self.saturation.as_mut().filter(|_| !active_moments) {
             limit.limit(&mut self.natural, &mut self.natural_rate);
@@ -708,8 +838,9 @@ impl Dynamics {
         rod.at_joints(&mut self.natural);
         rod.at_joints(&mut self.natural_rate);
         if let Some(active) = &mut self.active {
-            let rate = self.extrapolation.as_ref().and_then(|extrapolation| extrapolation.rate().moment.as_ref());
-            for (to, own) in [(&mut active.moment, self.inputs.moment.as_ref()), (&mut active.rate, rate)] {
+            let rate = extrapolation.and_then(|rate| rate.moment.as_ref());
+            let own = [(&mut active.moment, self.inputs.moment.as_ref()), (&mut active.rate, rate)];
+            for (to, own) in own.into_iter().filter(|_| !moment_lags) {
                 to.iter_mut().zip(own.into_iter().flatten()).for_each(|(to, own)| *to += own);
             }
             if let Some(limit) = self.saturation.as_mut().filter(|_| *active_moments) {

@@ -2,6 +2,7 @@
 
 use nalgebra::{Rotation2, Vector2};
 
+use crate::actuation::lag::Jet;
 use crate::head::Pose;
 use crate::rod::{Rod, add, bend, node};
 use crate::system::State;
@@ -32,6 +33,24 @@ impl Start {
             }
             _ => [1.0, 0.0],
         }
+    }
+
+    /// r and all of its derivatives after time `t` (s), or those `before` it.
+    pub fn gain_jet(&self, t: f64, before: bool) -> Jet {
+        let mut jet = Jet::default();
+        jet[0] = 1.0;
+        if let Self::Ramp { duration } = *self
+            && (t < duration || before && t == duration)
+        {
+            let z = (t / duration).max(0.0);
+            let [gain, rate] = if t < duration { self.gain(t) } else { [1.0, 0.0] };
+            let higher = [60.0 + z * (-360.0 + 360.0 * z), -360.0 + 720.0 * z, 720.0];
+            jet[..3].copy_from_slice(&[gain, rate, self.gain_acceleration(t)]);
+            for (order, derivative) in (3..).zip(higher) {
+                jet[order as usize] = derivative / duration.powi(order);
+            }
+        }
+        jet
     }
 
     /// d²r/dt², 1/s².

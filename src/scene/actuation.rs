@@ -32,6 +32,9 @@ pub struct ActuationTable {
     pub largest_1_m: Option<Positive>,
     /// The largest active moment that the drive can give a joint, with that of a host, N m. With `moment_amp_n_m`. By default without limit.
     pub largest_moment_n_m: Option<Positive>,
+    /// Time τ of a first-order lag between what the wave and a host ask for and what the drive gives, s: τ dy/dt = x − y, before a limit. By
+    /// default without lag.
+    pub lag_s: Option<Positive>,
     /// Reference length of `kappa_amp`, m. By default 1 m, so that the amplitude is a curvature in 1/m.
     pub kappa_reference_length_m: Option<Positive>,
     /// Frequency of the wave, Hz.

@@ -207,6 +207,7 @@ impl Scene {
             actuation: self.drive(&rod),
             active_moments: self.has_active_moments(),
             largest_drive: self.largest_drive(&rod),
+            lag: self.actuation.as_ref().and_then(|actuation| actuation.lag_s).map(value::Positive::get),
             start: self.start.build(),
             forces,
             tendons,

@@ -190,6 +190,7 @@ impl Scene {
                 "amplitude of the active moment of a joint",
                 actuation.moment_amp_n_m,
             );
+            list.given("actuation.lag_s", "s", "time of the first-order lag of the drive", actuation.lag_s);
             list.given("actuation.largest_1_m", "1/m", "largest natural curvature of the drive", actuation.largest_1_m);
             list.given(
                 "actuation.largest_moment_n_m",

@@ -202,9 +202,10 @@ impl ParameterEffect {
 impl Parameter {
     /// The parameter with an analytic derivative for the number `key` of a scene, if any.
     pub fn of_key(key: &str, model: &Model) -> Option<Self> {
+        let driven = model.actuation.is_some() && !model.filters_drive();
         match key {
-            "actuation.kappa_amp" | "actuation.moment_amp_n_m" => model.actuation.as_ref().map(|_| Self::Amplitude),
-            "actuation.frequency_hz" => model.actuation.as_ref().map(|_| Self::Frequency),
+            "actuation.kappa_amp" | "actuation.moment_amp_n_m" => driven.then_some(Self::Amplitude),
+            "actuation.frequency_hz" => driven.then_some(Self::Frequency),
             _ => {
                 let keys = model.forces.iter().flat_map(|force| force.parameters().iter().copied());
                 keys.into_iter().find(|own| *own == key).map(Self::OfForces)
@@ -228,6 +229,16 @@ impl Parameter {
                 if model.actuation.is_none() =>
             {
                 refuse("the rod is not driven; allowed: with an actuation".to_string())
+            }
+            Self::NaturalCurvature(_)
+            | Self::WaveAmplitude(_)
+            | Self::WavePhase(_)
+            | Self::Amplitude
+            | Self::Frequency
+            | Self::Phase
+                if model.filters_drive() =>
+            {
+                refuse("the drive has a limit or a lag; allowed: without `actuation.lag_s`, `largest_1_m` and `largest_moment_n_m`".to_string())
             }
             Self::OfForces(key) => {
                 let own = model.forces.iter().flat_map(|force| force.parameters().to_vec());

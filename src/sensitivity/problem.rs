@@ -100,10 +100,6 @@ impl Problem {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
         scene.refuse_hinge("has no derivatives yet: its angle is an unknown beside those of the nodes")?;
-        if model.largest_drive.is_some() {
-            let key = if model.active_moments { "actuation.largest_moment_n_m" } else { "actuation.largest_1_m" };
-            return refuse(key, "found, but a drive with a limit has no derivatives yet; allowed: none here");
-        }
         let StepControl::Fixed(length) = scene.step_control() else {
             let step = 0.5 * scene.typical_step();
             let problem =
@@ -148,7 +144,7 @@ impl Problem {
     /// Sets natural curvature and forces over time.
     ///
     /// # Errors
-    /// [`Error::WrongLength`].
+    /// [`Error::WrongLength`]; [`Error::Derivative`] for a natural curvature beside a drive with a limit or a lag.
     pub fn set_controls(&mut self, controls: Controls) -> Result<()> {
         let (rod, times) = (&self.model().rod, self.steps.count() + 1);
         let lists = [
@@ -161,6 +157,11 @@ impl Problem {
             {
                 return Err(Error::WrongLength { name, expected: times * width, found: values.len() });
             }
+        }
+        if controls.natural.is_some() && self.model().filters_drive() {
+            let problem = "a natural curvature over time beside a drive with a limit or a lag has no derivatives; allowed: without \
+                 `actuation.lag_s`, `largest_1_m` and `largest_moment_n_m`";
+            return Err(Error::Derivative { problem: problem.to_string() });
         }
         self.controls = controls.into();
         Ok(())

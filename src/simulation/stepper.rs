@@ -788,7 +788,7 @@ impl Stepper {
     /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
     pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = InputChange<'a>> + Clone) -> Result<()> {
         for change in changes.clone() {
-            change.check(self.model(), None)?;
+            change.check(&self.dynamics, None)?;
         }
         self.apply_all(changes.map(|change| (change, 0)))
     }
@@ -800,7 +800,7 @@ impl Stepper {
     /// Those of [`set_all`](Self::set_all).
     pub fn set_entries<'a>(&mut self, changes: impl Iterator<Item = (InputChange<'a>, usize)> + Clone) -> Result<()> {
         for (change, first) in changes.clone() {
-            change.check(self.model(), Some(first))?;
+            change.check(&self.dynamics, Some(first))?;
         }
         self.apply_all(changes)
     }
@@ -814,7 +814,8 @@ impl Stepper {
         }
         let of_head = |(change, _): (InputChange<'_>, usize)| change.variable.of_head().is_some();
         let of_head = changes.clone().any(of_head);
-        changes.for_each(|(change, first)| change.make(&mut self.dynamics, t, first));
+        let make = |dynamics: &mut Dynamics| changes.for_each(|(change, first)| change.make(dynamics, t, first));
+        self.dynamics.change_inputs(t, make);
         let outcome = match of_head && self.is_at_start() && self.dynamics.starts_elsewhere(t, None) {
             true => self.start_from_given_pose(),
             false => self.count_input_change(),
@@ -896,7 +897,7 @@ pub struct InputChange<'a> {
 
 impl InputChange<'_> {
     /// Returns an error unless it is a valid change of a whole input, or of its entries from index `first` on.
-    fn check(&self, model: &Model, first: Option<usize>) -> Result<()> {
+    fn check(&self, dynamics: &Dynamics, first: Option<usize>) -> Result<()> {
         let Self { variable, order, values } = *self;
         if variable.causality != Causality::Input {
             return Err(Error::NotAnInput(variable.name));
@@ -904,7 +905,7 @@ impl InputChange<'_> {
         if order + variable.of_head().map_or(0, |[_, own]| own) > HIGHEST_ORDER {
             return Err(Error::Order { order, highest: HIGHEST_ORDER });
         }
-        let expected = variable.len(model);
+        let expected = variable.len(&dynamics.model);
         let fits = first.map_or(values.len() == expected, |first| {
             first.checked_add(values.len()).is_some_and(|end| end <= expected)
         });
@@ -914,7 +915,11 @@ impl InputChange<'_> {
         let refused = if order == 0 {
             variable.refused(values)
         } else {
-            values.iter().find(|x| !x.is_finite()).map(|x| (*x, "a finite number"))
+            let refused = |x: &f64| match dynamics.refused_derivative(variable.name, order, *x) {
+                None if x.is_finite() => None,
+                refused => Some((*x, refused.unwrap_or("a finite number"))),
+            };
+            values.iter().find_map(refused)
         };
         match refused {
             Some((value, allowed)) => Err(Error::BadValue { name: variable.name, value, allowed }),

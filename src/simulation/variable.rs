@@ -138,8 +138,8 @@ pub enum FeedthroughCondition {
     OfWaveRate,
     /// Such a model of a rod whose material resists the rate of its elastic curvature alone: moments follow the rate of the natural one.
     OfElasticDamping,
-    /// The same of a drive with a limit: the rate of what it gives follows how far it is from there.
-    OfLimit,
+    /// The same of a drive with a limit or a lag: the rate of what it gives follows what it is asked for.
+    OfFilter,
 }
 
 impl FeedthroughCondition {
@@ -161,7 +161,7 @@ impl FeedthroughCondition {
             Self::OfNaturalCurvature => !shape && !dynamics.model.active_moments,
             Self::OfBending => !shape || dynamics.model.active_moments,
             Self::OfWaveRate => shape || !dynamics.model.active_moments,
-            Self::OfLimit => dynamics.model.largest_drive.is_some() && Self::OfElasticDamping.holds(dynamics, form),
+            Self::OfFilter => dynamics.model.filters_drive() && Self::OfElasticDamping.holds(dynamics, form),
             Self::OfElasticDamping => {
                 let damping = &dynamics.model.rod.damping;
                 !shape && damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Elastic)
@@ -299,7 +299,7 @@ const MATERIAL_POWER: [DirectFeedthrough; 4] = [
     elastically_damped("actuation_amplitude"),
     elastically_damped("actuation_phase_rad"),
     DRIVE_FREQUENCY,
-    DirectFeedthrough { condition: FeedthroughCondition::OfLimit, ..NATURAL[2] },
+    DirectFeedthrough { condition: FeedthroughCondition::OfFilter, ..NATURAL[2] },
 ];
 /// What the moments of these entries of joints are fed by.
 const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 28] {
@@ -488,6 +488,23 @@ impl Variable {
 
     /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`.
     pub fn follows(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
+        let model = &*dynamics.model;
+        // Of what a drive that lags is asked for only the rate of what it gives follows, as it follows the frequency of one that does not.
+        let asked = match input.name {
+            "actuation_frequency_hz" if model.lag.is_some() => return 0..0,
+            "actuation_amplitude" | "actuation_moment_n_m" | "actuation_phase_rad" => true,
+            "natural_curvature_1_m" => !model.active_moments,
+            "active_moment_n_m" => model.active_moments,
+            _ => false,
+        };
+        if asked && model.lag.is_some() && !self.is_fed_by("actuation_frequency_hz", dynamics, form) {
+            return 0..0;
+        }
+        self.fed_entries(k, input, dynamics, form)
+    }
+
+    /// The same of a drive that gives at once what it is asked for.
+    fn fed_entries(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
         let entries = input.entries(model);
         let feeds = self.feedthrough.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));

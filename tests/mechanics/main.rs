@@ -18,6 +18,7 @@ mod hinge;
 mod homogeneity;
 mod invariance;
 mod jacobian;
+mod lag;
 mod linear;
 mod modes;
 mod moments;

@@ -3,10 +3,15 @@
 //! A kind gives a number to each joint. Where the scene has `kappa_amp` it is the dimensionless natural curvature κ̄_k; where it has
 //! `moment_amp_n_m` it is the active moment M_k in N m, which bends the joint against its stiffness: m_k = B_k κ_k − M_k.
 
+pub mod lag;
 pub mod saturation;
 pub mod sine_wave;
 pub mod standing_wave;
 pub mod travelling_wave;
+
+use std::f64::consts::TAU;
+
+use nalgebra::Complex;
 
 pub use saturation::Saturation;
 pub use travelling_wave::TravellingWave;
@@ -128,6 +133,25 @@ pub trait Actuation: std::fmt::Debug + Send + Sync {
     /// Wavelength λ along the rod, m, where it has one.
     fn wavelength(&self) -> Option<f64> {
         None
+    }
+
+    /// Adds the imaginary part of `factor`(n) times each harmonic c_n e^{inφ}, n its order, of that function of `phase` φ (rad) to `out`, one
+    /// entry per node. By default from as many values of the function as its [`harmonics`](Self::harmonics) of whole orders need.
+    fn add_filtered(&self, factor: &dyn Fn(f64) -> Complex<f64>, phase: f64, out: &mut [f64]) {
+        let harmonics = self.harmonics();
+        let count = 2.0 * harmonics.iter().fold(1.0, |most: f64, (order, _)| most.max(*order)) + 1.0;
+        for j in 0..count as u32 {
+            let at = TAU * f64::from(j) / count;
+            let part = |(order, _): &(f64, f64)| (factor(*order) * Complex::cis(order * (phase - at))).re;
+            let weight = 2.0 / count * harmonics.iter().map(part).sum::<f64>();
+            self.add_derivatives([weight, 0.0, 0.0], at, out);
+        }
+    }
+
+    /// The same with each harmonic times `factor`(n). By default all of them are filtered as the first one is.
+    fn filtered(&self, factor: &dyn Fn(f64) -> Complex<f64>, nodes: usize) -> Box<dyn Actuation> {
+        let (size, angle) = factor(1.0).to_polar();
+        self.profiled(&vec![size; nodes], &vec![-angle; nodes])
     }
 
     /// The same with its amplitude times `factors`, and `phases` (rad) subtracted inside its function of phase, one entry a

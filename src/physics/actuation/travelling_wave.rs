@@ -3,6 +3,8 @@
 
 use std::f64::consts::TAU;
 
+use nalgebra::Complex;
+
 use super::{Actuation, ActuationInputs, ActuationKind, Wave, fastest};
 
 /// The entry of this kind in the list of kinds.
@@ -83,6 +85,25 @@ impl Actuation for TravellingWave {
                 *out += even * (c * sin - s * cos) + odd * (c * cos + s * sin);
             }
         }
+    }
+
+    fn add_filtered(&self, factor: &dyn Fn(f64) -> Complex<f64>, phase: f64, out: &mut [f64]) {
+        for Harmonic { order, table, .. } in &self.harmonics {
+            let Complex { re: cos, im: sin } = factor(*order) * Complex::cis(order * phase);
+            out.iter_mut().zip(table).for_each(|(out, [c, s])| *out += c * sin - s * cos);
+        }
+    }
+
+    fn filtered(&self, factor: &dyn Fn(f64) -> Complex<f64>, _nodes: usize) -> Box<dyn Actuation> {
+        let part = |Harmonic { order, size, table }: &Harmonic| {
+            let factor = factor(*order);
+            let table = table.iter().map(|[c, s]| {
+                let turned = Complex::new(*c, -s) * factor;
+                [turned.re, -turned.im]
+            });
+            Harmonic { order: *order, size: size * factor.norm(), table: table.collect() }
+        };
+        Box::new(Self { harmonics: self.harmonics.iter().map(part).collect(), ..*self })
     }
 
     fn fastest(&self) -> f64 {

@@ -81,10 +81,17 @@ impl InputExtrapolation {
         terms.zip(std::iter::once(1.0).chain(factors(tau))).map(|(term, factor)| term * factor).sum()
     }
 
-    /// Adds `factor` times the second derivative of an array `of` the inputs at time `t` (s) to `out`.
-    pub fn add_second(&self, t: f64, of: fn(&Inputs) -> Option<&[f64]>, factor: f64, out: &mut [f64]) {
+    /// Adds `factor` times the derivative of `order` of an array `of` the inputs at time `t` (s) to `out`.
+    pub fn add_derivative(
+        &self,
+        order: usize,
+        t: f64,
+        of: fn(&Inputs) -> Option<&[f64]>,
+        factor: f64,
+        out: &mut [f64],
+    ) {
         let factors = std::iter::once(1.0).chain(factors(t - self.since));
-        for (part, own) in self.jet[2..].iter().zip(factors) {
+        for (part, own) in self.jet.iter().skip(order).zip(factors) {
             let own = own * factor;
             out.iter_mut().zip(of(part).into_iter().flatten()).for_each(|(out, given)| *out += own * given);
         }
@@ -228,6 +235,7 @@ impl Inputs {
         self.head = None;
         self.tension = [0.0; MAX_TENDONS];
         self.hinge = MotorCommand::default();
+        self.lagging = None;
         let arrays = [&mut self.natural, &mut self.moment, &mut self.force];
         arrays.into_iter().flatten().for_each(|values| values.fill(0.0));
     }

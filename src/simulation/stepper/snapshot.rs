@@ -124,7 +124,9 @@ impl Stepper {
         let State { t: _, q, v, a, links, memory } = &now.state;
         let lengths = [q.len(), v.len(), a.len(), now.metrics.first_positions.len()];
         let inputs = |inputs: &Inputs| {
-            [&inputs.natural, &inputs.moment].into_iter().flatten().all(|x| x.len() == nodes)
+            let lagging = inputs.lagging.as_ref().map(|lagging| &lagging.given);
+            let own = [inputs.natural.as_ref(), inputs.moment.as_ref(), lagging];
+            own.into_iter().flatten().all(|x| x.len() == nodes)
                 && inputs.force.as_ref().is_none_or(|x| x.len() == 2 * nodes)
         };
         lengths.iter().all(|len| *len == unknowns)

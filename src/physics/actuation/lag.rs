@@ -1,0 +1,148 @@
+//! The first-order lag of a drive: of x that is asked for it gives y, τ dy/dt = x − y.
+//!
+//! It is solved in closed form, so that what a drive gives follows from time and inputs alone, whatever the steps. Since the last change of
+//! the inputs, or the start or the end of a ramp, a drive asks for terms S(t) e^{inφ}, S a polynomial in time and dφ/dt = ω a constant. What
+//! it gives of these, beside the y of that moment, which fades as e^{−t/τ}, is e^{inφ} Z with
+//!
+//! Z = (1/τ) ∫ S(t − u) e^{−λu} du, λ = 1/τ + inω, over 0 < u < age.
+//!
+//! Where λ times the age is large, this is the difference of Σ_j (−1)^j S^{(j)}/(τ λ^{j+1}) at the two ends; where it is small, that would
+//! cancel, and Z is a sum over the moments ∫ x^j e^{−zx} dx.
+
+use nalgebra::Complex;
+use serde::{Deserialize, Serialize};
+
+use super::Actuation;
+
+/// Derivatives of a size: of the ramp's fifth order times an input's third.
+pub const ORDERS: usize = 9;
+
+/// A polynomial in time by its value and derivatives at one time.
+pub type Jet = [f64; ORDERS];
+
+/// The product of two polynomials.
+pub fn product(a: &Jet, b: &Jet) -> Jet {
+    std::array::from_fn(|n| {
+        let mut binomial = 1.0;
+        let mut sum = 0.0;
+        for k in 0..=n {
+            sum += binomial * a[k] * b[n - k];
+            binomial *= (n - k) as f64 / (k + 1) as f64;
+        }
+        sum
+    })
+}
+
+/// The derivatives, from that of `order` on, of the polynomial that has these at one time, at another one `later` (s).
+fn shifted(jet: &Jet, order: usize, later: f64) -> Jet {
+    std::array::from_fn(|j| {
+        let terms = jet.get(j + order..).unwrap_or_default();
+        terms.iter().enumerate().rev().fold(0.0, |sum, (m, derivative)| derivative + sum * later / (m + 1) as f64)
+    })
+}
+
+/// A time in which a drive asks for S e^{inφ}, S a polynomial.
+#[derive(Debug, Clone, Copy)]
+pub struct Span {
+    /// S at its end.
+    pub size: Jet,
+    /// How long it has lasted, s; `None` of one without a beginning.
+    pub age: Option<f64>,
+}
+
+impl Span {
+    /// Z at its end, and its first two derivatives by time if the span goes on.
+    fn answer(&self, tau: f64, lambda: Complex<f64>) -> [Complex<f64>; 3] {
+        /// Beyond, the sum over moments would cancel.
+        const LARGEST: f64 = 1.0;
+        /// Moments beyond those asked for, where the recursion begins: what is left of its start is 1/20! of it.
+        const BEYOND: usize = 20;
+        let long = |size: &Jet| {
+            let sum = |sum: Complex<f64>, derivative: &f64| (Complex::from(*derivative) - sum) / lambda;
+            size.iter().rev().fold(Complex::default(), sum) / tau
+        };
+        let Some(age) = self.age else { return [0, 1, 2].map(|order| long(&shifted(&self.size, order, 0.0))) };
+        let z = lambda * age;
+        let left = (-z).exp();
+        let first = |order: usize| shifted(&self.size, order, -age);
+        let since = |order: usize| {
+            let size = shifted(&self.size, order, 0.0);
+            if z.norm() > LARGEST {
+                return long(&size) - left * long(&first(order));
+            }
+            let (mut sum, mut moment) = (Complex::default(), Complex::default());
+            for j in (0..ORDERS + BEYOND).rev() {
+                moment = (left + z * moment) / (j + 1) as f64;
+                // Σ_j S^{(j)} (−age)^j/j! of the moment of order j.
+                let term = size.get(j).map_or(0.0, |derivative| *derivative);
+                sum = moment * term - sum * (age / (j + 1) as f64);
+            }
+            sum * (age / tau)
+        };
+        let [begun, begun_rate] = [first(0)[0], first(1)[0]].map(|size| left * (size / tau));
+        [since(0), since(1) + begun, since(2) + begun_rate - lambda * begun]
+    }
+}
+
+/// What a drive gives that asks for S e^{inφ}.
+#[derive(Debug, Clone, Copy)]
+pub struct LaggedWave {
+    /// τ, s.
+    pub tau: f64,
+    /// φ, rad.
+    pub phase: f64,
+    /// ω = dφ/dt, rad/s.
+    pub turning: f64,
+    /// S, and since when.
+    pub now: Span,
+    /// S in the span before that, of the same ω.
+    pub before: Option<Span>,
+}
+
+impl LaggedWave {
+    /// The factor of e^{inφ} in the derivative of `order` 0, 1 or 2 of what the harmonic of order n gives.
+    pub fn factor(&self, harmonic: f64, order: usize) -> Complex<f64> {
+        let turning = harmonic * self.turning;
+        let (along, lambda) = (Complex::new(0.0, turning), Complex::new(1.0 / self.tau, turning));
+        let [now, rate, second] = self.now.answer(self.tau, lambda);
+        let factor = match order {
+            0 => now,
+            1 => along * now + rate,
+            _ => along * (along * now + rate * 2.0) + second,
+        };
+        let left = |(before, age): (Span, f64)| before.answer(self.tau, lambda)[0] * (-lambda * age).exp();
+        factor + self.before.zip(self.now.age).map_or(Complex::default(), left) * fading(self.tau, order)
+    }
+
+    /// Adds the derivative of `order` 0, 1 or 2 of what `actuation` gives to `out`, one entry per node.
+    pub fn add(&self, actuation: &dyn Actuation, order: usize, out: &mut [f64]) {
+        actuation.add_filtered(&|harmonic| self.factor(harmonic, order), self.phase, out);
+    }
+}
+
+/// The part 1/(1 + inωτ) of a harmonic of order n that a drive of lag `tau` (s) gives of a steady wave of `turning` ω (rad/s).
+pub fn steady(tau: f64, turning: f64) -> impl Fn(f64) -> Complex<f64> {
+    move |harmonic| Complex::new(1.0, harmonic * turning * tau).inv()
+}
+
+/// The derivative of `order` of e^{−t/τ} at t = 0.
+fn fading(tau: f64, order: usize) -> f64 {
+    (0..order).fold(1.0, |factor, _| -factor / tau)
+}
+
+/// What a drive gave when its inputs changed last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Remainder {
+    /// When, s.
+    pub since: f64,
+    /// y, one entry per node.
+    pub given: Vec<f64>,
+}
+
+impl Remainder {
+    /// Adds the derivative of `order` of what is left of it at time `t` (s) to `out`.
+    pub fn add(&self, tau: f64, t: f64, order: usize, out: &mut [f64]) {
+        let left = ((self.since - t) / tau).exp() * fading(tau, order);
+        out.iter_mut().zip(&self.given).for_each(|(out, given)| *out += left * given);
+    }
+}
