@@ -162,7 +162,12 @@ impl SteadyState {
             let problem = "found \"hinged\", whose angle is no unknown here; allowed: \"clamped\" or \"driven\", held at its angle";
             return Err(unsteady("head.kind", problem));
         }
-        let mut tensions = model.tendons.iter().map(|tendon| tendon.tension.constant());
+        if model.tendons.iter().any(|tendon| tendon.winch().is_some()) {
+            let problem =
+                "a winch pulls a tendon, which couples all of the rod beside it; allowed: a constant tension_n";
+            return Err(unsteady("tendons", problem));
+        }
+        let mut tensions = model.tendons.iter().map(|tendon| tendon.signal().constant());
         if tensions.clone().any(|tension| tension.is_none()) {
             return Err(unsteady("tendons", "a tension changes in time; allowed: constant ones"));
         }

@@ -864,8 +864,11 @@ fn describe_tendon(tendon: &Tendon, rod: &Rod) -> String {
     let side = if tendon.offset < 0.0 { "right" } else { "left" };
     let length = rod.spacing * tendon.edges.len() as f64;
     let middle = (tendon.joints.start + tendon.joints.end) / 2;
+    let pull = tendon.winch().map_or(String::new(), |winch| {
+        format!("; a winch gives it a length through {} N/m", significant(winch.stiffness, 3))
+    });
     format!(
-        "{} m to the {side}, along nodes {} to {}, {} m long at rest; in its middle 1 N bends the rod at rest by {} 1/m",
+        "{} m to the {side}, along nodes {} to {}, {} m long at rest; in its middle 1 N bends the rod at rest by {} 1/m{pull}",
         significant(tendon.offset.abs(), 3),
         tendon.edges.start,
         tendon.edges.end,

@@ -25,7 +25,7 @@ use crate::model::{Dynamics, Inputs, Model};
 use crate::number_format::percent;
 use crate::rod::node;
 use crate::system::State;
-use crate::tendons::MAX_TENDONS;
+use crate::tendons::{MAX_TENDONS, Tendon};
 
 /// The largest number of cycles that are kept and averaged.
 pub const MAX_CYCLES: usize = 4;
@@ -125,7 +125,7 @@ enum CycleSource {
 impl CycleSource {
     fn of(model: &Model) -> Self {
         let torque = || model.hinge.iter().map(|hinge| &hinge.torque);
-        let pulls = || model.tendons.iter().map(|tendon| &tendon.tension).chain(torque());
+        let pulls = || model.tendons.iter().map(Tendon::signal).chain(torque());
         let signals = || model.head.iter().flatten().chain(model.flow.iter().flatten()).chain(pulls());
         let frequency = |signal: &Signal| match signal {
             Signal::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
@@ -179,8 +179,8 @@ impl CycleSource {
 
 /// True if no host drives the head or the flow, or pulls a tendon.
 fn steady(dynamics: &Dynamics) -> bool {
-    let Inputs { head, flow_taken, tension, hinge, .. } = &dynamics.inputs;
-    head.is_none() && !flow_taken && *tension == [0.0; MAX_TENDONS] && *hinge == MotorCommand::default()
+    let Inputs { head, flow_taken, tension, winch, hinge, .. } = &dynamics.inputs;
+    head.is_none() && !flow_taken && [tension, winch] == [&[0.0; MAX_TENDONS]; 2] && *hinge == MotorCommand::default()
 }
 
 /// The integrals and their rates at one time.

@@ -87,7 +87,9 @@ impl Spectrum {
             let middle = (tendon.joints.start + tendon.joints.end) / 2;
             let length = tendon.edges.len() as f64 * rod.spacing;
             let arm = tendon.offset.abs() * length * length / (2.0 * 5f64.sqrt() * rod.joint_stiffness(middle));
-            spectrum.add_signal(&tendon.tension, arm, true);
+            // A cable of stiffness k that a winch shortens pulls the tip by no more than that.
+            let arm = tendon.winch().map_or(arm, |winch| (arm * winch.stiffness).min(length / tendon.offset.abs()));
+            spectrum.add_signal(tendon.signal(), arm, true);
         }
         if let Some(Hinge { torque, inertia, .. }) = hinge {
             // A torque T turns the rigid rod by T/(Iω²).

@@ -1,10 +1,11 @@
 //! Newton's method with full steps and the exact Jacobian, which solves every implicit step and counts its work.
 
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, ChainMatrix, Direction, FallbackSolver, Riccati, Solution, SolverChoice};
-use crate::system::{Form, Linearisation, State, System};
+use crate::system::{Form, Linearisation, RankOne, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
 /// `models/` is 9.
@@ -279,16 +280,23 @@ impl Newton {
             EquationSolver::Positions { jacobian, solver } => {
                 let linearisation = Linearisation { matrix: &mut *jacobian, direction };
                 system.assemble(state, increment, Some(linearisation))?;
-                let Solution { fallback, sizes } = match system.coupling().filter(|_| direction.v != 0.0) {
-                    None => solver.solve(jacobian, increment)?,
-                    Some(coupling) => solver.solve_coupled(jacobian, coupling, direction, increment),
+                let coupling = system.coupling().filter(|_| direction.v != 0.0);
+                let solve = |solver: &mut FallbackSolver, rhs: &mut [f64]| match coupling {
+                    None => solver.solve(jacobian, rhs),
+                    Some(coupling) => Ok(solver.solve_coupled(jacobian, coupling, direction, rhs)),
                 };
+                let Solution { fallback, sizes } = solve(solver, increment)?;
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);
-                let [size, residual] = match sizes {
-                    Some(sizes) => sizes,
-                    None => {
+                let [size, residual] = match (sizes, system.rank_ones()) {
+                    (Some(sizes), []) => sizes,
+                    (_, rank_ones) => {
                         let residual = largest(solver.rhs(), 2, t, "force")?.1;
+                        add_rank_ones(rank_ones, increment, |column| {
+                            let mut x = column.to_vec();
+                            solve(solver, &mut x).map(|_| x)
+                        })?;
+                        self.work.factorisations += rank_ones.len() as u64;
                         [largest(increment, 2, t, "Newton's increment")?.1, residual]
                     }
                 };
@@ -302,6 +310,12 @@ impl Newton {
                 let fallback = solver.solve(matrix, residual, increment);
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);
+                add_rank_ones(system.rank_ones(), increment, |column| {
+                    let mut x = vec![0.0; column.len()];
+                    solver.solve(matrix, column, &mut x);
+                    Ok(x)
+                })?;
+                self.work.factorisations += system.rank_ones().len() as u64;
                 largest(increment, 6, t, "Newton's increment")?;
                 let [mut move_size, mut turn_size] = [0.0_f64; 2];
                 let [q, v, a] = state.nodes_mut();
@@ -318,6 +332,30 @@ impl Newton {
             }
         }
     }
+}
+
+/// Makes of the solution `x` of a system that of the same with its parts of rank one U Vᵀ: x − Z (1 + Vᵀ Z)⁻¹ Vᵀ x (Woodbury), where `solve`
+/// finds the columns of Z = A⁻¹ U. A sum that is singular leaves values that are not finite.
+fn add_rank_ones(
+    rank_ones: &[RankOne],
+    x: &mut [f64],
+    mut solve: impl FnMut(&[f64]) -> Result<Vec<f64>>,
+) -> Result<()> {
+    if rank_ones.is_empty() {
+        return Ok(());
+    }
+    let columns = rank_ones.iter().map(|part| solve(&part.column)).collect::<Result<Vec<_>>>()?;
+    let along = |row: &[f64], x: &[f64]| row.iter().zip(x).map(|(row, x)| row * x).sum::<f64>();
+    let count = rank_ones.len();
+    let sum = |i: usize, j: usize| along(&rank_ones[i].row, &columns[j]) + if i == j { 1.0 } else { 0.0 };
+    let mut sizes = DVector::from_fn(count, |i, _| along(&rank_ones[i].row, x));
+    if !DMatrix::from_fn(count, count, sum).lu().solve_mut(&mut sizes) {
+        sizes.fill(f64::NAN);
+    }
+    for (column, size) in columns.iter().zip(&sizes) {
+        x.iter_mut().zip(column).for_each(|(x, column)| *x -= size * column);
+    }
+    Ok(())
 }
 
 /// The progress of a solve.

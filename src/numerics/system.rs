@@ -105,6 +105,15 @@ pub struct Linearisation<'a> {
     pub direction: Direction,
 }
 
+/// A part `column` · `row`ᵀ of the matrix of a system that couples any of its unknowns, in the order and units of a form.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RankOne {
+    /// What the residual changes by.
+    pub column: Vec<f64>,
+    /// By what it changes.
+    pub row: Vec<f64>,
+}
+
 /// A system f(t, q, v, a) = 0 of second order in time.
 pub trait System {
     /// Number of nodes; there are two unknowns per node.
@@ -145,6 +154,11 @@ pub trait System {
     /// that was assembled last.
     fn coupling(&self) -> Option<&dyn Coupling> {
         None
+    }
+
+    /// What the matrix assembled last, in either form, lacks beside [`coupling`](Self::coupling): a few parts of rank one.
+    fn rank_ones(&self) -> &[RankOne] {
+        &[]
     }
 
     /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments. Returns by how much

@@ -35,8 +35,8 @@ use crate::rod::edge_force::{EDGES_PER_BLOCK, EdgeForce};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
-use crate::system::{Form, Linearisation, Link, State, System};
-use crate::tendons::{MAX_TENDONS, Tendons, slack_below_zero};
+use crate::system::{Form, Linearisation, Link, RankOne, State, System};
+use crate::tendons::{MAX_TENDONS, Pull, Tendon, Tendons, rest_length, slack_below_zero};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
@@ -175,6 +175,8 @@ pub struct Inputs {
     pub moment: Option<Vec<f64>>,
     /// What a host adds to the tension of each tendon, N.
     pub tension: [f64; MAX_TENDONS],
+    /// What a host adds to the length that a winch gives each tendon, m.
+    pub winch: [f64; MAX_TENDONS],
     /// What a host adds to the torque (N m) and to the commanded angle (rad) of a hinge.
     pub hinge: MotorCommand,
     /// What a drive that lags still gives of the inputs before these; `None` while these are the first ones.
@@ -221,6 +223,7 @@ impl Inputs {
             natural: None,
             moment: None,
             tension: [0.0; MAX_TENDONS],
+            winch: [0.0; MAX_TENDONS],
             hinge: MotorCommand::default(),
             lagging: None,
             force: None,
@@ -239,6 +242,7 @@ impl Inputs {
             && self.natural == other.natural
             && self.moment == other.moment
             && self.tension == other.tension
+            && self.winch == other.winch
             && self.hinge == other.hinge
             && self.force == other.force
     }
@@ -349,6 +353,51 @@ impl ActiveMoments {
     }
 }
 
+/// The winches of tendons, where there are any: what they give, and all that their tension adds to.
+#[derive(Debug)]
+struct Winches {
+    /// The length (m) that each gives its tendon at the time last moved to, and its rate, m/s.
+    lengths: [[f64; MAX_TENDONS]; 2],
+    /// How the tension of each follows the length of its tendon in the state last looked at, N/m.
+    slopes: [f64; MAX_TENDONS],
+    /// Curvature without moment and active moments without the winches.
+    without: ActiveMoments,
+    /// What they couple in the matrix last assembled, and the tendons of which.
+    couplings: Vec<RankOne>,
+    coupled: Vec<usize>,
+}
+
+impl Winches {
+    fn of(model: &Model) -> Option<Box<Self>> {
+        let there = model.tendons.iter().any(|tendon| tendon.winch().is_some());
+        there.then(|| {
+            Box::new(Self {
+                lengths: Default::default(),
+                slopes: Default::default(),
+                without: ActiveMoments::zeros(model.rod.nodes),
+                couplings: Vec::new(),
+                coupled: Vec::new(),
+            })
+        })
+    }
+
+    fn forget_couplings(&mut self) {
+        self.couplings.clear();
+        self.coupled.clear();
+    }
+
+    fn couple(&mut self, tendon: usize, part: RankOne) {
+        self.couplings.push(part);
+        self.coupled.push(tendon);
+    }
+
+    /// The changes of their tensions (N) when the unknowns move by `increment`, each with its tendon.
+    fn tension_changes(&self, increment: &[f64]) -> impl Iterator<Item = (usize, f64)> {
+        let along = move |part: &RankOne| part.row.iter().zip(increment).map(|(row, x)| row * x).sum::<f64>();
+        self.coupled.iter().copied().zip(self.couplings.iter().map(along))
+    }
+}
+
 /// Moves the arc of a hinge in a `state` of `nodes` nodes back by `increment` along `direction`.
 fn move_arc_back(nodes: usize, direction: Direction, increment: f64, state: &mut State) {
     let parts = [(&mut state.q, direction.q), (&mut state.v, direction.v), (&mut state.a, direction.a)];
@@ -384,6 +433,7 @@ pub struct Dynamics {
     pub natural_rate: Vec<f64>,
     /// The limit of the actuation, where there is one.
     saturation: Option<Saturation>,
+    winches: Option<Box<Winches>>,
     /// The active moments in them, where there are any.
     pub active: Option<ActiveMoments>,
     /// The tension of each tendon, N, and its rate, N/s, at the time last moved to.
@@ -422,6 +472,7 @@ impl Dynamics {
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             saturation: model.largest_drive.map(|most| Saturation::new(most, nodes)),
+            winches: Winches::of(&model),
             active: None,
             tensions: Default::default(),
             held: None,
@@ -669,9 +720,9 @@ impl Dynamics {
     /// the host adds.
     fn pull(&self, i: usize, t: f64) -> Sample {
         let Model { tendons, start, .. } = &*self.model;
-        let Some(tendon) = tendons.get(i) else { return Sample::default() };
+        let Some(Pull::Tension(tension)) = tendons.get(i).map(|tendon| &tendon.pull) else { return Sample::default() };
         let ([gain, gain_rate], gain_acceleration) = (start.gain(t), start.gain_acceleration(t));
-        let Sample { value, rate, acceleration } = tendon.tension.at(t);
+        let Sample { value, rate, acceleration } = tension.at(t);
         let added = |order: usize| {
             let extrapolation = self.extrapolation.as_ref();
             extrapolation.map_or(0.0, |extrapolation| extrapolation.derivative(order, t, |inputs| inputs.tension[i]))
@@ -685,7 +736,85 @@ impl Dynamics {
 
     /// The change of the tension of each tendon (N) when the inputs change by `by`; none of a slack one.
     pub(crate) fn tension_change(&self, by: &Inputs) -> [f64; MAX_TENDONS] {
-        std::array::from_fn(|i| if self.tensions[0][i] > 0.0 { by.tension[i] } else { 0.0 })
+        std::array::from_fn(|i| match &self.winches {
+            Some(winches) if self.model.tendons.get(i).is_some_and(|tendon| tendon.winch().is_some()) => {
+                -winches.slopes[i] * by.winch[i]
+            }
+            _ if self.tensions[0][i] > 0.0 => by.tension[i],
+            _ => 0.0,
+        })
+    }
+
+    /// How the tension of tendon `i` follows its length, N/m: as the cable of its winch is stretched.
+    pub(crate) fn tension_slope(&self, i: usize) -> f64 {
+        self.winches.as_ref().map_or(0.0, |winches| winches.slopes[i])
+    }
+
+    /// Moves the winches to time `t` (s), and keeps what is there without them.
+    fn evaluate_winches(&mut self, t: f64) {
+        let (Some(winches), Some(active)) = (&mut self.winches, &self.active) else { return };
+        let Model { rod, tendons, start, .. } = &*self.model;
+        let [gain, gain_rate] = start.gain(t);
+        let rate = self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().winch);
+        for (i, tendon) in tendons.iter().enumerate() {
+            let Some(winch) = tendon.winch() else { continue };
+            let rest = rest_length(rod, tendon.edges.clone());
+            let told = winch.length.at(t);
+            winches.lengths[0][i] = rest + gain * (told.value - rest) + self.inputs.winch[i];
+            winches.lengths[1][i] =
+                gain * told.rate + gain_rate * (told.value - rest) + rate.map_or(0.0, |rate| rate[i]);
+        }
+        let ActiveMoments { moment, rate, natural, natural_rate } = &mut winches.without;
+        moment.copy_from_slice(&active.moment);
+        rate.copy_from_slice(&active.rate);
+        natural.copy_from_slice(&self.natural);
+        natural_rate.copy_from_slice(&self.natural_rate);
+    }
+
+    /// Lets the winches pull the rod as its edges and curvatures were last found. The rates of their tension are those by the winches alone.
+    #[inline(never)] // most rods have none
+    fn pull_winches(&mut self) {
+        let (Some(winches), Some(active)) = (&mut self.winches, &mut self.active) else { return };
+        let Model { rod, tendons, .. } = &*self.model;
+        let ActiveMoments { moment, rate, natural, natural_rate } = &winches.without;
+        active.moment.copy_from_slice(moment);
+        active.rate.copy_from_slice(rate);
+        self.natural.copy_from_slice(natural);
+        self.natural_rate.copy_from_slice(natural_rate);
+        for (i, tendon) in tendons.iter().enumerate() {
+            let Some(winch) = tendon.winch() else { continue };
+            let [tension, slope] = winch.tension(tendon.length(&self.edges, &self.kappa) - winches.lengths[0][i]);
+            let tension_rate = -slope * winches.lengths[1][i];
+            winches.slopes[i] = slope;
+            (self.tensions[0][i], self.tensions[1][i]) = (tension, tension_rate);
+            for k in tendon.joints.clone() {
+                let [moment, rate] = [tension, tension_rate].map(|tension| tension * tendon.offset);
+                active.moment[k] += moment;
+                active.rate[k] += rate;
+                self.natural[k] += moment / rod.joint[k];
+                self.natural_rate[k] += rate / rod.joint[k];
+            }
+        }
+    }
+
+    /// Writes what the winches couple, along `direction`, in positions: T ∂Λ/∂x of each is a force, and T follows Λ.
+    fn couple_winches(&mut self, direction: Direction) {
+        let Some(winches) = &mut self.winches else { return };
+        let Model { rod, tendons, .. } = &*self.model;
+        winches.forget_couplings();
+        for (i, tendon) in tendons.iter().enumerate() {
+            let slope = winches.slopes[i] * direction.q;
+            if slope == 0.0 {
+                continue;
+            }
+            let mut column = vec![0.0; 2 * rod.nodes];
+            tendon.visit_length_slopes(&self.edges, &self.kappa, |k, slope| add(&mut column, k, slope));
+            if self.held.is_some() {
+                column[..2].fill(0.0);
+            }
+            let row = column.iter().map(|by| slope * by).collect();
+            winches.couple(i, RankOne { column, row });
+        }
     }
 
     /// Adds the second derivative of what the drive gives, before its limit, with what a host adds, to `out`.
@@ -851,6 +980,7 @@ impl Dynamics {
             }
             active.bend(rod, [&mut self.natural, &mut self.natural_rate]);
         }
+        self.evaluate_winches(t);
         let pose = if self.step_end == Some(t) { pose_before } else { pose };
         self.held = self.pose(t, pose);
         self.command = self.command_at(t);
@@ -956,9 +1086,14 @@ impl Dynamics {
         if state.links.is_empty() {
             self.shape_edges(&state.q, state.t)?;
             self.shape_joints(state.t)?;
+            if self.winches.is_some() {
+                self.pull_winches();
+                self.shape_joints(state.t)?;
+            }
         } else {
             self.shape_edges_of(state, None)?;
             self.kappa.iter_mut().zip(&state.links).for_each(|(kappa, link)| *kappa = link.curvature);
+            self.pull_winches();
         }
         if self.rates.is_some() {
             self.strain(state);
@@ -1109,7 +1244,7 @@ impl Dynamics {
     pub fn longest_step(&self, t: f64) -> f64 {
         let Model { actuation, start, flow, tendons, hinge, .. } = &*self.model;
         let own_flow = flow.iter().flatten().filter(|_| !self.inputs.flow_taken);
-        let pulls = tendons.iter().map(|tendon| &tendon.tension).chain(hinge.iter().map(|hinge| &hinge.torque));
+        let pulls = tendons.iter().map(Tendon::signal).chain(hinge.iter().map(|hinge| &hinge.torque));
         let signals = own_flow.chain(self.own_head()).chain(pulls);
         let mut longest = signals.map(|signal| signal.longest_step(t)).fold(f64::INFINITY, f64::min);
         if let Some(host) = &self.inputs.head {
@@ -1410,7 +1545,11 @@ impl System for Dynamics {
 
     fn assemble(&mut self, state: &State, residual: &mut [f64], mut jacobian: Option<Linearisation<'_>>) -> Result<()> {
         let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
+        let direction = part.as_ref().map(|part| part.direction);
         self.unconstrained(state, residual, part)?;
+        if let Some(direction) = direction {
+            self.couple_winches(direction);
+        }
         if self.held.is_some() {
             residual[..2].fill(0.0);
             if let Some(Linearisation { matrix, .. }) = &mut jacobian {
@@ -1423,6 +1562,10 @@ impl System for Dynamics {
 
     fn coupling(&self) -> Option<&dyn Coupling> {
         self.model.forces.global().and_then(Force::global).map(|whole| whole as &dyn Coupling)
+    }
+
+    fn rank_ones(&self) -> &[RankOne] {
+        self.winches.as_ref().map_or(&[], |winches| &winches.couplings)
     }
 
     fn assemble_chain(

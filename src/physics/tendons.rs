@@ -4,6 +4,9 @@
 //! joint that it passes: its length is Λ = Σ ℓ_e − d Σ κ_k, exactly. A tension T does the work −T dΛ: it adds T to the tension of the
 //! edges, a [`Force`], and is an active moment T d of the joints, see [`ActiveMoments`](crate::model::ActiveMoments). A tendon that
 //! begins where a held head or a body holds the rod is fastened to it, and passes the half-cell joint there.
+//!
+//! A winch gives a length instead, through the stiffness of the cable: T = f(Λ − Λ_c). So T follows from the whole of the motion, and
+//! Newton's matrix has a part that couples all nodes beside the cable, f′ ∂Λ/∂x ∂Λ/∂xᵀ, see [`RankOne`](crate::system::RankOne).
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -14,7 +17,7 @@ use crate::fluid::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerK
 use crate::fluid::validity::Validity;
 use crate::head::{Sample, Signal};
 use crate::linear::{Block, Direction, pair};
-use crate::rod::{Edge, Rod, node};
+use crate::rod::{Edge, Rod, bend, node};
 
 /// The largest number of tendons of a rod.
 pub const MAX_TENDONS: usize = 4;
@@ -28,17 +31,68 @@ pub struct Tendon {
     pub edges: Range<usize>,
     /// The joints that it passes.
     pub joints: Range<usize>,
-    /// Its tension, N, before the ramp of the start and without what a host adds.
-    pub tension: Signal,
+    /// What pulls it.
+    pub pull: Pull,
+}
+
+/// What pulls a tendon.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Pull {
+    /// A tension, N, before the ramp of the start and without what a host adds.
+    Tension(Signal),
+    /// A winch.
+    Winch(Winch),
+}
+
+/// A winch that gives a tendon a length through its stiffness.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Winch {
+    /// Stiffness k of the cable, N/m.
+    pub stiffness: f64,
+    /// Its length without tension Λ_c, m, before the ramp of the start, which leads there from the straight rod, and without what a host adds.
+    pub length: Signal,
+    /// The stretch w over which it takes up its slack, m.
+    pub take_up: f64,
+}
+
+impl Winch {
+    /// The tension T (N) of a cable that is longer by x than without, and dT/dx: nothing below 0, k x²/2w up to w, and k (x − w/2) beyond.
+    pub fn tension(&self, stretch: f64) -> [f64; 2] {
+        let Self { stiffness, take_up, .. } = *self;
+        let part = (stretch / take_up).clamp(0.0, 1.0);
+        let tension = if part > 0.0 { stiffness * part * (stretch - 0.5 * part * take_up) } else { 0.0 };
+        [tension, stiffness * part]
+    }
 }
 
 impl Tendon {
-    /// The tendon that runs from `xi[0]` to `xi[1]` of `rod`, each the next node; `None` if no joint is between.
-    pub fn along(rod: &Rod, offset: f64, xi: [f64; 2], tension: Signal) -> Option<Self> {
+    /// The tendon that runs from `xi[0]` to `xi[1]` of `rod`, each the next node; `None` if no joint is between. `pull` says what pulls it if
+    /// it is so long (m) beside the straight rod.
+    pub fn along(rod: &Rod, offset: f64, xi: [f64; 2], pull: impl FnOnce(f64) -> Pull) -> Option<Self> {
         let last = rod.nodes - 1;
         let [from, to] = xi.map(|xi| rod.front + (xi * (last - rod.front) as f64).round() as usize);
         let first = if from == rod.front { rod.first_joint.max(from) } else { from + 1 };
-        (first < to).then_some(Self { offset, edges: from..to, joints: first..to, tension })
+        (first < to).then(|| Self {
+            offset,
+            edges: from..to,
+            joints: first..to,
+            pull: pull(rest_length(rod, from..to)),
+        })
+    }
+
+    /// The winch that pulls it, if there is one.
+    pub fn winch(&self) -> Option<&Winch> {
+        match &self.pull {
+            Pull::Tension(_) => None,
+            Pull::Winch(winch) => Some(winch),
+        }
+    }
+
+    /// Its tension (N), or the length (m) that a winch gives it.
+    pub fn signal(&self) -> &Signal {
+        match &self.pull {
+            Pull::Tension(signal) | Pull::Winch(Winch { length: signal, .. }) => signal,
+        }
     }
 
     /// Σ ℓ_e of its edges, m.
@@ -49,6 +103,21 @@ impl Tendon {
     /// Its length Λ (m) along these `edges`, where the joints have the curvatures `kappa`.
     pub fn length(&self, edges: &[Edge], kappa: &[f64]) -> f64 {
         self.edge_length(edges) - self.offset * kappa[self.joints.clone()].iter().sum::<f64>()
+    }
+
+    /// Calls `add` with ∂Λ/∂x at each node, where the joints have the curvatures `kappa`.
+    pub fn visit_length_slopes(&self, edges: &[Edge], kappa: &[f64], mut add: impl FnMut(usize, Vector2<f64>)) {
+        self.visit_slopes(edges, &mut add);
+        for k in self.joints.clone() {
+            let size = self.offset * bend::curvature_per_turning(kappa[k]);
+            // A joint turns by what its edge turns more than the one before.
+            let around = [Some((k, -size)), k.checked_sub(1).map(|before| (before, size))];
+            for (e, size) in around.into_iter().flatten() {
+                let across = edges[e].n() * (size * edges[e].per_length);
+                add(e, -across);
+                add(e + 1, across);
+            }
+        }
     }
 
     /// Calls `add` with t of each of its edges at either end: ∂(Σ ℓ_e)/∂x.
@@ -63,6 +132,11 @@ impl Tendon {
     pub fn edge_length_rate(&self, edges: &[Edge], v: &[f64]) -> f64 {
         self.edges.clone().map(|e| edges[e].t.dot(&(node(v, e + 1) - node(v, e)))).sum()
     }
+}
+
+/// The length (m) of these edges of the straight `rod`.
+pub(crate) fn rest_length(rod: &Rod, edges: Range<usize>) -> f64 {
+    edges.map(|e| rod.cells[e].rest).sum()
 }
 
 /// A tension, N, that is `pull` unless that is negative: a cable does not push.

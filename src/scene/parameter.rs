@@ -212,9 +212,12 @@ impl Scene {
             let key = |name: &str| format!("tendons.{i}.{name}");
             let offset = format!("distance of tendon {} from the centreline, to the left", i + 1);
             list.add(&key("offset_m"), "m", &offset, tendon.offset_m);
-            if let Some(tension) = tendon.constant_tension() {
-                list.add(&key("tension_n"), "N", &format!("tension of tendon {}", i + 1), tension);
-            }
+            let [tension, length] = tendon.constants();
+            let of = |what: &str| format!("{what} of tendon {}", i + 1);
+            list.given(&key("tension_n"), "N", &of("tension"), tension.map(NotNegative::constant));
+            list.given(&key("stiffness_n_m"), "N/m", &of("stiffness"), tendon.stiffness_n_m);
+            list.given(&key("length_m"), "m", &of("length that the winch gives"), length.map(Finite::constant));
+            list.given(&key("take_up_m"), "m", &of("stretch that takes up the slack"), tendon.take_up_m);
         }
         let head = &self.head;
         let stiffness = "stiffness of the servo of the hinged head";

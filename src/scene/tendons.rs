@@ -3,14 +3,15 @@
 use serde::Deserialize;
 
 use super::Scene;
+use super::head::HeadKind;
 use super::key_error::KeyError;
-use super::value::{self, Finite, NotNegative, ScalarSignal, Share, SignalValue};
+use super::value::{self, Finite, Positive, ScalarSignal, Share, SignalValue};
 use crate::error::Result;
 use crate::fluid::Force;
 use crate::head::Signal;
 use crate::number_format::number;
 use crate::rod::Rod;
-use crate::tendons::{MAX_TENDONS, Tendon, Tendons};
+use crate::tendons::{MAX_TENDONS, Pull, Tendon, Tendons, Winch};
 
 /// One of `[[tendons]]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -30,6 +31,16 @@ pub struct TendonTable {
     /// Tension, N, at least 0: a number, a sinusoid or a table. By default 0, for a host that sets it. The ramp of the start counts for it.
     #[serde(default)]
     pub tension_n: Option<ScalarSignal>,
+    /// Stiffness of the cable of a winch, N/m: in place of a tension it gives the tendon a length through it.
+    #[serde(default)]
+    pub stiffness_n_m: Option<Positive>,
+    /// Length without tension that the winch gives the tendon, m: a number, a sinusoid or a table. By default that beside the straight rod, from
+    /// which the ramp of the start leads.
+    #[serde(default)]
+    pub length_m: Option<ScalarSignal>,
+    /// The stretch over which the cable takes up its slack, m. By default a thousandth of its length beside the straight rod.
+    #[serde(default)]
+    pub take_up_m: Option<Positive>,
 }
 
 impl TendonTable {
@@ -37,10 +48,12 @@ impl TendonTable {
         [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
     }
 
-    /// Its tension, N, where that is a number.
-    pub(super) fn constant_tension(&self) -> Option<NotNegative> {
-        let tension = self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula());
-        tension.and_then(Signal::constant).map(NotNegative::constant)
+    /// Its tension (N) and its length (m), where they are numbers.
+    pub(super) fn constants(&self) -> [Option<f64>; 2] {
+        [&self.tension_n, &self.length_m].map(|signal| {
+            let formula = signal.as_ref().and_then(|ScalarSignal(signal)| signal.formula());
+            formula.and_then(Signal::constant)
+        })
     }
 
     /// The least tension that it names, N, if that is known before its table is read.
@@ -68,6 +81,20 @@ impl Scene {
                 let found = format!("{to} with from_xi = {from}");
                 return refuse(format!("tendons.{i}.to_xi"), value::refused(found, "a number beyond from_xi, up to 1"));
             }
+            if tendon.stiffness_n_m.is_some() && tendon.tension_n.is_some() {
+                let problem = "found with a tension_n; allowed: a tension, or a winch that gives a length_m through it";
+                return refuse(format!("tendons.{i}.stiffness_n_m"), problem.into());
+            }
+            let of_winch = [("length_m", tendon.length_m.is_some()), ("take_up_m", tendon.take_up_m.is_some())];
+            if let Some((key, _)) = of_winch.into_iter().find(|(_, given)| *given && tendon.stiffness_n_m.is_none()) {
+                let problem =
+                    "found without stiffness_n_m, the stiffness of the cable that a winch needs; allowed: only with it";
+                return refuse(format!("tendons.{i}.{key}"), problem.into());
+            }
+            if tendon.stiffness_n_m.is_some() && self.head.kind == HeadKind::Hinged {
+                let problem = "found with a hinged head; allowed: a tension_n there, or a winch on a free, clamped or driven head";
+                return refuse(format!("tendons.{i}.stiffness_n_m"), problem.into());
+            }
             let least = tendon.least_tension();
             if least < 0.0 {
                 let found = format!("a tension of {} N", number(least));
@@ -92,8 +119,20 @@ impl Scene {
                 let allowed = "tensions of at least 0: a cable does not push";
                 return Err(self.error(&format!("tendons.{i}.tension_n"), value::refused(found, allowed)));
             }
+            let length = match &table.length_m {
+                Some(ScalarSignal(length)) => Some(self.signal(length, 0, 1)?),
+                None => None,
+            };
+            let pull = |rest: f64| match table.stiffness_n_m {
+                None => Pull::Tension(tension),
+                Some(stiffness) => Pull::Winch(Winch {
+                    stiffness: stiffness.get(),
+                    length: length.unwrap_or(Signal::Constant(rest)),
+                    take_up: table.take_up_m.map_or(1e-3 * rest, Positive::get),
+                }),
+            };
             let [from, to] = table.ends();
-            Tendon::along(rod, table.offset_m.get(), [from, to], tension).ok_or_else(|| {
+            Tendon::along(rod, table.offset_m.get(), [from, to], pull).ok_or_else(|| {
                 let found = format!("{from} to {to}, between nodes without a joint");
                 let allowed = format!(
                     "a tendon that passes a joint; those of this mesh are {} apart",
@@ -107,7 +146,8 @@ impl Scene {
 
     /// The signals of its tendons.
     pub(super) fn tendon_signals(&self) -> impl Iterator<Item = &SignalValue> {
-        self.tendons.iter().filter_map(|tendon| tendon.tension_n.as_ref()).map(|ScalarSignal(tension)| tension)
+        let signals = self.tendons.iter().flat_map(|tendon| [&tendon.tension_n, &tendon.length_m]);
+        signals.flatten().map(|ScalarSignal(signal)| signal)
     }
 }
 

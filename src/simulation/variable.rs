@@ -270,6 +270,9 @@ const TENSIONS: [DirectFeedthrough; MAX_TENDONS] = [
     always("tendon_3_added_tension_n", FeedthroughEntries::All),
     always("tendon_4_added_tension_n", FeedthroughEntries::All),
 ];
+/// What a host adds to the lengths that winches give the tendons.
+const WINCHES: [&str; MAX_TENDONS] =
+    ["tendon_1_added_length_m", "tendon_2_added_length_m", "tendon_3_added_length_m", "tendon_4_added_length_m"];
 const TENSION_1: &[DirectFeedthrough] = TENSIONS.split_at(1).0;
 const TENSION_2: &[DirectFeedthrough] = TENSIONS.split_at(1).1.split_at(1).0;
 const TENSION_3: &[DirectFeedthrough] = TENSIONS.split_at(2).1.split_at(1).0;
@@ -507,7 +510,10 @@ impl Variable {
     fn fed_entries(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
         let entries = input.entries(model);
-        let feeds = self.feedthrough.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));
+        // A length that a winch gives acts by the tension that it makes.
+        let by_tension = TENSIONS.iter().zip(WINCHES).find(|(_, winch)| *winch == input.name);
+        let name = by_tension.map_or(input.name, |(tension, _)| tension.input);
+        let feeds = self.feedthrough.iter().filter(|feed| feed.input == name && (self.fed_in)(model));
         let entries = feeds.filter(|feed| feed.condition.holds(dynamics, form)).map(|feed| match feed.entries {
             FeedthroughEntries::Own => k..k + 1,
             FeedthroughEntries::First(count) if input.size != Size::Scalar => 0..count,
@@ -722,6 +728,14 @@ const TENDON_1: Requirement = Requirement { met: has_tendon::<1>, what: "one of 
 const TENDON_2: Requirement = Requirement { met: has_tendon::<2>, what: "two of [[tendons]]" };
 const TENDON_3: Requirement = Requirement { met: has_tendon::<3>, what: "three of [[tendons]]" };
 const TENDON_4: Requirement = Requirement { met: has_tendon::<4>, what: "four of [[tendons]]" };
+const PULLED_1: Requirement = Requirement { met: is_pulled::<1, false>, what: "tendon 1 of [[tendons]], without a winch" };
+const WINCH_1: Requirement = Requirement { met: is_pulled::<1, true>, what: "tendon 1 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_2: Requirement = Requirement { met: is_pulled::<2, false>, what: "tendon 2 of [[tendons]], without a winch" };
+const WINCH_2: Requirement = Requirement { met: is_pulled::<2, true>, what: "tendon 2 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_3: Requirement = Requirement { met: is_pulled::<3, false>, what: "tendon 3 of [[tendons]], without a winch" };
+const WINCH_3: Requirement = Requirement { met: is_pulled::<3, true>, what: "tendon 3 of [[tendons]], with a winch (stiffness_n_m)" };
+const PULLED_4: Requirement = Requirement { met: is_pulled::<4, false>, what: "tendon 4 of [[tendons]], without a winch" };
+const WINCH_4: Requirement = Requirement { met: is_pulled::<4, true>, what: "tendon 4 of [[tendons]], with a winch (stiffness_n_m)" };
 const INTERFACE_1: Requirement =
     Requirement { met: has_interface::<1>, what: "[medium.beyond] or one of [[medium.layers]]" };
 const INTERFACE_2: Requirement = Requirement { met: has_interface::<2>, what: "two layers in [[medium.layers]]" };
@@ -757,6 +771,11 @@ fn has_flow<const AXIS: usize>(model: &Model) -> bool {
 /// True if the medium has at least that many interfaces and forces act in it.
 fn has_interface<const COUNT: usize>(model: &Model) -> bool {
     !model.forces.is_empty() && model.layers.is_some_and(|layers| layers.iter().len() >= COUNT)
+}
+
+/// True if tendon number COUNT is there, and a winch pulls it, or does not.
+fn is_pulled<const COUNT: usize, const BY_WINCH: bool>(model: &Model) -> bool {
+    model.tendons.get(COUNT - 1).is_some_and(|tendon| tendon.winch().is_some() == BY_WINCH)
 }
 
 /// True if a rod has at least that many tendons.
@@ -1103,10 +1122,14 @@ pub static VARIABLES: &[Variable] = &[
     input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, which bends them against their stiffness, in addition to the actuation's; the shape model takes the curvature to which it would bend them", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
     input("hinge_added_torque_n_m", "N m", "torque that the host adds to that of the motor of the hinged head, before its limit", |v, _| v.inputs.hinge.torque, |d, _, x| d.inputs.hinge.torque = x[0]).when(HINGE),
     input("hinge_added_angle_rad", "rad", "angle that the host adds to that which the servo of the hinged head is told", |v, _| v.inputs.hinge.angle, |d, _, x| d.inputs.hinge.angle = x[0]).when(SERVO),
-    input("tendon_1_added_tension_n", "N", "tension that the host adds to that of tendon 1; together they are at least 0", |v, _| v.inputs.tension[0], |d, _, x| d.inputs.tension[0] = x[0]).when(TENDON_1),
-    input("tendon_2_added_tension_n", "N", "tension that the host adds to that of tendon 2; together they are at least 0", |v, _| v.inputs.tension[1], |d, _, x| d.inputs.tension[1] = x[0]).when(TENDON_2),
-    input("tendon_3_added_tension_n", "N", "tension that the host adds to that of tendon 3; together they are at least 0", |v, _| v.inputs.tension[2], |d, _, x| d.inputs.tension[2] = x[0]).when(TENDON_3),
-    input("tendon_4_added_tension_n", "N", "tension that the host adds to that of tendon 4; together they are at least 0", |v, _| v.inputs.tension[3], |d, _, x| d.inputs.tension[3] = x[0]).when(TENDON_4),
+    input("tendon_1_added_tension_n", "N", "tension that the host adds to that of tendon 1; together they are at least 0", |v, _| v.inputs.tension[0], |d, _, x| d.inputs.tension[0] = x[0]).when(PULLED_1),
+    input("tendon_1_added_length_m", "m", "length that the host adds to that which the winch gives tendon 1", |v, _| v.inputs.winch[0], |d, _, x| d.inputs.winch[0] = x[0]).when(WINCH_1),
+    input("tendon_2_added_tension_n", "N", "tension that the host adds to that of tendon 2; together they are at least 0", |v, _| v.inputs.tension[1], |d, _, x| d.inputs.tension[1] = x[0]).when(PULLED_2),
+    input("tendon_2_added_length_m", "m", "length that the host adds to that which the winch gives tendon 2", |v, _| v.inputs.winch[1], |d, _, x| d.inputs.winch[1] = x[0]).when(WINCH_2),
+    input("tendon_3_added_tension_n", "N", "tension that the host adds to that of tendon 3; together they are at least 0", |v, _| v.inputs.tension[2], |d, _, x| d.inputs.tension[2] = x[0]).when(PULLED_3),
+    input("tendon_3_added_length_m", "m", "length that the host adds to that which the winch gives tendon 3", |v, _| v.inputs.winch[2], |d, _, x| d.inputs.winch[2] = x[0]).when(WINCH_3),
+    input("tendon_4_added_tension_n", "N", "tension that the host adds to that of tendon 4; together they are at least 0", |v, _| v.inputs.tension[3], |d, _, x| d.inputs.tension[3] = x[0]).when(PULLED_4),
+    input("tendon_4_added_length_m", "m", "length that the host adds to that which the winch gives tendon 4", |v, _| v.inputs.winch[3], |d, _, x| d.inputs.winch[3] = x[0]).when(WINCH_4),
     input_array("force_x_n", "N", "the host's forces on the nodes, x", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k), |d, first, x| set_force(d, 0, first, x)),
     input_array("force_y_n", "N", "the host's forces on the nodes, y", Size::Nodes, |v, k| of(&v.inputs.force, 2 * k + 1), |d, first, x| set_force(d, 1, first, x)),
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(FLUID_THERE).at_least_zero(),

@@ -20,7 +20,8 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
         "head.torque_n_m={amplitude=0.2,frequency_hz=2.0}",
         "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}",
     ];
-    let kinds: [(&str, &[&str]); 20] = [
+    let winches = "tendons=[{offset_m=0.01,stiffness_n_m=200.0,length_m=0.9},{offset_m=-0.02,stiffness_n_m=100.0,length_m={offset=0.8,amplitude=0.01,frequency_hz=1.0}}]";
+    let kinds: [(&str, &[&str]); 23] = [
         ("free", &["medium.flow_m_s=[0.05,0.02]"]),
         ("ramp", &["start.kind=ramp", "start.ramp_s=0.1", gravity]),
         ("clamped", &["head.kind=clamped", gravity]),
@@ -43,6 +44,9 @@ fn scenes() -> Vec<(&'static str, Stepper)> {
             "moments, lagging and limited",
             &["actuation.largest_moment_n_m=8.0", "actuation.lag_s=0.05", "head.kind=clamped"],
         ),
+        ("winches", &[winches, "head.kind=clamped"]),
+        ("winches and damped", &[winches, damped]),
+        ("winches in chain", &[winches, "solver.form=chain", driven[0], driven[1], driven[2]]),
         ("moments and limited", &["actuation.largest_moment_n_m=8.0", driven[0], turning]),
         (
             "hinged",

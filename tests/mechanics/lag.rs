@@ -57,7 +57,7 @@ fn what_is_given_follows_what_is_asked_for_at_every_time_and_whatever_a_host_doe
             ];
             let mut asking = stepper_of(&text, &changes);
             let mut giving = stepper_of(&text, &[&changes[..], &[&format!("actuation.lag_s={TAU_S}")]].concat());
-            // Its answer by 64 steps of the classical Runge-Kutta method on the exact input, for each step.
+            // Its answer by 32 steps of the classical Runge-Kutta method on the exact input, for each step.
             let rod = &giving.model().rod;
             let (joints, spacing) = (rod.joints(), rod.spacing);
             let unit = if input == "active_moment_n_m" { 1.0 } else { spacing };
@@ -75,7 +75,7 @@ fn what_is_given_follows_what_is_asked_for_at_every_time_and_whatever_a_host_doe
                     }
                 }
                 let h = 5e-3;
-                let parts = 16;
+                let parts = 32;
                 let mut asked = vec![given(&asking)[0].clone()];
                 for _ in 0..2 * parts {
                     asking.do_step(h / f64::from(2 * parts)).unwrap();

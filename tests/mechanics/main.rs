@@ -38,3 +38,4 @@ mod stability;
 mod study;
 mod tendons;
 mod waves;
+mod winches;

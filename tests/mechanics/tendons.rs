@@ -306,7 +306,7 @@ fn scenes_without_tendons_say_what_their_variables_need() {
     let stepper = pair(&["tendons=[]"]);
     let names: Vec<&str> =
         VARIABLES.iter().map(|variable| variable.name).filter(|name| name.starts_with("tendon_")).collect();
-    assert_eq!(names.len(), 16);
+    assert_eq!(names.len(), 20);
     for name in names {
         let message = stepper.get(name).unwrap_err().to_string();
         assert!(message.contains("[[tendons]]"), "{message}");

@@ -24,13 +24,14 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{COLLAPSED, Dynamics, move_arc_back};
+use super::{COLLAPSED, Dynamics, Model, move_arc_back};
 use crate::error::{Error, Result};
 use crate::head::hinge::HingeResidual;
 use crate::linear::{ChainMatrix, ChainRow, ChainTerms, Direction};
 use crate::rod::damping::{EdgeRate, KelvinVoigt};
 use crate::rod::{Edge, Rod, bend, node};
-use crate::system::{Form, Link, State};
+use crate::system::{Form, Link, RankOne, State};
+use crate::tendons::MAX_TENDONS;
 
 /// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
 /// and steps agree with the chain form to about 1e-15, moments to 1e-5, and no iteration is lost; from ten times it on
@@ -192,6 +193,13 @@ impl Dynamics {
         let head = self.held.map_or(0.0, |[_, _, angle]| angle.value);
         self.shape_edges_of(state, Some(direction))?;
         self.locate_fluid(&state.q);
+        if self.winches.is_some() {
+            for k in self.model.rod.joints() {
+                let moves = direction.q != 0.0;
+                self.kappa[k] = if moves { curvature(self.turning(links, k, head)) } else { links[k].curvature };
+            }
+            self.pull_winches();
+        }
         let rod = &self.model.rod;
         let (nodes, joints) = (rod.nodes, rod.joints());
         let (per_radian, per_metre) = (rod.ei / rod.length.powi(2), rod.ei / rod.length.powi(3));
@@ -304,7 +312,46 @@ impl Dynamics {
             rows[0].own = [per_metre, 0.0, 0.0, per_metre];
             (rows[0].before, rows[0].after) = ([0.0; 2], [0.0; 2]);
         }
+        self.couple_winches_by_links(moves, per_radian, rows);
         Ok(())
+    }
+
+    /// Writes what the winches couple in the chain form with these `rows`, whose equations of the joints are scaled by `scale`: their tension
+    /// pulls the nodes and bends the joints, and follows the lengths of the edges and the curvatures of the joints.
+    fn couple_winches_by_links(&mut self, moves: bool, scale: f64, rows: &[ChainRow]) {
+        let Some(winches) = &mut self.winches else { return };
+        let Model { rod, tendons, .. } = &*self.model;
+        winches.forget_couplings();
+        for (i, tendon) in tendons.iter().enumerate() {
+            let slope = winches.slopes[i];
+            if slope == 0.0 || !moves {
+                continue;
+            }
+            // The last node has no edge.
+            let [mut column, mut row] = [0, 1].map(|_| vec![0.0; 6 * rod.nodes - 3]);
+            tendon.visit_slopes(&self.edges, |k, pull| {
+                (0..2).for_each(|axis| column[6 * k + axis] += pull[axis]);
+            });
+            if self.held.is_some() {
+                column[..2].fill(0.0);
+            }
+            for e in tendon.edges.clone() {
+                // ℓ = ΔL (1 + F·t/EA), t of the direction.
+                let ChainRow { compliance, t, lever, .. } = &rows[e];
+                row[6 * e + 3] += slope * compliance * t[0];
+                row[6 * e + 4] += slope * compliance * t[1];
+                row[6 * e + 5] += slope * lever[0];
+            }
+            for k in tendon.joints.clone() {
+                let s = bend::curvature_per_turning(self.kappa[k]);
+                column[6 * k + 2] -= scale * s * tendon.offset * rows[k].flexibility;
+                row[6 * k + 5] -= slope * tendon.offset * s;
+                if let Some(before) = k.checked_sub(1) {
+                    row[6 * before + 5] += slope * tendon.offset * s;
+                }
+            }
+            winches.couple(i, RankOne { column, row });
+        }
     }
 
     /// Moves the arc of a hinge in `state` back with the moment of its joint, by Newton's `increment`. Returns how far, m.
@@ -328,7 +375,17 @@ impl Dynamics {
                 link.angle -= turn;
             }
         }
-        let rod = &self.model.rod;
+        let Model { rod, tendons, .. } = &*self.model;
+        let mut pulled = [0.0; MAX_TENDONS];
+        for (i, change) in self.winches.iter().flat_map(|winches| winches.tension_changes(increment)) {
+            pulled[i] = change;
+        }
+        // The curvature without moment, as winches pull now that all has moved.
+        let natural = |k: usize| {
+            let passing =
+                tendons.iter().zip(pulled).filter(|(tendon, pull)| *pull != 0.0 && tendon.joints.contains(&k));
+            self.natural[k] - passing.map(|(tendon, pull)| pull * tendon.offset / rod.joint[k]).sum::<f64>()
+        };
         // How fast the edges turn now that their nodes have moved; only a damped joint asks.
         let spin = |e: usize, links: &[Link]| {
             let (sin, cos) = links[e].angle.sin_cos();
@@ -347,7 +404,7 @@ impl Dynamics {
                 resisting = damping.moment(rod, k, s * (after - before) - damping.given(self.natural_rate[k])) * s;
                 before = after;
             }
-            links[k].curvature = from_moment(links[k].moment - resisting, rod.joint[k], self.natural[k], guess);
+            links[k].curvature = from_moment(links[k].moment - resisting, rod.joint[k], natural(k), guess);
         }
     }
 }

@@ -233,7 +233,7 @@ impl Inputs {
         (self.fluid, self.flow_taken) = (Fluid::NONE, false);
         self.layers = self.layers.as_ref().map(Layers::none);
         self.head = None;
-        self.tension = [0.0; MAX_TENDONS];
+        (self.tension, self.winch) = ([0.0; MAX_TENDONS], [0.0; MAX_TENDONS]);
         self.hinge = MotorCommand::default();
         self.lagging = None;
         let arrays = [&mut self.natural, &mut self.moment, &mut self.force];
@@ -248,7 +248,7 @@ impl Inputs {
         self.layers = other.layers;
         self.natural.clone_from(&other.natural);
         self.moment.clone_from(&other.moment);
-        self.tension = other.tension;
+        (self.tension, self.winch) = (other.tension, other.winch);
         self.hinge = other.hinge;
         self.force.clone_from(&other.force);
     }
@@ -261,7 +261,10 @@ impl Inputs {
         self.fluid.add(&other.fluid, factor);
         self.hinge.torque += factor * other.hinge.torque;
         self.hinge.angle += factor * other.hinge.angle;
-        self.tension.iter_mut().zip(other.tension).for_each(|(to, from)| *to += factor * from);
+        let tendons = [(&mut self.tension, &other.tension), (&mut self.winch, &other.winch)];
+        for (to, from) in tendons {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
+        }
         if let (Some(to), Some(from)) = (&mut self.layers, &other.layers) {
             to.add(from, factor);
         }

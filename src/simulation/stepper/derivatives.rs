@@ -177,7 +177,6 @@ impl StateTangent {
         now.tendons = Default::default();
         for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
             let reading = &mut now.tendons[i];
-            reading.tension = tensions[i];
             for e in tendon.edges.clone() {
                 reading.length += change(e)[0];
                 reading.length_rate += rate_change(e)[0];
@@ -187,6 +186,16 @@ impl StateTangent {
                 let turned = s * (change(k)[1] - if k == 0 { angle } else { change(k - 1)[1] });
                 reading.length -= tendon.offset * turned;
                 reading.length_rate -= tendon.offset * (0.5 * kappa[k] * bent.spin(k) * turned + s * spinning(k));
+            }
+            // That of a winch follows the length.
+            let followed = dynamics.tension_slope(i) * reading.length;
+            tensions[i] += followed;
+            reading.tension = tensions[i];
+            if followed != 0.0 {
+                for k in tendon.joints.clone() {
+                    active.moment[k] += followed * tendon.offset;
+                    natural[k] += followed * tendon.offset / rod.joint[k];
+                }
             }
         }
         let mut before = angle;
@@ -465,6 +474,7 @@ impl Stepper {
             accelerations(&self.dynamics)
         });
         self.dynamics.move_to(t, &mut self.now.state);
+        self.dynamics.shape(&self.now.state)?; // winches pull as the rod is
         let mut rate = Vec::new();
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);

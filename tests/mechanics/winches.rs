@@ -1,0 +1,167 @@
+//! Winches give tendons a length through their stiffness: what they pull, alone and against each other, and what they do.
+
+use std::f64::consts::TAU;
+
+use caudal::stepper::Stepper;
+
+use crate::common::{largest, stepper_of};
+
+/// A soft rod with a winch on either side, each of which takes in what the other gives out.
+const PAIR: &str = r#"
+[rod]
+nodes = 11
+length_m = 0.2
+outer_radius_m = 0.005
+inner_radius_m = 0.0
+youngs_modulus_pa = 5e5
+density_kg_m3 = 1100.0
+damping_time_s = 0.005
+[head]
+kind = "clamped"
+[[tendons]]
+offset_m = 0.004
+stiffness_n_m = 400.0
+length_m = { offset = 0.199, amplitude = 0.003, frequency_hz = 2.0 }
+[[tendons]]
+offset_m = -0.004
+to_xi = 0.7
+stiffness_n_m = 400.0
+length_m = { offset = 0.139, amplitude = -0.002, frequency_hz = 2.0 }
+[start]
+kind = "ramp"
+ramp_s = 0.2
+[medium]
+viscosity_pa_s = 1e-3
+density_kg_m3 = 1000.0
+[drag]
+law = "coefficients"
+along_n_s_m2 = 0.01
+across_n_s_m2 = 0.3
+[solver]
+integrator = "newmark"
+time_step_s = 1e-3
+duration_s = 1.0
+newton_tolerance = 1e-13
+"#;
+
+fn pair(changes: &[&str]) -> Stepper {
+    stepper_of(PAIR, changes)
+}
+
+fn get(stepper: &Stepper, name: &str) -> f64 {
+    stepper.get_scalar(name).unwrap()
+}
+
+fn apart(one: &Stepper, other: &Stepper) -> f64 {
+    largest(one.state().q.iter().zip(&other.state().q).map(|(a, b)| a - b))
+}
+
+#[test]
+fn a_winch_bends_a_rod_at_rest_by_what_the_cable_and_the_rod_share_at_any_size() {
+    for (scale, form) in [1e-5, 1.0, 50.0].into_iter().flat_map(|scale| [(scale, "positions"), (scale, "chain")]) {
+        let (length, offset) = (0.2 * scale, 0.004 * scale);
+        let (stiffness, told, take_up) = (400.0 * scale, 0.196 * scale, 1e-4 * scale);
+        let tendon = format!("offset_m={offset:e},stiffness_n_m={stiffness:e},length_m={told:e},take_up_m={take_up:e}");
+        let changes = [
+            format!("rod.length_m={length:e}"),
+            format!("rod.outer_radius_m={:e}", 0.005 * scale),
+            format!("tendons=[{{{tendon}}}]"),
+            format!("solver.form={form}"),
+            "start={kind=\"ramp\",ramp_s=0.1}".into(),
+            "drag={law=\"coefficients\",along_n_s_m2=30.0,across_n_s_m2=30.0}".into(),
+            "solver.integrator=generalized-alpha".into(),
+            "solver.time_step_s=0.05".into(),
+            "solver.duration_s=1000.0".into(),
+            "rod.damping_time_s=1.0".into(),
+        ];
+        let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
+        let mut stepper = pair(&changes);
+        stepper.do_step(1000.0).unwrap();
+        // T = k (Λ − Λc − w/2) with Λ = L (1 − T/EA) − d Σ κ and κ_k = T d/B_k.
+        let rod = &stepper.model().rod;
+        let flexibility: f64 = rod.joints().map(|k| 1.0 / rod.joint[k]).sum();
+        let tension = stiffness * (length - told - 0.5 * take_up)
+            / (1.0 + stiffness * (length / rod.ea + offset * offset * flexibility));
+        let off = (get(&stepper, "tendon_1_tension_n") / tension - 1.0).abs();
+        let bent = largest(stepper.get("curvature_1_m").unwrap()) * length;
+        println!("{scale:e} {form}: tension {tension:e} N, off by {off:e}, bent by {bent}");
+        assert!(off < 1e-7 && bent > 0.5, "{scale:e} {form}: {off:e}, {bent}");
+    }
+}
+
+#[test]
+fn a_slack_tendon_pulls_nothing() {
+    let loose = ["tendons.0.length_m=0.3", "tendons.1.length_m=0.3", "loads.gravity_m_s2=[0.0,-9.81]"];
+    for form in ["positions", "chain"] {
+        let form = format!("solver.form={form}");
+        let mut slack = pair(&[&loose[..], &[&form]].concat());
+        let mut none = pair(&["tendons=[]", loose[2], &form]);
+        for stepper in [&mut slack, &mut none] {
+            stepper.do_step(0.5).unwrap();
+        }
+        assert_eq!([1, 2].map(|i| get(&slack, &format!("tendon_{i}_tension_n"))), [0.0; 2]);
+        assert!(apart(&slack, &none) < 1e-15 && none.state().q[21] < -1e-3, "{:e}", apart(&slack, &none));
+    }
+}
+
+#[test]
+fn both_forms_agree_and_take_the_iterations_of_tendons_of_given_tension() {
+    let run = |changes: &[&str]| {
+        let mut stepper = pair(changes);
+        stepper.do_step(0.6).unwrap();
+        let work = stepper.work();
+        let iterations = work.newton_iterations as f64 / stepper.metrics().totals.steps as f64;
+        (stepper, iterations)
+    };
+    // The tension of the stiffer ones is known to the rounding of a length, 1e-11 N, which bends a joint by more than 1e-13.
+    for (stiffness, tolerance) in [("400.0", "1e-13"), ("4e5", "1e-10")] {
+        let tolerance = format!("solver.newton_tolerance={tolerance}");
+        let stiff = [0, 1].map(|i| format!("tendons.{i}.stiffness_n_m={stiffness}"));
+        let [positions, chain] =
+            ["positions", "chain"].map(|form| run(&[&format!("solver.form={form}"), &stiff[0], &stiff[1], &tolerance]));
+        let differ = apart(&positions.0, &chain.0) / 0.2;
+        let tension = get(&positions.0, "tendon_1_tension_n").max(get(&positions.0, "tendon_2_tension_n"));
+        println!("{stiffness} N/m: {differ:e} apart, {} and {} iterations a step, {tension} N", positions.1, chain.1);
+        assert!(differ < 1e-9, "{stiffness}: {differ:e}");
+        assert!(positions.1 < 4.0 && chain.1 < 4.0 && tension > 0.05, "{stiffness}: {} {}", positions.1, chain.1);
+    }
+}
+
+#[test]
+fn the_balance_of_energy_closes_to_the_order_of_the_method() {
+    for (method, least) in [("implicit-euler", 1.8), ("newmark", 3.5), ("generalized-alpha", 3.5), ("esdirk3", 3.5)] {
+        let defect = |h: f64| {
+            let changes = [format!("solver.integrator={method}"), format!("solver.time_step_s={h:e}")];
+            let mut stepper = pair(&changes.each_ref().map(String::as_str));
+            stepper.do_step(0.8).unwrap();
+            (stepper.metrics().numerical_dissipation(), get(&stepper, "actuation_work_j"))
+        };
+        let [(coarse, work), (fine, _)] = [2e-3, 1e-3].map(defect);
+        println!("{method}: {coarse:e} and {fine:e} of {work:e} J, ratio {}", coarse / fine);
+        assert!((coarse / fine).abs() > least && fine.abs() < 0.1 * work.abs(), "{method}: {coarse:e} {fine:e}");
+    }
+}
+
+#[test]
+fn a_host_that_moves_a_winch_gives_what_the_scene_s_own_signal_gives() {
+    // The whole of it by the host, with derivatives, against the sinusoid of the scene.
+    let own = ["start.ramp_s=1e-9", "tendons.0.length_m={offset=0.2,amplitude=0.003,frequency_hz=2.0}"];
+    let mut scene = pair(&own);
+    let mut hosted = pair(&["tendons.0.length_m=0.2", "start.ramp_s=1e-9"]);
+    let h = 1e-3;
+    for step in 0..400 {
+        let omega = TAU * 2.0;
+        let (sin, cos) = (omega * h * f64::from(step)).sin_cos();
+        hosted.set("tendon_1_added_length_m", &[0.003 * sin]).unwrap();
+        for (order, value) in [(1, omega * cos), (2, -omega * omega * sin), (3, -omega.powi(3) * cos)] {
+            hosted.set_derivative("tendon_1_added_length_m", order, &[0.003 * value]).unwrap();
+        }
+        hosted.do_step(h).unwrap();
+        scene.do_step(h).unwrap();
+    }
+    let differ = apart(&scene, &hosted) / 0.2;
+    println!("{differ:e}");
+    assert!(differ < 1e-8, "{differ:e}");
+    let error = hosted.set("tendon_1_added_tension_n", &[1.0]).unwrap_err().to_string();
+    assert!(error.contains("tendon 1 of [[tendons]], without a winch"), "{error}");
+}
