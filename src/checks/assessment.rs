@@ -10,7 +10,7 @@ use crate::error::{Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
 use crate::fluid::{Fluid, Force, Forces};
-use crate::head::{Hinge, pose};
+use crate::head::{Hinge, Signal, pose};
 use crate::integrator::{Method, StepControl};
 use crate::metrics::Energy;
 use crate::model::{Drive, Mechanics, Model, chain};
@@ -26,6 +26,7 @@ use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
 use crate::tendons::Tendon;
+use crate::variable::Variable;
 
 /// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³. So is what follows from
 /// the shapes that the drive prescribes, which are many whole states.
@@ -53,6 +54,22 @@ const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Typical length of a number with its separator in a table, bytes.
 const BYTES_PER_NUMBER: f64 = 20.0;
 
+/// The columns of trajectory.csv: variables, each with the index of its entry. First those of every run, then those of `record.variables`.
+///
+/// # Errors
+/// [`Error::Scene`](crate::Error::Scene) for a variable that the scene does not have.
+pub fn recorded_variables(scene: &Scene, stepper: &Stepper) -> Result<Vec<(&'static Variable, usize)>> {
+    let of_every_run = stepper.variables().iter().copied().filter(|variable| variable.recorded);
+    let mut columns: Vec<_> = of_every_run.map(|variable| (variable, 0)).collect();
+    for name in &scene.record.variables {
+        let variable = stepper.find(name).map_err(|error| scene.error("record.variables", error.to_string()))?;
+        if !columns.iter().any(|(other, _)| other.name == variable.name) {
+            columns.extend(variable.entries(stepper.model()).map(|entry| (variable, entry)));
+        }
+    }
+    Ok(columns)
+}
+
 /// Number of rows that a run of `scene` records, and approximate size of its tables, bytes; `None` if it depends on the steps.
 pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
     let rows = match (scene.record.interval_s, scene.steps()) {
@@ -61,7 +78,7 @@ pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
         (None, None) => return None,
     };
     let rows = rows.floor() + 1.0;
-    let columns = stepper.variables().iter().filter(|v| v.recorded).count();
+    let columns = recorded_variables(scene, stepper).map_or(0, |columns| columns.len());
     let positions = match scene.nodes_table() {
         NodesTable::Csv | NodesTable::Parquet => 2 * scene.recorded_nodes().len(),
         NodesTable::None => 0,
@@ -725,6 +742,23 @@ impl Assessment {
             warnings.push(
                 "head.kind = \"driven\" has neither head.position_m nor head.angle_rad: the head stands still unless a host moves it".to_string(),
             );
+        }
+        let keys = ["head.position_m.0", "head.position_m.1", "head.angle_rad"];
+        let signals = || keys.into_iter().zip(stepper.model().head.iter().flatten());
+        let is_zero = |signal: &Signal| matches!(signal, Signal::Sinusoid { amplitude: 0.0, .. });
+        // Of two coordinates that one function of time moves, one may stay.
+        let moves = signals().any(|(_, signal)| !is_zero(signal) && !matches!(signal, Signal::Constant(_)));
+        if let Some((key, _)) = signals().find(|(_, signal)| is_zero(signal)).filter(|_| !moves) {
+            warnings.push(format!("{key} has an amplitude of 0: the head stands still unless a host moves it"));
+        }
+        if drive.sharpest_turning == 0.0
+            && let Some(actuation) = &scene.actuation
+        {
+            let key = actuation.amplitude_key();
+            warnings.push(match actuation.amplitude() {
+                0.0 => format!("{key} = 0: the actuation does nothing unless a host changes it"),
+                _ => "actuation.envelope or actuation.amplitude_profile is 0 along the whole rod: the actuation does nothing".to_string(),
+            });
         }
         if drive.rests_straight {
             warnings.push(

@@ -14,14 +14,14 @@ use super::run_figures;
 use super::run_record::{RecordingTimes, RunRecord};
 use super::tables::CsvTable;
 use super::{Claim, Folder, FolderWriter, Owner};
-use crate::assessment::recorded_size;
+use crate::assessment::{recorded_size, recorded_variables};
 use crate::cycle::PERIOD;
 use crate::error::{Error, Result};
 use crate::files::{WrittenFiles, free_space, partial_file_with};
 use crate::scene::{Document, NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::system::State;
-use crate::variable::{Variable, View};
+use crate::variable::{Size, Variable, View};
 
 /// The output folder of a run in progress.
 #[derive(Debug)]
@@ -29,7 +29,8 @@ pub struct RunOutput {
     trajectory: CsvTable,
     nodes: NodesWriter,
     record: RunRecord,
-    columns: Vec<&'static Variable>,
+    /// Variables, each with the index of its entry.
+    columns: Vec<(&'static Variable, usize)>,
     times: RecordingTimes,
     period: Option<f64>,
     /// Reserved disk space for the summary, so that tables cannot fill the disk before it is written.
@@ -44,8 +45,9 @@ impl RunOutput {
     /// Checks that the tables of a run of `scene` fit into `folder`.
     ///
     /// # Errors
-    /// [`Error::Room`] if they do not.
+    /// [`Error::Room`] if they do not; those of [`recorded_variables`].
     pub fn fits(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<()> {
+        recorded_variables(scene, stepper)?;
         match (recorded_size(scene, stepper), free_space(folder)) {
             (Some((rows, needed)), Some(free)) if needed > free as f64 => {
                 let what = format!(
@@ -76,8 +78,11 @@ impl RunOutput {
         let [numbers, position, most] = SUMMARY_BYTES;
         let reserve =
             partial_file_with(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
-        let columns: Vec<_> = stepper.variables().iter().copied().filter(|v| v.recorded).collect();
-        let header = columns.iter().map(|v| v.name.to_string());
+        let columns = recorded_variables(scene, stepper)?;
+        let header = columns.iter().map(|(variable, entry)| match variable.size {
+            Size::Scalar => variable.name.to_string(),
+            Size::Nodes | Size::Joints => format!("{}[{entry}]", variable.name),
+        });
         let trajectory = CsvTable::create(folder.join("trajectory.csv"), header)?;
         let nodes = NodesWriter::create(folder, scene)?;
         let period = scene.actuation.as_ref().map(|a| a.frequency_hz.get()).filter(|f| *f > 0.0).map(|f| 1.0 / f);
@@ -117,7 +122,7 @@ impl RunOutput {
     }
 
     fn row(&mut self, view: &View<'_>) -> Result<()> {
-        let values = self.columns.iter().map(|v| v.first(view));
+        let values = self.columns.iter().map(|(variable, entry)| variable.at(view, *entry).unwrap_or(f64::NAN));
         self.trajectory.row(view.state.t, values)?;
         self.nodes.row(view.state)
     }

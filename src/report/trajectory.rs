@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::Summary;
 use super::page::{Animation, RawJson, render};
 use super::run_record::{RecordingTimes, RunRecord};
+use crate::assessment::recorded_variables;
 use crate::error::Result;
 use crate::scene::{NodesTable, Scene};
 use crate::stepper::Stepper;
@@ -36,16 +37,20 @@ pub struct TrajectoryTable {
 }
 
 impl TrajectoryTable {
-    /// Starts with the current state. Along with the time it records the variables `names`, by default those of trajectory.csv, and
-    /// the node positions of `scene.record` if they are tabled.
+    /// Starts with the current state. Along with the time it records the variables `names`, by default those of trajectory.csv,
+    /// those of `record.variables` among them, and the node positions of `scene.record` if they are tabled.
     ///
     /// # Errors
-    /// [`Error::UnknownVariable`](crate::Error::UnknownVariable).
+    /// [`Error::UnknownVariable`](crate::Error::UnknownVariable); those of [`recorded_variables`].
     pub fn start(scene: &Scene, stepper: &Stepper, names: Option<&[String]>) -> Result<Self> {
         let variables = stepper.variables().iter().copied();
         let tabled = scene.nodes_table() != NodesTable::None;
         let chosen: Vec<_> = match names {
-            None => variables.filter(|v| v.recorded || tabled && POSITIONS.contains(&v.name)).collect(),
+            None => {
+                let table = recorded_variables(scene, stepper)?;
+                let is_in_table = |v: &Variable| table.iter().any(|(other, _)| other.name == v.name);
+                variables.filter(|v| is_in_table(v) || tabled && POSITIONS.contains(&v.name)).collect()
+            }
             Some(names) => {
                 let named = names.iter().map(|name| stepper.find(name)).collect::<Result<Vec<_>>>()?;
                 variables.filter(|v| v.name == "time_s" || named.iter().any(|other| v.name == other.name)).collect()

@@ -5,6 +5,7 @@ use serde::{Deserialize, Deserializer};
 
 use super::Scene;
 use super::key_error::KeyError;
+use super::keys_by_choice::KeysByChoice;
 use super::rod::check_points;
 use super::value::{self, Finite, NotNegative, Positive};
 use crate::actuation::sine_wave::STEEPEST;
@@ -74,6 +75,14 @@ fn even_envelope() -> [Finite; 2] {
 }
 
 impl ActuationTable {
+    /// The keys that belong to a kind.
+    pub(super) const KEYS_BY_KIND: KeysByChoice = KeysByChoice {
+        table: "actuation",
+        choices: &["kind"],
+        keys: || KINDS.iter().flat_map(|kind| kind.keys).copied().collect(),
+        accepted: |chosen| Some(ActuationKind::named(&chosen("kind")?)?.keys.to_vec()),
+    };
+
     /// The given keys that apply to some kinds only.
     fn given(&self) -> impl Iterator<Item = &'static str> {
         let keys = [

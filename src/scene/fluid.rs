@@ -9,6 +9,7 @@ use serde::de::{MapAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::key_error::KeyError;
+use super::keys_by_choice::KeysByChoice;
 use super::layers::{LayerTable, ShearTable};
 use super::solver::FormKey;
 use super::value::{self, NotNegative, NumberOrProfile, Positive, SignalValue, VectorSignal};
@@ -180,6 +181,18 @@ fn sharp() -> value::Share {
 }
 
 impl DragTable {
+    /// The keys that belong to a law, or to the law of its viscous part.
+    pub(super) const KEYS_BY_LAW: KeysByChoice = KeysByChoice {
+        table: "drag",
+        choices: &["law", "viscous"],
+        keys: || LAWS.iter().flat_map(|law| law.keys).copied().collect(),
+        accepted: |chosen| {
+            let law = DragLaw::named(&chosen("law")?)?;
+            let viscous = chosen("viscous").filter(|_| law.keys.contains(&"viscous"));
+            Some(Self::accepted_by(law, viscous.map_or(Some(laws::DEFAULT), |name| DragLaw::named(&name))?))
+        },
+    };
+
     /// The name of its law.
     pub fn law_name(&self) -> &str {
         let default = if self.ratio.is_some() { laws::stokes_like::LAW.name } else { laws::DEFAULT.name };
@@ -215,12 +228,13 @@ impl DragTable {
 
     /// The keys that its law accepts: its own, and those of the law of its viscous part.
     fn allowed(&self) -> Result<Vec<&'static str>, KeyError> {
-        let law = self.law()?;
-        let mut keys = law.keys.to_vec();
-        if keys.contains(&"viscous") {
-            keys.extend(self.viscous()?.keys);
-        }
-        Ok(keys)
+        Ok(Self::accepted_by(self.law()?, self.viscous()?))
+    }
+
+    /// The keys that `law` accepts, with those of its `viscous` part if it has one.
+    fn accepted_by(law: &DragLaw, viscous: &DragLaw) -> Vec<&'static str> {
+        let of_parts = if law.keys.contains(&"viscous") { viscous.keys } else { &[] };
+        [law.keys, of_parts].concat()
     }
 
     /// The given keys that `law` does not accept.

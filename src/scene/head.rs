@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 
 use super::key_error::KeyError;
+use super::keys_by_choice::KeysByChoice;
 use super::value::{self, NotNegative, Positive, ScalarSignal, SignalValue, VectorSignal};
 use super::{Scene, csv_table};
 use crate::error::Result;
@@ -55,7 +56,27 @@ pub enum HeadKind {
     Hinged,
 }
 
+/// The keys of a head that is moved, and those of one that a motor turns.
+const POSE_KEYS: [&str; 2] = ["position_m", "angle_rad"];
+const MOTOR_KEYS: [&str; 5] = ["torque_n_m", "stiffness_n_m", "damping_n_m_s", "inertia_kg_m2", "largest_torque_n_m"];
+
 impl HeadTable {
+    /// The keys that belong to a kind.
+    pub(super) const KEYS_BY_KIND: KeysByChoice = KeysByChoice {
+        table: "head",
+        choices: &["kind"],
+        keys: || [&["input"][..], &POSE_KEYS, &MOTOR_KEYS].concat(),
+        accepted: |chosen| {
+            Some(match chosen("kind")?.as_str() {
+                "free" => Vec::new(),
+                "clamped" => vec!["input"],
+                "driven" => [&["input"][..], &POSE_KEYS].concat(),
+                "hinged" => [&["input"][..], &POSE_KEYS, &MOTOR_KEYS].concat(),
+                _ => return None,
+            })
+        },
+    };
+
     pub(super) fn check(&self) -> std::result::Result<(), KeyError> {
         if self.input.is_some() && self.kind == HeadKind::Free {
             let problem = "found with a free head; allowed: only with a held one".into();

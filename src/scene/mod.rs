@@ -9,6 +9,7 @@ pub mod fluid;
 mod head;
 mod head_body;
 mod key_error;
+mod keys_by_choice;
 pub mod layers;
 mod loads;
 mod material;

@@ -5,20 +5,41 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
+use super::actuation::ActuationTable;
+use super::fluid::DragTable;
+use super::head::HeadTable;
 use super::key_error::KeyError;
+use super::keys_by_choice::KeysByChoice;
+use super::solver::SolverTable;
+use super::start::StartTable;
 use super::value::{SIGNAL_KEYS, refused};
-use crate::integrator::{METHODS, Method};
 
 /// Pairs of keys that exclude each other.
-const ALTERNATIVES: [[&str; 2]; 4] = [
+const ALTERNATIVES: [[&str; 2]; 6] = [
     ["time_step_s", "tolerance"],
     ["every", "interval_s"],
     ["stiffness_gradient", "stiffness_profile"],
     ["kappa_amp", "moment_amp_n_m"],
+    ["density_kg_m3", "mass_per_length_kg_m"],
+    ["damping_time_s", "loss_factor"],
 ];
 
 /// Keys that a key of a higher layer takes with it, and not the other way.
-const REMOVED_WITH: [[&str; 2]; 1] = [["moment_amp_n_m", "kappa_reference_length_m"]];
+const REMOVED_WITH: [[&str; 2]; 4] = [
+    ["moment_amp_n_m", "kappa_reference_length_m"],
+    ["moment_amp_n_m", "largest_1_m"],
+    ["kappa_amp", "largest_moment_n_m"],
+    ["damping_time_s", "loss_frequency_hz"],
+];
+
+/// The tables with keys that belong to some values of others only.
+const KEYS_BY_CHOICE: [&KeysByChoice; 5] = [
+    &SolverTable::KEYS_BY_INTEGRATOR,
+    &StartTable::KEYS_BY_KIND,
+    &ActuationTable::KEYS_BY_KIND,
+    &HeadTable::KEYS_BY_KIND,
+    &DragTable::KEYS_BY_LAW,
+];
 
 /// The dotted keys that exclude `key`.
 #[cfg(feature = "report")]
@@ -131,7 +152,7 @@ fn is_function(table: &DeTable<'_>) -> bool {
     whole && table.keys().all(|key| SIGNAL_KEYS.contains(&&**key.get_ref()))
 }
 
-/// Removes keys that keys of a higher layer exclude: alternatives, and parameters of other integrators.
+/// Removes keys that keys of a higher layer exclude: alternatives, and keys of another integrator, law or kind.
 pub(super) fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
     let layer = |table: &DeTable<'_>, key: &str| table.get_key_value(key).map(|(key, _)| layer_of(key.span().start));
     for [a, b] in ALTERNATIVES {
@@ -146,17 +167,19 @@ pub(super) fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(u
             table.remove(other);
         }
     }
-    let method = table.get("integrator").and_then(|value| Method::named(value.get_ref().as_str()?));
-    if let Some((method, own)) = method.zip(layer(table, "integrator")) {
-        let others = METHODS.iter().flat_map(|other| other.parameters).map(|parameter| parameter.name);
-        for key in others.filter(|name| !method.parameters.iter().any(|parameter| parameter.name == *name)) {
-            if layer(table, key).is_some_and(|layer| layer < own) {
-                table.remove(key);
-            }
-        }
-    }
-    for (_, value) in table.iter_mut() {
+    for (name, value) in table.iter_mut() {
         if let DeValue::Table(inner) = value.get_mut() {
+            for by_choice in KEYS_BY_CHOICE.into_iter().filter(|by_choice| by_choice.table == name.get_ref()) {
+                let chosen = |key: &str| Some(inner.get(key)?.get_ref().as_str()?.to_string());
+                let highest = by_choice.choices.iter().filter_map(|key| layer(inner, key)).max();
+                if let Some((accepted, highest)) = (by_choice.accepted)(&chosen).zip(highest) {
+                    for key in (by_choice.keys)().into_iter().filter(|key| !accepted.contains(key)) {
+                        if layer(inner, key).is_some_and(|layer| layer < highest) {
+                            inner.remove(key);
+                        }
+                    }
+                }
+            }
             remove_excluded_keys(inner, layer_of);
         }
     }

@@ -15,6 +15,10 @@ pub struct RecordTable {
     pub every: Option<BoundedInteger<1, 1_000_000_000>>,
     /// Interval between recorded times, s, independent of the steps.
     pub interval_s: Option<Positive>,
+    /// Variables that trajectory.csv has beside those of every run, each entry of an array in a column of its own. `caudal variables`
+    /// lists them.
+    #[serde(default)]
+    pub variables: Vec<String>,
     /// First time of the node table, s. By default 0.
     #[serde(default = "from_start")]
     pub nodes_from_s: NotNegative,
@@ -39,7 +43,14 @@ pub enum NodesTable {
 
 impl Default for RecordTable {
     fn default() -> Self {
-        Self { every: None, interval_s: None, nodes_from_s: from_start(), nodes: None, nodes_table: None }
+        Self {
+            every: None,
+            interval_s: None,
+            variables: Vec::new(),
+            nodes_from_s: from_start(),
+            nodes: None,
+            nodes_table: None,
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::key_error::{KeyError, unknown_key};
+use super::keys_by_choice::KeysByChoice;
 use super::value::{self, Positive, Tolerance};
 use super::{HeadKind, Scene, StartKind};
 use crate::error::{Result, nearest};
@@ -136,6 +137,17 @@ fn default_accuracy() -> Positive {
 }
 
 impl SolverTable {
+    /// The parameters of integrators.
+    pub(super) const KEYS_BY_INTEGRATOR: KeysByChoice = KeysByChoice {
+        table: "solver",
+        choices: &["integrator"],
+        keys: || METHODS.iter().flat_map(|method| method.parameters).map(|parameter| parameter.name).collect(),
+        accepted: |chosen| {
+            let method = Method::named(&chosen("integrator")?)?;
+            Some(method.parameters.iter().map(|parameter| parameter.name).collect())
+        },
+    };
+
     /// Checks the number of steps.
     pub(super) fn check_steps(&self) -> std::result::Result<(), KeyError> {
         let duration = self.duration_s.get();

@@ -3,6 +3,7 @@
 use serde::Deserialize;
 
 use super::key_error::KeyError;
+use super::keys_by_choice::KeysByChoice;
 use super::value::{Finite, NumberOrProfile, Positive, refused};
 use super::{HeadKind, HeadTable};
 use crate::rod::Rod;
@@ -39,6 +40,14 @@ pub enum StartKind {
 }
 
 impl StartTable {
+    /// The keys that belong to a kind.
+    pub(super) const KEYS_BY_KIND: KeysByChoice = KeysByChoice {
+        table: "start",
+        choices: &["kind"],
+        keys: || vec!["ramp_s"],
+        accepted: |chosen| Some(if chosen("kind")? == "ramp" { vec!["ramp_s"] } else { Vec::new() }),
+    };
+
     pub(super) fn check(&self, head: &HeadTable) -> Result<(), KeyError> {
         let fault = |key: &str, problem: &str| Err(KeyError { key: key.into(), problem: problem.into() });
         match (self.kind, &self.ramp_s) {

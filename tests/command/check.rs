@@ -316,6 +316,20 @@ fn what_cannot_move_is_told_before_a_run() {
     let (moves, hosted) =
         ("the head stands still", still.replace("kind = \"driven\"", "kind = \"driven\"\ninput = \"at-end\""));
     assert!(warned(&still, moves) && !warned(STRIP, moves) && !warned(&hosted, moves));
+    // Amplitudes of 0.
+    let heave = "head.position_m.1 has an amplitude of 0";
+    assert!(warned(&STRIP.replace("amplitude = 0.01", "amplitude = 0.0"), heave) && !warned(STRIP, heave));
+    let both = "position_m = { amplitude = [0.0, 0.01], frequency_hz = 0.5 }";
+    assert!(!warned(
+        &STRIP.replace("position_m = [0.0, { amplitude = 0.01, frequency_hz = 0.5 }]", both),
+        "amplitude of 0"
+    ));
+    let wave = |amplitude: &str, more: &str| {
+        format!("{STRIP}[actuation]\nkind = \"standing-wave\"\nkappa_amp = {amplitude}\nfrequency_hz = 0.5\n{more}")
+    };
+    let nothing = "actuation.kappa_amp = 0: the actuation does nothing";
+    assert!(warned(&wave("0.0", ""), nothing) && !warned(&wave("3.0", ""), nothing));
+    assert!(warned(&wave("3.0", "envelope = [0.0, 0.0]\n"), "is 0 along the whole rod"));
     // A standing wave of frequency 0 stays at its phase: at a zero, or at its crest.
     let wave = "[actuation]\nkind = \"standing-wave\"\nkappa_amp = 3.0\nfrequency_hz = 0.0\n";
     let bent = format!(

@@ -161,6 +161,64 @@ fn what_excludes_each_other_is_refused_in_one_layer_and_settled_between_layers()
     }
 }
 
+#[test]
+fn an_override_of_a_kind_or_a_law_takes_away_the_keys_of_the_one_before() {
+    let scene = |own: &[&str], overrides: &[&str]| {
+        let mut document = Document::new("tail.toml", TAIL);
+        own.iter().for_each(|change| document.set(change).unwrap());
+        document.scene().unwrap();
+        document.begin_layer();
+        overrides.iter().for_each(|change| document.set(change).unwrap());
+        document.scene().map_err(|error| error.to_string())
+    };
+    let ramp = ["start={ kind = \"ramp\", ramp_s = 0.05 }"];
+    for kind in ["start.kind=shaped", "start.kind=jump"] {
+        assert!(scene(&ramp, &[kind]).unwrap().start.ramp_s.is_none(), "{kind}");
+    }
+    assert!(scene(&ramp, &["start.kind=ramp"]).unwrap().start.ramp_s.is_some());
+    // Of the fluid: the keys of a law, and those of the law of its viscous part.
+    let water = ["drag={ law = \"cross-flow\", viscous = \"wall\", height_m = 0.05, form_drag = 1.2 }"];
+    let drag = |overrides: &[&str]| scene(&water, overrides).unwrap().drag.unwrap();
+    let cox = drag(&["drag.law=cox"]);
+    assert!(cox.form_drag.is_none() && cox.viscous.is_none() && cox.height_m.is_none());
+    assert!(drag(&["drag.law=wall"]).height_m.is_some());
+    let viscous = drag(&["drag.viscous=cox"]);
+    assert!(viscous.height_m.is_none() && viscous.form_drag.is_some());
+    assert!(drag(&["drag.law=cross-flow"]).height_m.is_some());
+    let study = ["drag={ law = \"stokes-like\", ratio = 3.0, head_weight = 2.0, head_length_m = 0.1 }"];
+    let weighted = scene(&study, &["drag.law=cross-flow"]).unwrap().drag.unwrap();
+    assert!(weighted.ratio.is_none() && weighted.head_weight.is_some());
+    // Of the head.
+    let hinged = ["head.kind=hinged", "head.inertia_kg_m2=1e-4", "head.stiffness_n_m=0.1", "head.input=at-end"];
+    let head = |kind: &str| scene(&hinged, &[&format!("head.kind={kind}")]).unwrap().head;
+    let keys = |kind: &str| {
+        let head = head(kind);
+        [head.inertia_kg_m2.is_some(), head.stiffness_n_m.is_some(), head.angle_rad.is_some(), head.input.is_some()]
+    };
+    assert_eq!(keys("hinged"), [true; 4]);
+    assert_eq!(keys("driven"), [false, false, true, true]);
+    assert_eq!(keys("clamped"), [false, false, false, true]);
+    assert_eq!(keys("free"), [false; 4]);
+    // Of the drive, of the mass and of the damping.
+    let standing = scene(&[], &["actuation.kind=standing-wave"]).unwrap().actuation.unwrap();
+    assert!(standing.wavelength_m.is_none() && standing.kappa_amp.is_some());
+    assert!(scene(&[], &["rod.mass_per_length_kg_m=0.2"]).unwrap().rod.density_kg_m3.is_none());
+    let lossy = ["rod.loss_factor=0.1", "rod.loss_frequency_hz=2.0"];
+    let damped = scene(&lossy, &["rod.damping_time_s=0.01"]).unwrap().rod;
+    assert!(damped.loss_factor.is_none() && damped.loss_frequency_hz.is_none());
+    let limited =
+        scene(&["actuation.largest_1_m=20.0"], &["actuation.moment_amp_n_m=1e-3"]).unwrap().actuation.unwrap();
+    assert!(limited.kappa_amp.is_none() && limited.largest_1_m.is_none());
+    // What is asked for together is refused, not dropped.
+    let both = scene(&[], &["start.kind=jump", "start.ramp_s=0.1"]).unwrap_err();
+    assert!(both.contains("start.ramp_s: found without kind = \"ramp\""), "{both}");
+    let both = scene(&water, &["drag.law=cox", "drag.form_drag=1.0"]).unwrap_err();
+    assert!(both.contains("drag.form_drag: found with law = \"cox\""), "{both}");
+    // A value that is unknown takes away nothing.
+    let unknown = scene(&ramp, &["start.kind=ramped"]).unwrap_err();
+    assert!(unknown.contains("start.kind"), "{unknown}");
+}
+
 /// The sweep `text` over the tail, in a folder of its own.
 fn sweep(text: &str, set: &[&str]) -> caudal::Result<Sweep> {
     let folder = tempfile::tempdir().unwrap();

@@ -343,6 +343,44 @@ fn every_column_and_every_number_of_the_summary_is_the_variable_of_its_name() {
 }
 
 #[test]
+fn the_variables_that_a_scene_asks_for_are_columns_of_its_trajectory() {
+    let folder = scene(EEL);
+    done(folder.path(), &["run", "scene.toml", "--out", "plain"]);
+    let asked = "record.variables=[\"joint_moment_n_m\", \"x_com_m\", \"force_y_n\", \"tip_y_m\"]";
+    done(folder.path(), &["run", "scene.toml", "--out", "more", "--set", asked]);
+    let header = |folder: &Path| {
+        let text = std::fs::read_to_string(folder.join("trajectory.csv")).unwrap();
+        text.lines().next().unwrap().split(',').map(str::to_string).collect::<Vec<_>>()
+    };
+    let [plain, more] = ["plain", "more"].map(|name| header(&folder.path().join(name)));
+    // One column for each joint, at nodes 1 to 7, and for each node; x_com_m is there already.
+    let moments = (1..8).map(|k| format!("joint_moment_n_m[{k}]"));
+    let forces = (0..9).map(|k| format!("force_y_n[{k}]"));
+    let wanted = plain.iter().cloned().chain(moments).chain(forces).chain(["tip_y_m".to_string()]).collect::<Vec<_>>();
+    assert!(plain.contains(&"x_com_m".to_string()) && !plain.contains(&"tip_y_m".to_string()), "{plain:?}");
+    assert_eq!(more, wanted);
+    // They are what a host reads.
+    let mut stepper =
+        caudal::stepper::Stepper::of(&caudal::scene::Scene::load(folder.path().join("scene.toml")).unwrap()).unwrap();
+    while stepper.time() < 1.0 - 1e-9 {
+        stepper.do_step(5e-3).unwrap();
+    }
+    let table = columns(&folder.path().join("more/trajectory.csv"));
+    for (k, moment) in stepper.get("joint_moment_n_m").unwrap().into_iter().enumerate() {
+        let found = *table[&format!("joint_moment_n_m[{}]", k + 1)].last().unwrap();
+        assert!(moment != 0.0 && (found - moment).abs() <= 1e-9 * moment.abs(), "{k}: {found} for {moment}");
+    }
+    // One that the scene does not have is refused before anything is written, and by `check`.
+    for command in ["run", "check"] {
+        let refused = caudal(folder.path(), &[command, "scene.toml", "--set", "record.variables=[\"tip_z_m\"]"]);
+        let said = String::from_utf8_lossy(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(2), "{command}: {said}");
+        assert!(said.contains("record.variables: ") && said.contains("did you mean `tip_"), "{command}: {said}");
+    }
+    assert!(!folder.path().join("out").exists());
+}
+
+#[test]
 fn the_largest_force_and_moment_on_a_held_head_are_those_of_its_rows() {
     let folder = scene(&format!("{EEL}[head]\nkind = \"clamped\"\n"));
     let said = done(folder.path(), &["run", "scene.toml", "--out", "out"]);

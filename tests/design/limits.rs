@@ -58,6 +58,30 @@ fn limits_are_kept_and_their_duals_are_what_more_room_is_worth() {
 }
 
 #[test]
+fn a_limit_on_a_load_says_when_the_load_is_largest() {
+    let fastest =
+        r#"goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp"], number_bounds = [0.8, 1.3]"#;
+    let found = found(&format!("{fastest}, largest_power_w = 1e3, least_speed_m_s = 1e-3"));
+    let [power, speed] =
+        ["power", "speed"].map(|of| found.limits.iter().find(|limit| limit.limit.contains(of)).unwrap());
+    // Its own run, the start included.
+    let mut designed = document(fastest);
+    designed.set(&format!("actuation.kappa_amp={:e}", found.numbers[0].value)).unwrap();
+    let mut problem = Problem::of(&designed.scene().unwrap()).unwrap();
+    let motion = problem.forward(&[], &[Quantity::ActuationPower.into()], 1, |_| {}).unwrap();
+    let largest = (0..motion.times.len()).max_by(|a, b| motion.value(*a, 0).total_cmp(&motion.value(*b, 0))).unwrap();
+    println!("{power:?}, largest {:e} W at {} s", motion.value(largest, 0), motion.times[largest]);
+    assert_eq!((power.at_s, speed.at_s), (Some(motion.times[largest]), None));
+    assert!((1e3 * power.used / motion.value(largest, 0) - 1.0).abs() < 1e-6);
+    // A limit that binds is told with that time.
+    let tight = format!("{fastest}, largest_power_w = {:e}", 0.9 * motion.value(largest, 0));
+    let design = Design::of(&document(&tight), |_| ControlFlow::Continue(())).unwrap();
+    let line = design.lines.iter().find(|line| line.starts_with("binding: power")).unwrap();
+    println!("{line}");
+    assert!(line.contains(" W at t = ") && line.contains(" s (1 % more room is worth "), "{line}");
+}
+
+#[test]
 fn the_cheapest_that_is_fast_enough_is_as_fast_as_asked_and_its_dual_is_what_speed_costs() {
     let cheapest = r#"goal = "cycle_actuation_power_w", better = "smaller", variables = ["actuation.kappa_amp", "actuation.wavelength_m"], number_bounds = [0.5, 2.0]"#;
     let speed = found(&FASTEST.replace("[0.8, 1.3]", "[1.0, 1.0000001]")).objective;

@@ -559,6 +559,18 @@ fn a_fit_has_converged_where_only_what_the_data_do_not_know_goes_on() {
     assert!(found.converged, "{}", found.why);
 }
 
+/// Where the scene moves as the markers do to the last digit, any fit is infinitely many times as far from them.
+#[test]
+fn a_fit_that_is_further_from_the_markers_than_the_scene_itself_is_told_by_its_distances() {
+    let exact = ["solver.time_step_s=2.5e-4", "solver.duration_s=0.5"];
+    let folder = markers(&exact, 0.0, 1, |_| ());
+    let (_, lines) = identified(&exact, &folder);
+    let again: Vec<&String> = lines.iter().filter(|line| line.starts_with("simulated again, as designed")).collect();
+    println!("{again:#?}");
+    assert!(again.len() == 1 && again[0].contains(" (m) ") && again[0].contains(", before "), "{again:?}");
+    assert!(!lines.iter().any(|line| line.contains("-") && line.contains("% better")), "{lines:#?}");
+}
+
 /// Meshes of twice the nodes, in which what was found is tried again, are the same scene: behind a head body, and with loads where they were.
 #[test]
 fn a_finer_mesh_is_the_same_scene() {

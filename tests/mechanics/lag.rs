@@ -244,3 +244,34 @@ fn what_a_lag_cannot_have_is_refused_in_a_line() {
     stepper.set_derivative("actuation_frequency_hz", 1, &[0.0]).unwrap();
     stepper.do_step(0.1).unwrap();
 }
+
+#[test]
+fn a_steady_wave_with_a_lag_moves_the_body_as_a_smaller_and_later_one_without() {
+    let omega = TAU * 1.5;
+    let (size, late) = ((1.0 + (omega * TAU_S).powi(2)).sqrt().recip(), (omega * TAU_S).atan());
+    let kinds = [
+        ["solver.model=full", "solver.form=positions"],
+        ["solver.model=full", "solver.form=chain"],
+        ["solver.model=overdamped", "solver.time_step_s=2e-3"],
+        ["solver.model=shape", "solver.time_step_s=2e-3"],
+    ];
+    for (kind, head) in kinds.iter().flat_map(|kind| ["free", "clamped"].map(|head| (kind, head))) {
+        let common = [kind[0], kind[1], &format!("head.kind={head}"), "start={kind=\"shaped\"}"];
+        let lag = format!("actuation.lag_s={TAU_S}");
+        let wave = [
+            format!("actuation.kappa_amp={:e}", 4.0 * size),
+            format!("actuation.phase_profile_rad=[[0.0,{late:e}],[1.0,{late:e}]]"),
+        ];
+        let mut lagging = stepper_of(SOFT, &[&common[..], &[&lag]].concat());
+        let mut plain = stepper_of(SOFT, &[&common[..], &[&wave[0], &wave[1]]].concat());
+        for stepper in [&mut lagging, &mut plain] {
+            stepper.do_step(0.4).unwrap();
+        }
+        let apart = largest(lagging.state().q.iter().zip(&plain.state().q).map(|(a, b)| a - b));
+        let moved = largest(plain.state().q.iter().skip(1).step_by(2).copied());
+        let power = [&lagging, &plain].map(|stepper| stepper.get_scalar("actuation_power_w").unwrap());
+        println!("{kind:?} {head}: {apart:e} m of {moved}, {power:?} W");
+        assert!(apart < 1e-10 && moved > 1e-2, "{kind:?} {head}: {apart:e}");
+        assert!((power[0] / power[1] - 1.0).abs() < 1e-6, "{kind:?} {head}: {power:?}");
+    }
+}

@@ -346,6 +346,7 @@ struct Mistaken {
     of_fluid: bool,
     everywhere: bool,
     slope: f64,
+    kind: Option<PowerKind>,
 }
 
 impl Force for Mistaken {
@@ -366,7 +367,7 @@ impl Force for Mistaken {
     }
 
     fn power_kind(&self) -> Option<PowerKind> {
-        None
+        self.kind
     }
 
     fn evaluate(
@@ -405,7 +406,8 @@ fn an_audit_contradicts_what_is_wrong_and_nothing_else() {
     // It is no parameter, and neither the force nor its energy has a derivative by it.
     assert_eq!(audit_parameter("own.stifness", stiffness, |stiffness| Spring { stiffness }, rod, fluid).len(), 3);
 
-    let right = || Mistaken { spring: Spring { stiffness }, of_fluid: false, everywhere: false, slope: 1.0 };
+    let right =
+        || Mistaken { spring: Spring { stiffness }, of_fluid: false, everywhere: false, slope: 1.0, kind: None };
     let statements = |force: Mistaken| -> Vec<String> {
         audit(&force, rod, fluid).into_iter().map(|contradiction| contradiction.statement).collect()
     };
@@ -415,6 +417,11 @@ fn an_audit_contradicts_what_is_wrong_and_nothing_else() {
     assert_eq!(
         statements(Mistaken { of_fluid: true, ..right() }),
         ["energy(): its rate, by the power and energy_by_time()"]
+    );
+    // The default of a force that does not say that it stores its energy.
+    assert_eq!(
+        statements(Mistaken { kind: Some(PowerKind::Drag), ..right() }),
+        ["power_kind() = Drag, that of a force that supplies no power"]
     );
 }
 

@@ -232,6 +232,27 @@ def test_the_tables_of_steps_and_meshes_are_what_the_runs_give(folder):
         assert 1e3 * row["cycle_head_power_w"] == pytest.approx(float(power), rel=1e-3), changes
     for nodes, thrust in meshes:
         assert 1e3 * found(f"rod.nodes={nodes}")["cycle_thrust_n"] == pytest.approx(float(thrust), rel=1e-3), nodes
+    (eel,) = re.findall(r"is (\S+) with (\d+) nodes and (\S+) with (\d+)\.", text)
+    for efficiency, nodes in zip(eel[::2], eel[1::2]):
+        row = json.loads(run(f"caudal run models/eel.toml --quiet --json --force --set rod.nodes={nodes}"))
+        assert f"{row['cycle_efficiency']:.3f}" == efficiency, nodes
+
+
+def test_pages_that_list_the_extras_and_the_studies_list_all():
+    project = (ROOT / "bindings/python/pyproject.toml").read_text()
+    extras = set(re.findall(r"^(\w+) = \[", re.search(r"optional-dependencies\]\n(.*?)\n\n", project, re.DOTALL)[1], re.M))
+    readme, page = (ROOT / "bindings/python/README.md").read_text(), (DOCS / "python.md").read_text()
+    assert set(re.search(r"extras: (.*)$", readme, re.M)[1].split(", ")) == extras
+    assert set(re.findall(r"`(\w+)`", re.search(r"Extras: (.*?), as in", page, re.DOTALL)[1])) == extras
+    kinds = set(re.findall(r'"(\w+)"', re.search(r"`caudal\.study\((.*?)returns", readme, re.DOTALL)[1]))
+    assert kinds == set(re.findall(r"\w+", re.search(r"kind : \{(.*)\}", caudal.study.__doc__)[1]))
+
+
+def test_the_figures_of_a_run_that_a_page_lists_are_those_that_are_drawn():
+    source = (ROOT / "src/report/run_figures.rs").read_text()
+    files = re.findall(r'"(\w+\.svg)"', re.search(r"pub const FILES.*?\];", source, re.DOTALL)[0])
+    table = re.search(r"A run writes to.*?\n\n- ", (DOCS / "details.md").read_text(), re.DOTALL)[0]
+    assert len(files) > 10 and re.findall(r"`(\w+\.svg)`", table) == files
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "```c\n" in page.read_text()], ids=lambda page: page.stem)

@@ -31,8 +31,8 @@ impl std::fmt::Display for Contradiction {
 /// returns the statements that finite differences contradict: the slopes of [`evaluate`](Force::evaluate) by positions,
 /// velocities, accelerations and flow, [`is_of_fluid`](Force::is_of_fluid),
 /// [`is_the_same_everywhere`](Force::is_the_same_everywhere), [`is_linear`](Force::is_linear), the slopes of its
-/// [`energy`](Force::energy), that the energy of a force that dissipates nothing grows by its power, and the
-/// derivatives by viscosity and density. Empty for a correct force.
+/// [`energy`](Force::energy), that the energy of a force that dissipates nothing grows by its power and that one of
+/// [`PowerKind::Drag`] supplies none, and the derivatives by viscosity and density. Empty for a correct force.
 ///
 /// Its own parameters: [`audit_parameter`].
 pub fn audit(force: &dyn Force, rod: &Rod, fluid: Fluid) -> Vec<Contradiction> {
@@ -229,11 +229,16 @@ impl TrialMotion {
         let at = |h: f64| vec![self.moved([dq, dv, da], Vector2::zeros(), h).stored(force)];
         let exact: f64 = by.iter().zip(&change).map(|(by, d)| dot(by, d)).sum();
         found.add("energy(): its slopes", relative_difference(&[exact], &difference(at), stored.abs()));
-        if !matches!(force.power_kind(), None | Some(PowerKind::Load)) {
-            return;
-        }
         let (power, given) = self.with(|rod| (powers(force, rod).against_fluid, force.energy_by_time(rod, 0.0, None)));
         let scale = dot(&self.force(force).iter().map(|f| f.abs()).collect::<Vec<_>>(), &vec![self.sizes[1]; count]);
+        match force.power_kind() {
+            None | Some(PowerKind::Load) => {}
+            // The default: a force that stores energy and does not say so would have it counted as dissipated.
+            Some(PowerKind::Drag) if power < 0.0 => {
+                return found.add("power_kind() = Drag, that of a force that supplies no power", -power / scale);
+            }
+            Some(_) => return,
+        }
         // Where the rod moves with the fluid's frame, as the energy of a fluid's force is that of motion against it.
         let rate = difference(|h| {
             let mut later = self.moved([&self.parts[1], &self.parts[2], &vec![0.0; count]], Vector2::zeros(), h);

@@ -370,7 +370,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// The destination of the power that it dissipates, which is all of its power if it stores no energy. `None` if it
-    /// dissipates nothing.
+    /// dissipates nothing: a spring has to say so, because the default is that of drag.
     fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Drag)
     }

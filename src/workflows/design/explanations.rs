@@ -2,6 +2,7 @@
 
 use super::front::ParetoPoint;
 use super::identify::{Identifiability, Identification, JointEstimate, MAX_RELATIVE_DEVIATION, identify};
+use super::limits::LimitUse;
 use super::markers::Markers;
 use super::refit::Refit;
 use super::scenarios::ScenarioResult;
@@ -232,13 +233,15 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
             let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
             format!("{unit} more room is worth {dual:.3} % of the objective")
         };
-        if found.limits.iter().any(|limit| limit.limit == *name && limit.used > 1.0 + FEASIBILITY_TOLERANCE) {
-            return format!("passed: {name}, which this design does not keep");
+        let own = found.limits.iter().find(|limit| limit.limit == *name);
+        let when = own.map_or(String::new(), LimitUse::when);
+        if own.is_some_and(|limit| limit.used > 1.0 + FEASIBILITY_TOLERANCE) {
+            return format!("passed: {name}, which this design does not keep{when}");
         }
         if !found.kept {
-            return format!("binding: {name}"); // beside what it does not keep no room has a worth
+            return format!("binding: {name}{when}"); // beside what it does not keep no room has a worth
         }
-        format!("binding: {name} ({worth})")
+        format!("binding: {name}{when} ({worth})")
     }));
     lines
 }

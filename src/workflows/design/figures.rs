@@ -429,7 +429,8 @@ impl Design {
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
             let row = |other: &ComparedProfile| {
-                let gain = design.zip(other.objective).map(|(design, other)| self.table.gain_percent(design, other));
+                let gain =
+                    design.zip(other.objective).and_then(|(design, other)| self.table.gain_percent(design, other));
                 let mut row = vec![json!(other.name), json!(other.objective), json!(gain)];
                 row.extend(limited.then(|| json!(other.breaks)));
                 row

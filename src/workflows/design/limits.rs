@@ -39,6 +39,9 @@ pub(super) struct LimitValue {
     pub excess: f64,
     /// True where what is limited is to be large, see [`below`].
     pub is_least: bool,
+    /// The time (s) of its value, of a load.
+    #[serde(default)]
+    pub at_s: Option<f64>,
     /// Derivatives by the parameters, later by the unknowns.
     pub by: Vec<f64>,
 }
@@ -114,6 +117,9 @@ pub struct LimitUse {
     /// Value over the limit, or the limit over a value that is to be large: infinite where nothing of that is reached, `null` in JSON.
     #[serde(deserialize_with = "or_infinite")]
     pub used: f64,
+    /// When a load is largest, s from the beginning of the run; `None` for any other limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_s: Option<f64>,
 }
 
 fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<f64, D::Error> {
@@ -124,10 +130,11 @@ impl LimitUse {
     /// The use of each limit among `limits`, in their order.
     pub(super) fn of(limits: &[LimitValue]) -> Vec<Self> {
         limits.iter().fold(Vec::new(), |mut all: Vec<Self>, limit| {
-            let (name, used) = (&limit.name, limit.used());
-            match all.iter_mut().find(|other| other.limit == *name) {
-                Some(other) => other.used = other.used.max(used),
-                None => all.push(Self { limit: name.clone(), used }),
+            let own = Self { limit: limit.name.clone(), used: limit.used(), at_s: limit.at_s };
+            match all.iter_mut().find(|other| other.limit == own.limit) {
+                Some(other) if own.used > other.used => *other = own,
+                Some(_) => {}
+                None => all.push(own),
             }
             all
         })
@@ -143,8 +150,13 @@ impl LimitUse {
         match self.used {
             f64::INFINITY => "nothing of it is reached".to_string(),
             used if self.limit.contains(" at least ") => format!("{:.2} % of it is reached", 100.0 / used),
-            used => format!("{:.2} % of it", 100.0 * used),
+            used => format!("{:.2} % of it{}", 100.0 * used, self.when()),
         }
+    }
+
+    /// When a load is largest, in words; empty for any other limit.
+    pub(super) fn when(&self) -> String {
+        self.at_s.map_or(String::new(), |time| format!(" at t = {} s", significant(time, 4)))
     }
 
     /// Its description if more than it and the `tolerance` beside it, relative, is used.
@@ -272,7 +284,7 @@ impl Limits {
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(LimitValue { name: name.clone(), of: [0, 0], excess: own.ln(), is_least: false, by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess: own.ln(), is_least: false, at_s: None, by });
         }
         self.add_loads(problem, parameters, &mut all)?;
         for (name, objective, floor, size) in &self.means {
@@ -283,7 +295,7 @@ impl Limits {
                 None => below(value / floor, 1.0 / floor),
             };
             let by = by.into_iter().map(|by| slope * by).collect();
-            all.push(LimitValue { name: name.clone(), of: [0, 0], excess, is_least: size.is_none(), by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess, is_least: size.is_none(), at_s: None, by });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
@@ -316,8 +328,8 @@ impl Limits {
                         near.push((*o, n, way / (most * values[n]), all.len()));
                     }
                     let by = vec![0.0; parameters.len()];
-                    let (name, excess) = (name.clone(), values[n].ln());
-                    all.push(LimitValue { name, of: [load, peak], excess, is_least: false, by });
+                    let (name, excess, at_s) = (name.clone(), values[n].ln(), Some(found.times[n]));
+                    all.push(LimitValue { name, of: [load, peak], excess, is_least: false, at_s, by });
                 }
             }
         }

@@ -146,7 +146,7 @@ impl<'a> RobustnessChecks<'a> {
                 simulation: simulation.clone(),
                 designed: objective(&designed),
                 before: objective(&before),
-                gain_percent: both.map(|(value, before)| self.table.gain_percent(value, before)),
+                gain_percent: both.and_then(|(value, before)| self.table.gain_percent(value, before)),
                 limit: designed.and_then(|result| result.limit),
                 limit_before: before.and_then(|result| result.limit),
             }
@@ -307,7 +307,7 @@ mod tests {
         assert!(before.is_some_and(|trust| trust.survives && trust.least_in == "finer"));
         let broken = Robustness::of(&[own.clone(), finer.clone()], false);
         assert!(broken.is_some_and(|trust| !trust.survives && trust.words().contains("does not keep its limits")));
-        let limit = |used: f64| Some(LimitUse { limit: "power at most 6 W".to_string(), used });
+        let limit = |used: f64| Some(LimitUse { limit: "power at most 6 W".to_string(), used, at_s: Some(0.25) });
         let at = |used: f64| trust(Check { limit: limit(used), ..check("cross-flow", Some(1.2), Some(1.0)) });
         assert!(at(1.0 + 0.9 * LIMIT_TOLERANCE).is_some_and(|trust| trust.survives));
         let beyond = at(1.66).unwrap_or_else(|| unreachable!());

@@ -298,9 +298,12 @@ impl Design {
                     if let Some(value) = compared.objective {
                         let gain = table.gain_percent(found.objective, value);
                         let value = significant(value, 7);
-                        lines.push(match &compared.breaks {
-                            Some(limit) => format!("{}: {value}, but it breaks a limit: {limit}", compared.name),
-                            None => format!("{}: {value}; the design is {gain:+.2} % better", compared.name),
+                        lines.push(match (&compared.breaks, gain) {
+                            (Some(limit), _) => format!("{}: {value}, but it breaks a limit: {limit}", compared.name),
+                            (None, Some(gain)) => {
+                                format!("{}: {value}; the design is {gain:+.2} % better", compared.name)
+                            }
+                            (None, None) => format!("{}: {value}; the design is no better", compared.name),
                         });
                     }
                 }
@@ -309,8 +312,11 @@ impl Design {
             }
         };
         for check in &evidence.checks {
-            let gain = check.gain_percent.filter(|gain| gain.abs() >= 0.005);
-            let gain = gain.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+            let gain = match (check.gain_percent, check.before) {
+                (Some(gain), _) if gain.abs() >= 0.005 => format!(", {gain:+.2} % better than before"),
+                (None, Some(before)) if check.designed.is_some() => format!(", before {}", significant(before, 7)),
+                _ => String::new(),
+            };
             let value = check.designed.map_or("fails".to_string(), |value| significant(value, 7));
             let what = match table.goal {
                 Goal::Identify => " rms distance from the markers (m)",
@@ -433,7 +439,7 @@ fn in_scenarios(search: &mut Search<'_>, before: &DesignVector, profile: &Design
         case: case.name.clone(),
         designed,
         before,
-        gain_percent: designed.zip(before).map(|(designed, before)| search.table.gain_percent(designed, before)),
+        gain_percent: designed.zip(before).and_then(|(designed, before)| search.table.gain_percent(designed, before)),
     };
     search.scenarios.iter().zip(before).zip(designed).map(row).collect()
 }
@@ -568,7 +574,7 @@ fn replay(
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = own.as_ref().and_then(|own| measure(&changes, own));
-        let gain_percent = designed.zip(before).map(|(designed, before)| table.gain_percent(designed, before));
+        let gain_percent = designed.zip(before).and_then(|(designed, before)| table.gain_percent(designed, before));
         Check { simulation, designed, before, gain_percent, ..Check::default() }
     };
     simulations(fixed_scene.as_ref().unwrap_or(scene)).into_iter().map(check).collect()

@@ -568,10 +568,15 @@ impl DesignTable {
         matches!(self.goal, Goal::Identify | Goal::TrackTip) || self.better.as_deref() == Some("smaller")
     }
 
-    /// How much better `value` is than `other`, %; zero if they are equal, even at zero.
-    pub fn gain_percent(&self, value: f64, other: f64) -> f64 {
+    /// How much better `value` is than `other`, %; zero if they are equal, even at zero. `None` for more than twice the distance from
+    /// markers: the one before it may be as good as zero.
+    pub fn gain_percent(&self, value: f64, other: f64) -> Option<f64> {
         let better = if self.smaller_is_better() { other - value } else { value - other };
-        if better == 0.0 { 0.0 } else { 100.0 * better / other.abs() }
+        match better {
+            0.0 => Some(0.0),
+            better if better < -other.abs() && self.goal == Goal::Identify => None,
+            better => Some(100.0 * better / other.abs()),
+        }
     }
 
     /// True where a simulation is to come close to given positions.
