@@ -81,6 +81,26 @@ fn a_step_allocates_nothing_whatever_the_method_the_form_and_the_head() {
 }
 
 #[test]
+fn a_step_with_winches_and_a_lag_allocates_nothing() {
+    for method in METHODS {
+        for form in ["positions", "chain"].into_iter().filter(|form| method.implicit || *form == "positions") {
+            let form = format!("solver.form={form}");
+            let winches = "tendons=[{offset_m=0.001,stiffness_n_m=0.1,length_m=0.99},{offset_m=-0.001,stiffness_n_m=0.1,length_m=0.99}]";
+            let changes = [SILICONE, WAVE, DRAG, GLYCEROL, "actuation.lag_s=0.1", winches, "rod.nodes=33", &form];
+            let step = step(method);
+            let mut stepper = Stepper::of(&scene_by(method, step, &changes)).unwrap();
+            (0..2).for_each(|_| stepper.do_step(step).unwrap()); // makes room for what they couple
+            let before = CALLS.get();
+            for _ in 0..20 {
+                stepper.do_step(step).unwrap();
+            }
+            assert_eq!(CALLS.get(), before, "{}, {form}", method.name);
+            assert!(stepper.get_scalar("tendon_1_tension_n").unwrap() > 0.0);
+        }
+    }
+}
+
+#[test]
 fn a_step_in_water_allocates_nothing_whatever_the_law_of_drag() {
     for law in LAWS.iter().filter(|law| law.needs.is_empty()) {
         for form in ["positions", "chain"].into_iter().filter(|form| *form == "positions" || !law.is_nonlocal()) {

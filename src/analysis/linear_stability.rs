@@ -212,8 +212,17 @@ impl SteadyState {
                 "a free rod under loads does not rest; hold its head (kind = \"clamped\"), or take the loads away";
             return Err(unsteady("head.kind", problem));
         }
+        let torque =
+            dynamics.model.hinge.as_ref().and_then(|hinge| hinge.torque.constant()).filter(|torque| *torque != 0.0);
+        let key = if torque.is_some() { "head.torque_n_m" } else { "medium.flow_m_s" };
         let failed = |error: Error| {
-            unsteady("medium.flow_m_s", &format!("no rest is found in this flow and under these loads: {error}"))
+            let problem = match torque {
+                None => format!("no rest is found in this flow and under these loads: {error}"),
+                Some(torque) => format!(
+                    "found {torque} N m, under which no rest of the hinge is found: {error}; allowed: a torque that its servo, the flow or the loads hold, well below its limit"
+                ),
+            };
+            unsteady(key, &problem)
         };
         let mut newton = Newton::new(nodes, REST_TOLERANCE).map_err(failed)?;
         let mut state = dynamics.first_state();

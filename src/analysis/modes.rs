@@ -100,6 +100,8 @@ pub struct Modes {
     pub stretching: Vec<f64>,
     /// The largest drag of a node over its inertia, across the rod and along it, at rest, 1/s.
     pub drag: [f64; 2],
+    /// A bound of what winches, left out of the frequencies, add to the largest ω² when they are taut, 1/s².
+    pub winches: f64,
 }
 
 impl Modes {
@@ -116,7 +118,8 @@ impl Modes {
     /// # Errors
     /// Those of [`of`](Self::of).
     pub fn of_model(model: Model) -> Result<Self> {
-        Self::of_matrices(&Matrices::of_natural_modes(model)?)
+        let winches = model.tendons.stiffness_over_inertia(&model.rod);
+        Ok(Self { winches, ..Self::of_matrices(&Matrices::of_natural_modes(model)?)? })
     }
 
     /// The modes of M and K of `matrices`, of which K is that of rod and servo alone.
@@ -130,7 +133,7 @@ impl Modes {
             Ok(squares.into_iter().skip(matrices.rigid(axis)).map(|square| square.max(0.0).sqrt()).collect())
         });
         let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
-        Ok(Self { bending: bending?, stretching: stretching?, drag })
+        Ok(Self { bending: bending?, stretching: stretching?, drag, winches: 0.0 })
     }
 
     /// The lowest of all.
@@ -159,7 +162,8 @@ impl Modes {
         };
         let times = damping
             .map_or([[0.0; 2]; 2], |damping| [ends(&mut damping.bending.iter()), ends(&mut damping.stretching.iter())]);
-        let highest = [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or(0.0));
+        let highest = [&self.bending, &self.stretching]
+            .map(|frequencies| frequencies.last().map_or(0.0, |highest| highest.hypot(self.winches.sqrt())));
         let bounds = highest.into_iter().zip(times).zip(self.drag).filter(|((frequency, _), _)| *frequency > 0.0);
         let bounds = bounds.filter_map(|((frequency, [least, most]), drag)| {
             let ratios = [least * frequency, most * frequency + drag / frequency].map(|damping| 0.5 * damping);

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use nalgebra::Vector2;
 
-use crate::actuation::{Wave, lag};
+use crate::actuation::lag;
 use crate::error::{Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
@@ -364,7 +364,8 @@ impl Assessment {
         let on = if *is_coarse { format!(" (on {MAX_NODES_FOR_MODES} nodes)") } else { String::new() };
         let model = stepper.model();
         let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
-        fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
+        let slack = if scene.has_winches() { ", as if the winches were slack" } else { "" };
+        fact("first natural frequency", format!("{} Hz {with}{on}{slack}", significant(self.first_frequency / TAU, 5)));
         let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
         match &rod.damping {
             Some(damping) => {
@@ -790,9 +791,12 @@ impl Assessment {
                     format!("a step of at most {longest:e} s resolves the slowest of it"),
                 ]
             } else {
-                let shaped = scene.actuation.is_some() && !stepper.model().active_moments;
+                let jump = scene.start.kind == StartKind::Jump;
+                let shaped = jump && scene.actuation.is_some() && !stepper.model().active_moments;
                 let smooth = if shaped { "shaped" } else { "ramp" };
-                ["the jump start".to_string(), format!("start.kind = \"{smooth}\" has no ringing")]
+                let start =
+                    if jump { "the jump start" } else { "the shaped start, with winches that are taut at once," };
+                [start.to_string(), format!("start.kind = \"{smooth}\" has no ringing")]
             };
             let rings = format!("{start} rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
@@ -894,7 +898,18 @@ fn describe_tendon(tendon: &Tendon, rod: &Rod) -> String {
     let length = rod.spacing * tendon.edges.len() as f64;
     let middle = (tendon.joints.start + tendon.joints.end) / 2;
     let pull = tendon.winch().map_or(String::new(), |winch| {
-        format!("; a winch gives it a length through {} N/m", significant(winch.stiffness, 3))
+        let [least, most] = winch.length.range();
+        let given = if least == most {
+            significant(least, 4)
+        } else {
+            format!("{} to {}", significant(least, 4), significant(most, 4))
+        };
+        let slack = if least >= length { ", slack beside the straight rod" } else { "" };
+        format!(
+            "; a winch gives it {given} m through {} N/m, taken up over {} m{slack}",
+            significant(winch.stiffness, 3),
+            significant(winch.take_up, 3)
+        )
     });
     format!(
         "{} m to the {side}, along nodes {} to {}, {} m long at rest; in its middle 1 N bends the rod at rest by {} 1/m{pull}",
@@ -984,14 +999,13 @@ fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
 /// Half the tip's range of motion (m) in the shape that the actuation prescribes.
 fn prescribed_tip(model: &Model) -> Option<f64> {
     let head = model.head.as_ref().map(|motion| pose(motion, 0.0));
-    model.with_curvature_wave(|actuation, drive| {
-        if drive.frequency == 0.0 {
-            return 0.0;
-        }
-        let shapes = regime::shapes(&model.rod, actuation, drive, head.as_ref());
-        let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();
-        regime::half_width(&tips)
-    })
+    let (_, drive) = model.actuation.as_ref()?;
+    if drive.frequency == 0.0 {
+        return Some(0.0);
+    }
+    let shapes = regime::shapes(model, head.as_ref());
+    let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();
+    Some(regime::half_width(&tips))
 }
 
 /// Drag across the rod per length and speed in that fluid, N s/m²; for a nonlocal law that of the default law.
@@ -1006,16 +1020,6 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     Some(across)
 }
 
-/// The fully developed natural curvature at a phase of the scene's drive.
-fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
-    let mut natural_curvature = vec![0.0; model.rod.nodes];
-    model.with_curvature_wave(|actuation, drive| {
-        let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
-        actuation.add(wave, &mut natural_curvature, &mut vec![0.0; model.rod.nodes]);
-    });
-    natural_curvature
-}
-
 /// What the actuation prescribes.
 struct DriveShape {
     /// Largest rotation of a joint, rad.
@@ -1028,9 +1032,9 @@ impl DriveShape {
     /// That of `model`, of a rod whose spacing is `finer` times that of the model's.
     fn of(model: &Model, finer: f64) -> Self {
         let largest = |values: &[f64]| values.iter().fold(0.0, |max: f64, k| max.max(k.abs()));
-        let sharpest = |phase: f64| largest(&natural_curvature(model, phase)[model.rod.joints()]);
+        let sharpest = |phase: f64| largest(&model.natural_curvature(phase)[model.rod.joints()]);
         let rests = |drive: Drive| drive.frequency == 0.0 && drive.amplitude != 0.0;
-        let straight = |phase: f64| largest(&natural_curvature(model, phase));
+        let straight = |phase: f64| largest(&model.natural_curvature(phase));
         Self {
             sharpest_turning: (0..16)
                 .map(|i| bend::turning(finer * sharpest(TAU * f64::from(i) / 16.0)))

@@ -951,6 +951,7 @@ impl Cycles {
     fn push_cycle(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
         let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
         let [excursion, swing] = [self.range, self.hinge_range].map(|[least, most]| most - least);
+        let swing = swing.max(0.0); // of a hinge that has not moved
         let cycle = Cycle { from, until, excursion, swing, change: integrals - first };
         if self.count == MAX_CYCLES {
             self.kept.rotate_left(1);

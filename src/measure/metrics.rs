@@ -239,12 +239,19 @@ pub struct TendonReading {
     pub length_rate: f64,
     /// Σ ℓ_e of its edges, m.
     pub edge_length: f64,
+    /// The length that is let out to it, m, and its rate, m/s: that of a winch, else its own.
+    pub wound: [f64; 2],
 }
 
 impl TendonReading {
     /// The power (W) that whatever pulls it puts in, −T dΛ/dt.
     pub fn power(&self) -> f64 {
         -self.tension * self.length_rate
+    }
+
+    /// The power (W) that what winds it puts in: that of a winch, which stretches the cable too.
+    pub fn winding_power(&self) -> f64 {
+        -self.tension * self.wound[1]
     }
 }
 
@@ -555,11 +562,14 @@ impl Measurements {
         let DeformedRod { dynamics, state } = bent;
         for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
             let turning: f64 = tendon.joints.clone().map(|k| self.curvature_rate(dynamics, state, k)).sum();
+            let length = tendon.length(bent.edges(), &self.kappa);
+            let length_rate = tendon.edge_length_rate(bent.edges(), &state.v) - tendon.offset * turning;
             self.tendons[i] = TendonReading {
                 tension: dynamics.tensions[0][i],
-                length: tendon.length(bent.edges(), &self.kappa),
-                length_rate: tendon.edge_length_rate(bent.edges(), &state.v) - tendon.offset * turning,
+                length,
+                length_rate,
                 edge_length: tendon.edge_length(bent.edges()),
+                wound: dynamics.winch_length(i).unwrap_or([length, length_rate]),
             };
         }
     }
@@ -794,14 +804,14 @@ pub struct TendonExtremes {
     pub power: f64,
     /// Largest speed of winding, either way, m/s.
     pub speed: f64,
-    /// Least and largest length of the tendon, m.
+    /// Least and largest length that it let out, m.
     pub length: [f64; 2],
 }
 
 impl TendonExtremes {
     fn of(tendon: &TendonReading) -> Self {
-        let TendonReading { tension, length, length_rate, .. } = *tendon;
-        Self { tension, power: tendon.power(), speed: length_rate.abs(), length: [length; 2] }
+        let TendonReading { tension, wound: [length, speed], .. } = *tendon;
+        Self { tension, power: tendon.winding_power(), speed: speed.abs(), length: [length; 2] }
     }
 
     fn widen(&mut self, tendon: &TendonReading) {

@@ -4,10 +4,9 @@ use std::f64::consts::{FRAC_PI_4, PI, SQRT_2, TAU};
 
 use nalgebra::Vector2;
 
-use crate::actuation::{Actuation, Wave};
 use crate::fluid::validity::{MISALIGNED, TransverseMotion};
 use crate::head::Pose;
-use crate::model::Drive;
+use crate::model::Model;
 use crate::rod::Rod;
 use crate::start::Start;
 use crate::system::State;
@@ -111,12 +110,11 @@ pub fn half_width(places: &[Vector2<f64>]) -> f64 {
 
 /// The shapes that the actuation prescribes over a period: of a rod whose head is held as that begins, or which is at rest with the
 /// straight rod's centre of mass.
-pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive, head: Option<&Pose>) -> impl Iterator<Item = State> {
+pub fn shapes(model: &Model, head: Option<&Pose>) -> impl Iterator<Item = State> {
+    let rod = &model.rod;
     (0..PHASES).map(move |i| {
-        let (mut natural, zeros) = (vec![0.0; rod.nodes], vec![0.0; rod.nodes]);
-        let phase = TAU * f64::from(i) / f64::from(PHASES);
-        let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
-        actuation.add(wave, &mut natural, &mut zeros.clone());
+        let zeros = vec![0.0; rod.nodes];
+        let mut natural = model.natural_curvature(TAU * f64::from(i) / f64::from(PHASES));
         rod.at_joints(&mut natural);
         let mut state = State::zeros(2 * rod.nodes);
         Start::Shaped.place(rod, [&natural, &zeros], None, head, &mut state);

@@ -1,11 +1,11 @@
 //! Newton's method with full steps and the exact Jacobian, which solves every implicit step and counts its work.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, ChainMatrix, Direction, FallbackSolver, Riccati, Solution, SolverChoice};
-use crate::system::{Form, Linearisation, RankOne, State, System};
+use crate::system::{Form, Linearisation, MAX_RANK, RankOne, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
 /// `models/` is 9.
@@ -92,6 +92,9 @@ pub struct Newton {
     nodes: usize,
     equations: EquationSolver,
     increment: Vec<f64>,
+    /// Room for the solutions of parts of rank one, and the node of the largest residual beside them.
+    columns: Vec<Vec<f64>>,
+    worst_coupled: usize,
     /// Work done since the start.
     pub work: SolverWork,
 }
@@ -149,6 +152,8 @@ impl Newton {
             nodes,
             equations,
             increment: vec![0.0; unknowns],
+            columns: Vec::new(),
+            worst_coupled: 0,
             work: SolverWork::default(),
         })
     }
@@ -262,7 +267,7 @@ impl Newton {
     fn worst(&self, residual: f64) -> usize {
         match &self.equations {
             EquationSolver::Positions { solver, .. } => {
-                solver.rhs().iter().position(|force| force.abs() == residual).unwrap_or(0) / 2
+                solver.rhs().iter().position(|force| force.abs() == residual).map_or(self.worst_coupled, |i| i / 2)
             }
             EquationSolver::Chain { worst, .. } => *worst,
         }
@@ -275,7 +280,7 @@ impl Newton {
     pub fn iterate(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Iteration> {
         self.work.newton_iterations += 1;
         let length = system.length();
-        let (increment, t) = (&mut self.increment, state.t);
+        let (increment, columns, t) = (&mut self.increment, &mut self.columns, state.t);
         match &mut self.equations {
             EquationSolver::Positions { jacobian, solver } => {
                 let linearisation = Linearisation { matrix: &mut *jacobian, direction };
@@ -291,10 +296,11 @@ impl Newton {
                 let [size, residual] = match (sizes, system.rank_ones()) {
                     (Some(sizes), []) => sizes,
                     (_, rank_ones) => {
-                        let residual = largest(solver.rhs(), 2, t, "force")?.1;
-                        add_rank_ones(rank_ones, increment, |column| {
-                            let mut x = column.to_vec();
-                            solve(solver, &mut x).map(|_| x)
+                        let residual;
+                        (self.worst_coupled, residual) = largest(solver.rhs(), 2, t, "force")?;
+                        add_rank_ones(rank_ones, increment, columns, |column, x| {
+                            column.clone_into(x);
+                            solve(solver, x).map(|_| ())
                         })?;
                         self.work.factorisations += rank_ones.len() as u64;
                         [largest(increment, 2, t, "Newton's increment")?.1, residual]
@@ -310,10 +316,10 @@ impl Newton {
                 let fallback = solver.solve(matrix, residual, increment);
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);
-                add_rank_ones(system.rank_ones(), increment, |column| {
-                    let mut x = vec![0.0; column.len()];
-                    solver.solve(matrix, column, &mut x);
-                    Ok(x)
+                add_rank_ones(system.rank_ones(), increment, columns, |column, x| {
+                    x.resize(column.len(), 0.0);
+                    solver.solve(matrix, column, x);
+                    Ok(())
                 })?;
                 self.work.factorisations += system.rank_ones().len() as u64;
                 largest(increment, 6, t, "Newton's increment")?;
@@ -335,24 +341,33 @@ impl Newton {
 }
 
 /// Makes of the solution `x` of a system that of the same with its parts of rank one U Vᵀ: x − Z (1 + Vᵀ Z)⁻¹ Vᵀ x (Woodbury), where `solve`
-/// finds the columns of Z = A⁻¹ U. A sum that is singular leaves values that are not finite.
+/// replaces the columns of U by those of Z = A⁻¹ U, in `columns`. A sum that is singular leaves values that are not finite.
 fn add_rank_ones(
     rank_ones: &[RankOne],
     x: &mut [f64],
-    mut solve: impl FnMut(&[f64]) -> Result<Vec<f64>>,
+    columns: &mut Vec<Vec<f64>>,
+    mut solve: impl FnMut(&[f64], &mut Vec<f64>) -> Result<()>,
 ) -> Result<()> {
     if rank_ones.is_empty() {
         return Ok(());
     }
-    let columns = rank_ones.iter().map(|part| solve(&part.column)).collect::<Result<Vec<_>>>()?;
+    columns.resize_with(columns.len().max(rank_ones.len()), Vec::new);
+    for (part, column) in rank_ones.iter().zip(&mut *columns) {
+        solve(&part.column, column)?;
+    }
     let along = |row: &[f64], x: &[f64]| row.iter().zip(x).map(|(row, x)| row * x).sum::<f64>();
-    let count = rank_ones.len();
-    let sum = |i: usize, j: usize| along(&rank_ones[i].row, &columns[j]) + if i == j { 1.0 } else { 0.0 };
-    let mut sizes = DVector::from_fn(count, |i, _| along(&rank_ones[i].row, x));
-    if !DMatrix::from_fn(count, count, sum).lu().solve_mut(&mut sizes) {
+    let mut sizes = SVector::<f64, MAX_RANK>::zeros();
+    let mut sum = SMatrix::<f64, MAX_RANK, MAX_RANK>::identity();
+    for (i, part) in rank_ones.iter().enumerate().take(MAX_RANK) {
+        sizes[i] = along(&part.row, x);
+        for (j, column) in columns.iter().enumerate().take(rank_ones.len()) {
+            sum[(i, j)] += along(&part.row, column);
+        }
+    }
+    if !sum.lu().solve_mut(&mut sizes) {
         sizes.fill(f64::NAN);
     }
-    for (column, size) in columns.iter().zip(&sizes) {
+    for (column, size) in columns.iter().zip(&sizes).take(rank_ones.len()) {
         x.iter_mut().zip(column).for_each(|(x, column)| *x -= size * column);
     }
     Ok(())

@@ -105,8 +105,11 @@ pub struct Linearisation<'a> {
     pub direction: Direction,
 }
 
+/// The largest number of parts of rank one.
+pub const MAX_RANK: usize = 4;
+
 /// A part `column` · `row`ᵀ of the matrix of a system that couples any of its unknowns, in the order and units of a form.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct RankOne {
     /// What the residual changes by.
     pub column: Vec<f64>,
@@ -156,7 +159,7 @@ pub trait System {
         None
     }
 
-    /// What the matrix assembled last, in either form, lacks beside [`coupling`](Self::coupling): a few parts of rank one.
+    /// What the matrix assembled last, in either form, lacks beside [`coupling`](Self::coupling): at most [`MAX_RANK`] parts of rank one.
     fn rank_ones(&self) -> &[RankOne] {
         &[]
     }

@@ -102,6 +102,15 @@ impl Signal {
         }
     }
 
+    /// The least and the largest value, of a table those of its rows.
+    pub fn range(&self) -> [f64; 2] {
+        match self {
+            Self::Constant(value) => [*value; 2],
+            Self::Sinusoid { amplitude, offset, .. } => [offset - amplitude.abs(), offset + amplitude.abs()],
+            Self::Table(rows) => range(rows.iter().map(|row| row.value)),
+        }
+    }
+
     /// The root mean square over its period, or over the rows of a table.
     pub fn root_mean_square(&self) -> f64 {
         match self {

@@ -138,6 +138,23 @@ impl Model {
         Some(look(&**actuation, *drive))
     }
 
+    /// The fully developed natural curvature of each joint at that `phase` (rad) of the actuation, within its limit, as
+    /// [`with_curvature_wave`](Self::with_curvature_wave) shows it; zero without one.
+    pub(crate) fn natural_curvature(&self, phase: f64) -> Vec<f64> {
+        let (rod, mut natural) = (&self.rod, vec![0.0; self.rod.nodes]);
+        self.with_curvature_wave(|actuation, drive| {
+            let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
+            actuation.add(wave, &mut natural, &mut vec![0.0; rod.nodes]);
+        });
+        if let Some(most) = self.largest_drive {
+            for k in rod.joints() {
+                let most = if self.active_moments { most / (rod.joint[k] * rod.joint_part(k)) } else { most };
+                natural[k] = most * (natural[k] / most).tanh();
+            }
+        }
+        natural
+    }
+
     /// The number of entries of the positions of a state: two per node, and the arc of a hinge.
     pub fn unknowns(&self) -> usize {
         2 * self.rod.nodes + usize::from(self.hinge.is_some())
@@ -362,9 +379,10 @@ struct Winches {
     slopes: [f64; MAX_TENDONS],
     /// Curvature without moment and active moments without the winches.
     without: ActiveMoments,
-    /// What they couple in the matrix last assembled, and the tendons of which.
+    /// What they couple in the matrix last assembled, and the tendons of which: so many of them.
     couplings: Vec<RankOne>,
-    coupled: Vec<usize>,
+    coupled: [usize; MAX_TENDONS],
+    count: usize,
 }
 
 impl Winches {
@@ -376,25 +394,36 @@ impl Winches {
                 slopes: Default::default(),
                 without: ActiveMoments::zeros(model.rod.nodes),
                 couplings: Vec::new(),
-                coupled: Vec::new(),
+                coupled: [0; MAX_TENDONS],
+                count: 0,
             })
         })
     }
 
-    fn forget_couplings(&mut self) {
-        self.couplings.clear();
-        self.coupled.clear();
+    /// Room for what `tendon` couples, of so many `unknowns`, all zero.
+    fn couple(&mut self, tendon: usize, unknowns: usize) -> &mut RankOne {
+        let place = self.count;
+        (self.coupled[place], self.count) = (tendon, place + 1);
+        if self.couplings.len() == place {
+            self.couplings.push(RankOne::default());
+        }
+        let part = &mut self.couplings[place];
+        for values in [&mut part.column, &mut part.row] {
+            values.clear();
+            values.resize(unknowns, 0.0);
+        }
+        part
     }
 
-    fn couple(&mut self, tendon: usize, part: RankOne) {
-        self.couplings.push(part);
-        self.coupled.push(tendon);
+    /// What they couple.
+    fn couplings(&self) -> &[RankOne] {
+        &self.couplings[..self.count]
     }
 
     /// The changes of their tensions (N) when the unknowns move by `increment`, each with its tendon.
     fn tension_changes(&self, increment: &[f64]) -> impl Iterator<Item = (usize, f64)> {
         let along = move |part: &RankOne| part.row.iter().zip(increment).map(|(row, x)| row * x).sum::<f64>();
-        self.coupled.iter().copied().zip(self.couplings.iter().map(along))
+        self.coupled.into_iter().zip(self.couplings().iter().map(along))
     }
 }
 
@@ -406,6 +435,17 @@ fn move_arc_back(nodes: usize, direction: Direction, increment: f64, state: &mut
             *arc -= along * increment;
         }
     }
+}
+
+/// An array of a host's inputs, if it has set it.
+type InputArray = fn(&Inputs) -> Option<&[f64]>;
+
+fn own_moment(inputs: &Inputs) -> Option<&[f64]> {
+    inputs.moment.as_deref()
+}
+
+fn own_curvature(inputs: &Inputs) -> Option<&[f64]> {
+    inputs.natural.as_deref()
 }
 
 /// Adds the active moments (N m) of `tendons` of these `tensions` (N) to those of the joints, one entry per node.
@@ -771,6 +811,23 @@ impl Dynamics {
         natural_rate.copy_from_slice(&self.natural_rate);
     }
 
+    /// Lets the winches pull a rod of these `edges` and curvatures `kappa`; false where there are none.
+    pub(crate) fn pull_winches_along(&mut self, edges: &[Edge], kappa: &[f64]) -> bool {
+        if self.winches.is_none() {
+            return false;
+        }
+        self.edges.copy_from_slice(edges);
+        self.kappa.copy_from_slice(kappa);
+        self.pull_winches();
+        true
+    }
+
+    /// The length (m) that a winch gives tendon `i` at the time last moved to, and its rate, m/s.
+    pub(crate) fn winch_length(&self, i: usize) -> Option<[f64; 2]> {
+        let winches = self.winches.as_ref().filter(|_| self.model.tendons[i].winch().is_some())?;
+        Some(winches.lengths.map(|of| of[i]))
+    }
+
     /// Lets the winches pull the rod as its edges and curvatures were last found. The rates of their tension are those by the winches alone.
     #[inline(never)] // most rods have none
     fn pull_winches(&mut self) {
@@ -801,19 +858,18 @@ impl Dynamics {
     fn couple_winches(&mut self, direction: Direction) {
         let Some(winches) = &mut self.winches else { return };
         let Model { rod, tendons, .. } = &*self.model;
-        winches.forget_couplings();
+        winches.count = 0;
         for (i, tendon) in tendons.iter().enumerate() {
             let slope = winches.slopes[i] * direction.q;
             if slope == 0.0 {
                 continue;
             }
-            let mut column = vec![0.0; 2 * rod.nodes];
-            tendon.visit_length_slopes(&self.edges, &self.kappa, |k, slope| add(&mut column, k, slope));
+            let RankOne { column, row } = winches.couple(i, 2 * rod.nodes);
+            tendon.visit_length_slopes(&self.edges, &self.kappa, |k, slope| add(column, k, slope));
             if self.held.is_some() {
                 column[..2].fill(0.0);
             }
-            let row = column.iter().map(|by| slope * by).collect();
-            winches.couple(i, RankOne { column, row });
+            row.iter_mut().zip(&*column).for_each(|(row, by)| *row = slope * by);
         }
     }
 
@@ -832,9 +888,9 @@ impl Dynamics {
 
     /// Adds `factor` times the derivative of `order` of a host's own natural curvatures (dimensionless), or of its active `moments`, to `out`.
     fn add_own(&self, order: usize, t: f64, moments: bool, factor: f64, out: &mut [f64]) {
-        let (of, factor): (fn(&Inputs) -> Option<&[f64]>, f64) = match moments {
-            true => (|inputs| inputs.moment.as_deref(), factor),
-            false => (|inputs| inputs.natural.as_deref(), factor * self.model.rod.spacing),
+        let (of, factor) = match moments {
+            true => (own_moment as InputArray, factor),
+            false => (own_curvature as InputArray, factor * self.model.rod.spacing),
         };
         match &self.extrapolation {
             Some(extrapolation) => extrapolation.add_derivative(order, t, of, factor, out),
@@ -1565,7 +1621,7 @@ impl System for Dynamics {
     }
 
     fn rank_ones(&self) -> &[RankOne] {
-        self.winches.as_ref().map_or(&[], |winches| &winches.couplings)
+        self.winches.as_ref().map_or(&[], |winches| winches.couplings())
     }
 
     fn assemble_chain(

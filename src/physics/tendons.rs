@@ -156,6 +156,22 @@ impl Tendons {
     }
 }
 
+impl Tendons {
+    /// A bound of what taut winches add to the largest ω² (1/s²) of the straight `rod`: Σ k Σ |∂Λ/∂x|²/m over the nodes that are free.
+    pub(crate) fn stiffness_over_inertia(&self, rod: &Rod) -> f64 {
+        let edges: Vec<Edge> = (0..rod.nodes - 1).map(|e| Edge::along(Vector2::x(), rod.cells[e].rest)).collect();
+        let straight = vec![0.0; rod.nodes];
+        let of = |tendon: &Tendon| {
+            let mut slopes = vec![Vector2::zeros(); rod.nodes];
+            tendon.visit_length_slopes(&edges, &straight, |k, slope| slopes[k] += slope);
+            let free = slopes.iter().zip(&rod.mass).skip(usize::from(rod.first_joint == 0));
+            let sum: f64 = free.map(|(slope, mass)| slope.norm_squared() / mass).sum();
+            tendon.winch().map_or(0.0, |winch| winch.stiffness * sum)
+        };
+        self.iter().map(of).sum()
+    }
+}
+
 impl std::ops::Deref for Tendons {
     type Target = [Tendon];
 

@@ -210,6 +210,13 @@ impl Scene {
         self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some())
     }
 
+    /// True where its actuation has a limit or a lag.
+    pub(crate) fn filters_drive(&self) -> bool {
+        self.actuation.as_ref().is_some_and(|actuation| {
+            actuation.lag_s.is_some() || actuation.largest_1_m.is_some() || actuation.largest_moment_n_m.is_some()
+        })
+    }
+
     /// What its actuation gives a joint of `rod` at the most, if there is a limit.
     pub(super) fn largest_drive(&self, rod: &Rod) -> Option<f64> {
         let actuation = self.actuation.as_ref()?;

@@ -395,7 +395,11 @@ impl Scene {
 
     /// True where the rod is released into its drive at once.
     pub fn is_released(&self) -> bool {
-        self.start.kind == StartKind::Jump && self.drives().begin_with_start()
+        match self.start.kind {
+            StartKind::Jump => self.drives().begin_with_start(),
+            StartKind::Shaped => self.has_winches() && self.drives().tendons,
+            StartKind::Ramp => false,
+        }
     }
 
     /// The name of its integrator. By default it depends on whether a step size is given, and on the start.

@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::actuation::ActuationTable;
+use super::start::StartKind;
 use super::value::{NumberOrProfile, Positive};
 use crate::error::Error;
 
@@ -37,10 +38,12 @@ impl Scene {
     /// none of them, the angle of the head.
     fn bending_key(&self) -> String {
         let drives = self.drives();
+        // Tensions bend a shaped start alone.
+        let pulled = drives.tendons && self.start.kind == StartKind::Shaped;
         match &self.start.curvature_1_m {
             _ if drives.actuation => self.amplitude_key().to_string(),
-            _ if drives.tendons => self.strongest_tendon_key(),
             Some(_) => "start.curvature_1_m".to_string(),
+            _ if pulled => self.strongest_tendon_key(),
             None => "head.angle_rad".to_string(),
         }
     }

@@ -139,6 +139,11 @@ impl Scene {
         Ok(())
     }
 
+    /// True where a winch pulls any of them.
+    pub(crate) fn has_winches(&self) -> bool {
+        self.tendons.iter().any(|tendon| tendon.stiffness_n_m.is_some())
+    }
+
     /// The tendons of `rod`.
     pub(super) fn tendons_on(&self, rod: &Rod) -> Result<Tendons> {
         let tendon = |(i, table): (usize, &TendonTable)| {
@@ -157,6 +162,12 @@ impl Scene {
                 Some(ScalarSignal(length)) => Some(self.signal(length, 0, 1)?),
                 None => None,
             };
+            if let Some(least) = length.as_ref().map(|length: &Signal| length.range()[0]).filter(|least| *least <= 0.0)
+            {
+                let found = format!("a length of {} m", number(least));
+                let allowed = "above 0 at all times: the length of the cable itself, near that beside the straight rod; give the sinusoid that as its offset";
+                return Err(self.error(&format!("tendons.{i}.length_m"), value::refused(found, allowed)));
+            }
             let pull = |rest: f64| match table.stiffness_n_m {
                 None => Pull::Tension(tension),
                 Some(stiffness) => Pull::Winch(Winch {

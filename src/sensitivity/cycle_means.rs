@@ -196,12 +196,16 @@ impl Problem {
         let stretches: Vec<f64> = parameters.iter().map(&mut stretch).collect::<Result<_>>()?;
         let passed = ends.len() - 1;
         let slides = stretches.iter().any(|by| *by != 0.0) && passed > MAX_CYCLES && cycles.follow_actuation();
+        // A drive with a limit or a lag has that derivative as one of the scene's number.
+        let exact = slides && !self.dynamics.model.filters_drive();
         let with_frequency: Vec<Parameter> = parameters.iter().cloned().chain([Parameter::Frequency]).collect();
-        let asked = if slides { &with_frequency } else { parameters };
+        let asked = if exact { &with_frequency } else { parameters };
         let mut by = self.adjoint(asked, &outputs, &rows, &trajectory)?;
+        let of_scene = stretches.iter().position(|by| *by != 0.0).filter(|_| slides && !exact);
+        let of_scene = of_scene.zip(own).map(|(i, own)| by[i] / (stretches[i] * own));
         let slid = cycles.by_log_frequency(measure, &self.dynamics, &ends).unwrap_or(f64::NAN);
         // Instead of the exact derivative by the logarithm of the frequency.
-        let trend = match by.get(parameters.len()).zip(own) {
+        let trend = match by.get(parameters.len()).copied().or(of_scene).zip(own) {
             Some((exact, own)) => self.trend_by_frequency(measure, passed)?.map_or(slid, |trend| own * (trend - exact)),
             None => slid,
         };

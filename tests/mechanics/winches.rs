@@ -2,9 +2,11 @@
 
 use std::f64::consts::TAU;
 
+use caudal::modes::Modes;
 use caudal::stepper::Stepper;
+use caudal::variable::{Variable, View};
 
-use crate::common::{largest, stepper_of};
+use crate::common::{document_of, largest, stepper_of};
 
 /// A soft rod with a winch on either side, each of which takes in what the other gives out.
 const PAIR: &str = r#"
@@ -143,6 +145,36 @@ fn the_balance_of_energy_closes_to_the_order_of_the_method() {
 }
 
 #[test]
+fn rows_between_steps_are_those_of_short_steps() {
+    for (stiffness, form, off) in
+        [("400.0", "positions", 1e-3), ("400.0", "chain", 1e-3), ("2e4", "positions", 2e-2), ("2e4", "chain", 2e-2)]
+    {
+        let stiff = [0, 1].map(|i| format!("tendons.{i}.stiffness_n_m={stiffness}"));
+        let form = format!("solver.form={form}");
+        let start = |h: f64| pair(&[&stiff[0], &stiff[1], &form, &format!("solver.time_step_s={h:e}")]);
+        let names = ["tendon_1_tension_n", "tendon_2_tension_n", "head_force_x_n"];
+        let read = |view: &View<'_>, stepper: &[&'static Variable; 3]| stepper.map(|variable| variable.first(view));
+        let variables = |stepper: &Stepper| names.map(|name| stepper.find(name).unwrap());
+        let (mut coarse, mut fine) = (start(2e-3), start(2.5e-4));
+        let known = variables(&coarse);
+        let (mut worst, mut most) = (0.0_f64, 0.0_f64);
+        for step in 1..=300 {
+            coarse.do_step(2e-3).unwrap();
+            for part in 1..=8 {
+                fine.do_step(2.5e-4).unwrap();
+                let there = read(&fine.view(), &known);
+                let time = 2e-3 * f64::from(step - 1) + 2.5e-4 * f64::from(part);
+                let between = coarse.at(time, |view| read(view, &known)).unwrap();
+                worst = worst.max(largest(there.iter().zip(between).map(|(a, b)| a - b)));
+                most = most.max(largest(there));
+            }
+        }
+        println!("{stiffness} {form}: {worst:e} N of {most}");
+        assert!(worst < off * most && most > 0.3, "{stiffness} {form}: {worst:e} N of {most}");
+    }
+}
+
+#[test]
 fn a_host_that_moves_a_winch_gives_what_the_scene_s_own_signal_gives() {
     // The whole of it by the host, with derivatives, against the sinusoid of the scene.
     let own = ["start.ramp_s=1e-9", "tendons.0.length_m={offset=0.2,amplitude=0.003,frequency_hz=2.0}"];
@@ -164,4 +196,40 @@ fn a_host_that_moves_a_winch_gives_what_the_scene_s_own_signal_gives() {
     assert!(differ < 1e-8, "{differ:e}");
     let error = hosted.set("tendon_1_added_tension_n", &[1.0]).unwrap_err().to_string();
     assert!(error.contains("tendon 1 of [[tendons]], without a winch"), "{error}");
+}
+
+#[test]
+fn a_winch_is_bought_by_what_its_drum_does() {
+    // A slack one winds without a load: 6 mm at up to 0.003·2π·2 m/s.
+    let own = ["start.ramp_s=1e-9", "tendons.0.length_m={offset=0.25,amplitude=0.003,frequency_hz=2.0}"];
+    let mut stepper = pair(&own);
+    stepper.do_step(1.0).unwrap();
+    let most = stepper.metrics().totals.tendons[0];
+    assert!((most.travel() - 0.006).abs() < 1e-6 && (most.speed - 0.003 * TAU * 2.0).abs() < 1e-6, "{most:?}");
+    assert_eq!((most.tension, most.power), (0.0, 0.0));
+}
+
+#[test]
+fn what_a_winch_cannot_be_told_is_refused_and_what_it_leaves_out_is_said() {
+    for (length, words) in
+        [("-0.1", "a length of -0.1 m"), ("{amplitude=0.002,frequency_hz=2.0}", "give the sinusoid that as its offset")]
+    {
+        let document = document_of("winches.toml", PAIR, &[&format!("tendons.0.length_m={length}")]);
+        let error = document.scene().and_then(|scene| scene.model().map(|_| ())).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("tendons.0.length_m"), "{error}");
+    }
+    // Taut winches make the largest frequency larger: 2/ω of the bound is stable, and that of the slack rod is not.
+    let model = |changes: &[&str]| document_of("winches.toml", PAIR, changes).scene().unwrap().model().unwrap();
+    let stiff = ["tendons.0.stiffness_n_m=2e5", "tendons.1.stiffness_n_m=2e5"];
+    let steps = |model| Modes::of_model(model).unwrap().explicit_steps(None).unwrap().largest;
+    let [bound, slack] = [steps(model(&stiff)), steps(model(&["tendons=[]"]))];
+    let survives = |h: f64| {
+        let h = format!("solver.time_step_s={h:e}");
+        let explicit = ["solver.integrator=symplectic-euler", "rod.damping_time_s=0.0", &h];
+        let mut stepper = pair(&[&stiff[..], &explicit].concat());
+        stepper.halve_failing_steps(false);
+        stepper.do_step(0.5).is_ok()
+    };
+    println!("{bound:e} s for {slack:e} s");
+    assert!(survives(0.95 * bound) && !survives(0.95 * slack), "{bound:e} {slack:e}");
 }

@@ -131,12 +131,24 @@ fn fading(tau: f64, order: usize) -> f64 {
 }
 
 /// What a drive gave when its inputs changed last.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Remainder {
     /// When, s.
     pub since: f64,
     /// y, one entry per node.
     pub given: Vec<f64>,
+}
+
+impl Clone for Remainder {
+    fn clone(&self) -> Self {
+        Self { since: self.since, given: self.given.clone() }
+    }
+
+    /// Allocates nothing where there is room.
+    fn clone_from(&mut self, other: &Self) {
+        self.since = other.since;
+        self.given.clone_from(&other.given);
+    }
 }
 
 impl Remainder {

@@ -321,14 +321,14 @@ impl Dynamics {
     fn couple_winches_by_links(&mut self, moves: bool, scale: f64, rows: &[ChainRow]) {
         let Some(winches) = &mut self.winches else { return };
         let Model { rod, tendons, .. } = &*self.model;
-        winches.forget_couplings();
+        winches.count = 0;
         for (i, tendon) in tendons.iter().enumerate() {
             let slope = winches.slopes[i];
             if slope == 0.0 || !moves {
                 continue;
             }
             // The last node has no edge.
-            let [mut column, mut row] = [0, 1].map(|_| vec![0.0; 6 * rod.nodes - 3]);
+            let RankOne { column, row } = winches.couple(i, 6 * rod.nodes - 3);
             tendon.visit_slopes(&self.edges, |k, pull| {
                 (0..2).for_each(|axis| column[6 * k + axis] += pull[axis]);
             });
@@ -350,7 +350,6 @@ impl Dynamics {
                     row[6 * before + 5] += slope * tendon.offset * s;
                 }
             }
-            winches.couple(i, RankOne { column, row });
         }
     }
 

@@ -204,6 +204,9 @@ impl StepInterpolation {
             now.edges.push(Edge::along(a.t * cos + a.n() * sin, fraction.linear(a.length, b.length)));
         }
         now.bend(dynamics);
+        if dynamics.pull_winches_along(&now.edges, &now.bent) {
+            now.natural.clone_from(&dynamics.natural);
+        }
         place_nodes(dynamics, &now.edges, [from, to], fraction, out);
         now.balance.balance(dynamics, &now.edges, &now.bent, out, applied);
         let rod = &dynamics.model.rod;

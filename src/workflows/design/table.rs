@@ -686,6 +686,18 @@ impl DesignTable {
             let problem = "found where moments drive the rod; allowed: \"actuation.moment_amp_n_m\" in variables, found by simulation";
             return Err(("design.actuation_gain", problem.to_string()));
         }
+        if scene.filters_drive() {
+            let beside = "beside a drive with a limit or a lag; allowed: without actuation.lag_s, largest_1_m and largest_moment_n_m";
+            if self.actuation_gain {
+                return Err(("design.actuation_gain", format!("found {beside}")));
+            }
+            if amplitude || phase {
+                return Err((
+                    "design.variables",
+                    format!("found amplitude or phase {beside}, or numbers of the scene"),
+                ));
+            }
+        }
         if (amplitude || phase) && scene.actuation.is_none() {
             return Err(("design.variables", "amplitude and phase need a table [actuation]".to_string()));
         }

@@ -67,8 +67,9 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     };
     let Some(first) = found.first() else { return Ok(findings) };
     let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
+    let slack = if scene.has_winches() { ", as if its winches were slack" } else { "" };
     findings.answers.push(format!(
-        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}), {with}.",
+        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}), {with}{slack}.",
         rod.nodes,
         first.frequency / TAU,
         first.axis.name()
