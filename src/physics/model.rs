@@ -375,6 +375,8 @@ impl ActiveMoments {
 struct Winches {
     /// The length (m) that each gives its tendon at the time last moved to, and its rate, m/s.
     lengths: [[f64; MAX_TENDONS]; 2],
+    /// Tensions (N) that they are given, between the steps: a length there is not known as well as a stiff cable asks for.
+    given: Option<[f64; MAX_TENDONS]>,
     /// How the tension of each follows the length of its tendon in the state last looked at, N/m.
     slopes: [f64; MAX_TENDONS],
     /// Curvature without moment and active moments without the winches.
@@ -391,6 +393,7 @@ impl Winches {
         there.then(|| {
             Box::new(Self {
                 lengths: Default::default(),
+                given: None,
                 slopes: Default::default(),
                 without: ActiveMoments::zeros(model.rod.nodes),
                 couplings: Vec::new(),
@@ -794,6 +797,7 @@ impl Dynamics {
     fn evaluate_winches(&mut self, t: f64) {
         let (Some(winches), Some(active)) = (&mut self.winches, &self.active) else { return };
         let Model { rod, tendons, start, .. } = &*self.model;
+        winches.given = None;
         let [gain, gain_rate] = start.gain(t);
         let rate = self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().winch);
         for (i, tendon) in tendons.iter().enumerate() {
@@ -811,13 +815,10 @@ impl Dynamics {
         natural_rate.copy_from_slice(&self.natural_rate);
     }
 
-    /// Lets the winches pull a rod of these `edges` and curvatures `kappa`; false where there are none.
-    pub(crate) fn pull_winches_along(&mut self, edges: &[Edge], kappa: &[f64]) -> bool {
-        if self.winches.is_none() {
-            return false;
-        }
-        self.edges.copy_from_slice(edges);
-        self.kappa.copy_from_slice(kappa);
+    /// Lets the winches pull by these tensions (N), whatever the lengths, until it moves to another time; false where there are none.
+    pub(crate) fn give_tensions(&mut self, tensions: [f64; MAX_TENDONS]) -> bool {
+        let Some(winches) = &mut self.winches else { return false };
+        winches.given = Some(tensions);
         self.pull_winches();
         true
     }
@@ -840,7 +841,8 @@ impl Dynamics {
         self.natural_rate.copy_from_slice(natural_rate);
         for (i, tendon) in tendons.iter().enumerate() {
             let Some(winch) = tendon.winch() else { continue };
-            let [tension, slope] = winch.tension(tendon.length(&self.edges, &self.kappa) - winches.lengths[0][i]);
+            let [by_length, slope] = winch.tension(tendon.length(&self.edges, &self.kappa) - winches.lengths[0][i]);
+            let tension = winches.given.map_or(by_length, |given| given[i]);
             let tension_rate = -slope * winches.lengths[1][i];
             winches.slopes[i] = slope;
             (self.tensions[0][i], self.tensions[1][i]) = (tension, tension_rate);

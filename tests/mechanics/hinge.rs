@@ -259,9 +259,12 @@ fn hinges_that_cannot_be_are_refused_by_name() {
     let bare = SERVO.replace("inertia_kg_m2 = 1e-4\n", "");
     let message = Document::new("servo.toml", bare).scene().unwrap_err().to_string();
     assert!(message.contains("head.inertia_kg_m2") && message.contains("missing"), "{message}");
+    // An override of the kind takes its keys away; a file that has them with another kind does not.
+    let driven = SERVO.replace("kind = \"hinged\"", "kind = \"driven\"");
+    let message = Document::new("servo.toml", driven).scene().unwrap_err().to_string();
+    assert!(message.contains("head.stiffness_n_m") && message.contains("\"hinged\""), "{message}");
     for (changes, key, words) in [
-        (&["head.kind=driven"][..], "head.stiffness_n_m", "\"hinged\""),
-        (&["head.kind=clamped", "head.torque_n_m=1.0"], "head.torque_n_m", "\"hinged\""),
+        (&["head.kind=clamped", "head.torque_n_m=1.0"][..], "head.torque_n_m", "\"hinged\""),
         (&["head.stiffness_n_m=0.0", "head.angle_rad={amplitude=0.1,frequency_hz=1.0}"], "head.angle_rad", "stiffness"),
         (&["head.inertia_kg_m2=0.0"], "head.inertia_kg_m2", "positive"),
         (&["head.largest_torque_n_m=-1.0"], "head.largest_torque_n_m", "positive"),

@@ -147,7 +147,7 @@ fn the_balance_of_energy_closes_to_the_order_of_the_method() {
 #[test]
 fn rows_between_steps_are_those_of_short_steps() {
     for (stiffness, form, off) in
-        [("400.0", "positions", 1e-3), ("400.0", "chain", 1e-3), ("2e4", "positions", 2e-2), ("2e4", "chain", 2e-2)]
+        [("400.0", "positions", 5e-3), ("400.0", "chain", 5e-3), ("2e4", "positions", 5e-3), ("2e4", "chain", 5e-3)]
     {
         let stiff = [0, 1].map(|i| format!("tendons.{i}.stiffness_n_m={stiffness}"));
         let form = format!("solver.form={form}");
@@ -157,20 +157,24 @@ fn rows_between_steps_are_those_of_short_steps() {
         let variables = |stepper: &Stepper| names.map(|name| stepper.find(name).unwrap());
         let (mut coarse, mut fine) = (start(2e-3), start(2.5e-4));
         let known = variables(&coarse);
-        let (mut worst, mut most) = (0.0_f64, 0.0_f64);
-        for step in 1..=300 {
+        let (mut worst, mut most) = ([0.0_f64; 2], 0.0_f64);
+        for _ in 0..300 {
             coarse.do_step(2e-3).unwrap();
             for part in 1..=8 {
                 fine.do_step(2.5e-4).unwrap();
                 let there = read(&fine.view(), &known);
-                let time = 2e-3 * f64::from(step - 1) + 2.5e-4 * f64::from(part);
+                let end = coarse.time();
+                let time = if part == 8 { end } else { end - 2.5e-4 * f64::from(8 - part) };
                 let between = coarse.at(time, |view| read(view, &known)).unwrap();
-                worst = worst.max(largest(there.iter().zip(between).map(|(a, b)| a - b)));
+                // Within steps, and at their ends, where it is the error of the steps themselves.
+                let worst = &mut worst[usize::from(part == 8)];
+                *worst = worst.max(largest(there.iter().zip(between).map(|(a, b)| a - b)));
                 most = most.max(largest(there));
             }
         }
-        println!("{stiffness} {form}: {worst:e} N of {most}");
-        assert!(worst < off * most && most > 0.3, "{stiffness} {form}: {worst:e} N of {most}");
+        let [within, ends] = worst;
+        println!("{stiffness} {form}: {within:e} N within steps, {ends:e} N at their ends, of {most}");
+        assert!(within < ends + off * most && most > 0.3, "{stiffness} {form}: {within:e} {ends:e} N of {most}");
     }
 }
 
@@ -205,8 +209,9 @@ fn a_winch_is_bought_by_what_its_drum_does() {
     let mut stepper = pair(&own);
     stepper.do_step(1.0).unwrap();
     let most = stepper.metrics().totals.tendons[0];
-    assert!((most.travel() - 0.006).abs() < 1e-6 && (most.speed - 0.003 * TAU * 2.0).abs() < 1e-6, "{most:?}");
-    assert_eq!((most.tension, most.power), (0.0, 0.0));
+    // From the length beside the straight rod on.
+    assert!((most.travel() - 0.053).abs() < 1e-6 && (most.speed - 0.003 * TAU * 2.0).abs() < 1e-6, "{most:?}");
+    assert!(most.tension < 1e-20 && most.power < 1e-20, "{most:?}");
 }
 
 #[test]

@@ -15,6 +15,7 @@ use crate::model::{Dynamics, Mechanics};
 use crate::rod::damping::{KelvinVoigt, StrainRates};
 use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
+use crate::tendons::MAX_TENDONS;
 
 /// The most that the rates at the ends of a step may differ from the mean one, as rotations (rad) and lengths over L over
 /// the step: beyond it they say nothing of the step. Where a step resolves the motion it is about (ωh)²/2.
@@ -119,6 +120,8 @@ struct StepEnd {
     rod: InterpolatedRod,
     /// Of its state.
     forces: InternalForces,
+    /// Of the tendons, N.
+    tensions: [f64; MAX_TENDONS],
 }
 
 impl StepEnd {
@@ -126,7 +129,8 @@ impl StepEnd {
         dynamics.evaluate_at(state.t);
         let bent = dynamics.shape(state)?;
         let (dynamics, kappa) = (bent.dynamics, bent.kappa());
-        let Self { rod, forces } = self;
+        let Self { rod, forces, tensions } = self;
+        *tensions = dynamics.tensions[0];
         rod.edges.clear();
         rod.edges.extend_from_slice(bent.edges());
         rod.bend(dynamics);
@@ -204,7 +208,8 @@ impl StepInterpolation {
             now.edges.push(Edge::along(a.t * cos + a.n() * sin, fraction.linear(a.length, b.length)));
         }
         now.bend(dynamics);
-        if dynamics.pull_winches_along(&now.edges, &now.bent) {
+        let tensions = std::array::from_fn(|i| fraction.linear(first.tensions[i], last.tensions[i]));
+        if dynamics.give_tensions(tensions) {
             now.natural.clone_from(&dynamics.natural);
         }
         place_nodes(dynamics, &now.edges, [from, to], fraction, out);
