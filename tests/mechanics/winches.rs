@@ -146,9 +146,7 @@ fn the_balance_of_energy_closes_to_the_order_of_the_method() {
 
 #[test]
 fn rows_between_steps_are_those_of_short_steps() {
-    for (stiffness, form, off) in
-        [("400.0", "positions", 5e-3), ("400.0", "chain", 5e-3), ("2e4", "positions", 5e-3), ("2e4", "chain", 5e-3)]
-    {
+    for (stiffness, form) in [("400.0", "positions"), ("400.0", "chain"), ("2e4", "positions"), ("2e4", "chain")] {
         let stiff = [0, 1].map(|i| format!("tendons.{i}.stiffness_n_m={stiffness}"));
         let form = format!("solver.form={form}");
         let start = |h: f64| pair(&[&stiff[0], &stiff[1], &form, &format!("solver.time_step_s={h:e}")]);
@@ -174,7 +172,8 @@ fn rows_between_steps_are_those_of_short_steps() {
         }
         let [within, ends] = worst;
         println!("{stiffness} {form}: {within:e} N within steps, {ends:e} N at their ends, of {most}");
-        assert!(within < ends + off * most && most > 0.3, "{stiffness} {form}: {within:e} {ends:e} N of {most}");
+        // Measured: 1.34 and 1.10 times.
+        assert!(within < 1.5 * ends && most > 0.3, "{stiffness} {form}: {within:e} {ends:e} N of {most}");
     }
 }
 
