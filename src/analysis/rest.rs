@@ -90,7 +90,7 @@ pub(super) fn derivative(dynamics: &mut Dynamics, state: &State, direction: Dire
     Ok(matrix)
 }
 
-/// The unknowns that are free to move, by their places in the matrices of [`derivative`]: x and y of every node, without those of a held
+/// The unknowns that are free to move, by their places in the matrices of `derivative`: x and y of every node, without those of a held
 /// head, and the arc φL of a hinge, in the place of x of node 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FreeUnknowns {
