@@ -156,6 +156,7 @@ impl Tendons {
     }
 }
 
+#[cfg(feature = "faer")]
 impl Tendons {
     /// A bound of what taut winches add to the largest ω² (1/s²) of the straight `rod`: Σ k Σ |∂Λ/∂x|²/m over the nodes that are free.
     pub(crate) fn stiffness_over_inertia(&self, rod: &Rod) -> f64 {

@@ -211,6 +211,7 @@ impl Scene {
     }
 
     /// True where its actuation has a limit or a lag.
+    #[cfg(feature = "design")]
     pub(crate) fn filters_drive(&self) -> bool {
         self.actuation.as_ref().is_some_and(|actuation| {
             actuation.lag_s.is_some() || actuation.largest_1_m.is_some() || actuation.largest_moment_n_m.is_some()

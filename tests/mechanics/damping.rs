@@ -272,15 +272,22 @@ fn measured_stiffness_and_mass_are_those_of_the_section_that_gives_them() {
 
 #[test]
 fn keys_of_the_material_that_contradict_each_other_are_refused_by_name() {
-    let cases: [(&[&str], &str); 8] = [
+    // In a file; an override of one takes the other away.
+    for (keys, expected) in [
+        ("damping_time_s = 0.1\nloss_factor = 0.1", "together with damping_time_s"),
+        ("mass_per_length_kg_m = 1.0", "together with density_kg_m3"),
+    ] {
+        let text = SOFT.replace("stiffness_gradient = 0.5", keys);
+        let error = Document::new("soft", text).scene().unwrap_err().to_string();
+        assert!(error.contains(expected), "{keys}: {error}");
+    }
+    let cases: [(&[&str], &str); 6] = [
         (&["rod.damping_time_s=-0.1"], "a number that is not negative"),
-        (&["rod.damping_time_s=0.1", "rod.loss_factor=0.1"], "together with damping_time_s"),
         (&["rod.loss_factor=0.1", "actuation.frequency_hz=0.0"], "without a frequency"),
         (&["rod.loss_frequency_hz=1.0"], "without loss_factor"),
         (&["rod.damping_of=elastic"], "without damping_time_s and loss_factor"),
         (&["rod.damping_time_s={shear=1.0}"], "shear"),
         (&["rod.axial_stiffness_n=1.0", "rod.bending_stiffness_n_m2=1.0"], "with only one of them"),
-        (&["rod.mass_per_length_kg_m=1.0"], "together with density_kg_m3"),
     ];
     for (changes, expected) in cases {
         let mut document = Document::new("soft", SOFT.to_string());
