@@ -5,6 +5,8 @@
 pub mod chain;
 pub mod deformed_rod;
 pub mod input_extrapolation;
+mod lagging;
+mod winches;
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -16,8 +18,10 @@ use twox_hash::XxHash3_128;
 pub use deformed_rod::DeformedRod;
 use input_extrapolation::HIGHEST_ORDER;
 pub use input_extrapolation::InputExtrapolation;
+use winches::Winches;
 
-use crate::actuation::lag::{self, Jet, LaggedWave, Remainder, Span, product};
+use crate::actuation::lag::{self, LagState};
+use crate::actuation::saturation::limited;
 use crate::actuation::{Actuation, Saturation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
@@ -36,7 +40,7 @@ use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
 use crate::system::{Form, Linearisation, Link, RankOne, State, System};
-use crate::tendons::{MAX_TENDONS, Pull, Tendon, Tendons, rest_length, slack_below_zero};
+use crate::tendons::{MAX_TENDONS, Pull, Tendon, Tendons, slack_below_zero};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
@@ -149,7 +153,7 @@ impl Model {
         if let Some(most) = self.largest_drive {
             for k in rod.joints() {
                 let most = if self.active_moments { most / (rod.joint[k] * rod.joint_part(k)) } else { most };
-                natural[k] = most * (natural[k] / most).tanh();
+                natural[k] = limited(natural[k], most)[0];
             }
         }
         natural
@@ -197,7 +201,7 @@ pub struct Inputs {
     /// What a host adds to the torque (N m) and to the commanded angle (rad) of a hinge.
     pub hinge: MotorCommand,
     /// What a drive that lags still gives of the inputs before these; `None` while these are the first ones.
-    pub lagging: Option<Remainder>,
+    pub lagging: Option<LagState>,
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid, that before the first interface where there are layers.
@@ -367,66 +371,6 @@ impl ActiveMoments {
             moments[joints.end..].fill(0.0);
             joints.for_each(|k| natural[k] += moments[k] / rod.joint[k]);
         }
-    }
-}
-
-/// The winches of tendons, where there are any: what they give, and all that their tension adds to.
-#[derive(Debug)]
-struct Winches {
-    /// The length (m) that each gives its tendon at the time last moved to, and its rate, m/s.
-    lengths: [[f64; MAX_TENDONS]; 2],
-    /// Tensions (N) that they are given, between the steps: a length there is not known as well as a stiff cable asks for.
-    given: Option<[f64; MAX_TENDONS]>,
-    /// How the tension of each follows the length of its tendon in the state last looked at, N/m.
-    slopes: [f64; MAX_TENDONS],
-    /// Curvature without moment and active moments without the winches.
-    without: ActiveMoments,
-    /// What they couple in the matrix last assembled, and the tendons of which: so many of them.
-    couplings: Vec<RankOne>,
-    coupled: [usize; MAX_TENDONS],
-    count: usize,
-}
-
-impl Winches {
-    fn of(model: &Model) -> Option<Box<Self>> {
-        let there = model.tendons.iter().any(|tendon| tendon.winch().is_some());
-        there.then(|| {
-            Box::new(Self {
-                lengths: Default::default(),
-                given: None,
-                slopes: Default::default(),
-                without: ActiveMoments::zeros(model.rod.nodes),
-                couplings: Vec::new(),
-                coupled: [0; MAX_TENDONS],
-                count: 0,
-            })
-        })
-    }
-
-    /// Room for what `tendon` couples, of so many `unknowns`, all zero.
-    fn couple(&mut self, tendon: usize, unknowns: usize) -> &mut RankOne {
-        let place = self.count;
-        (self.coupled[place], self.count) = (tendon, place + 1);
-        if self.couplings.len() == place {
-            self.couplings.push(RankOne::default());
-        }
-        let part = &mut self.couplings[place];
-        for values in [&mut part.column, &mut part.row] {
-            values.clear();
-            values.resize(unknowns, 0.0);
-        }
-        part
-    }
-
-    /// What they couple.
-    fn couplings(&self) -> &[RankOne] {
-        &self.couplings[..self.count]
-    }
-
-    /// The changes of their tensions (N) when the unknowns move by `increment`, each with its tendon.
-    fn tension_changes(&self, increment: &[f64]) -> impl Iterator<Item = (usize, f64)> {
-        let along = move |part: &RankOne| part.row.iter().zip(increment).map(|(row, x)| row * x).sum::<f64>();
-        self.coupled.into_iter().zip(self.couplings().iter().map(along))
     }
 }
 
@@ -777,104 +721,6 @@ impl Dynamics {
         })
     }
 
-    /// The change of the tension of each tendon (N) when the inputs change by `by`; none of a slack one.
-    pub(crate) fn tension_change(&self, by: &Inputs) -> [f64; MAX_TENDONS] {
-        std::array::from_fn(|i| match &self.winches {
-            Some(winches) if self.model.tendons.get(i).is_some_and(|tendon| tendon.winch().is_some()) => {
-                -winches.slopes[i] * by.winch[i]
-            }
-            _ if self.tensions[0][i] > 0.0 => by.tension[i],
-            _ => 0.0,
-        })
-    }
-
-    /// How the tension of tendon `i` follows its length, N/m: as the cable of its winch is stretched.
-    pub(crate) fn tension_slope(&self, i: usize) -> f64 {
-        self.winches.as_ref().map_or(0.0, |winches| winches.slopes[i])
-    }
-
-    /// Moves the winches to time `t` (s), and keeps what is there without them.
-    fn evaluate_winches(&mut self, t: f64) {
-        let (Some(winches), Some(active)) = (&mut self.winches, &self.active) else { return };
-        let Model { rod, tendons, start, .. } = &*self.model;
-        winches.given = None;
-        let [gain, gain_rate] = start.gain(t);
-        let rate = self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate().winch);
-        for (i, tendon) in tendons.iter().enumerate() {
-            let Some(winch) = tendon.winch() else { continue };
-            let rest = rest_length(rod, tendon.edges.clone());
-            let told = winch.length.at(t);
-            winches.lengths[0][i] = rest + gain * (told.value - rest) + self.inputs.winch[i];
-            winches.lengths[1][i] =
-                gain * told.rate + gain_rate * (told.value - rest) + rate.map_or(0.0, |rate| rate[i]);
-        }
-        let ActiveMoments { moment, rate, natural, natural_rate } = &mut winches.without;
-        moment.copy_from_slice(&active.moment);
-        rate.copy_from_slice(&active.rate);
-        natural.copy_from_slice(&self.natural);
-        natural_rate.copy_from_slice(&self.natural_rate);
-    }
-
-    /// Lets the winches pull by these tensions (N), whatever the lengths, until it moves to another time; false where there are none.
-    pub(crate) fn give_tensions(&mut self, tensions: [f64; MAX_TENDONS]) -> bool {
-        let Some(winches) = &mut self.winches else { return false };
-        winches.given = Some(tensions);
-        self.pull_winches();
-        true
-    }
-
-    /// The length (m) that a winch gives tendon `i` at the time last moved to, and its rate, m/s.
-    pub(crate) fn winch_length(&self, i: usize) -> Option<[f64; 2]> {
-        let winches = self.winches.as_ref().filter(|_| self.model.tendons[i].winch().is_some())?;
-        Some(winches.lengths.map(|of| of[i]))
-    }
-
-    /// Lets the winches pull the rod as its edges and curvatures were last found. The rates of their tension are those by the winches alone.
-    #[inline(never)] // most rods have none
-    fn pull_winches(&mut self) {
-        let (Some(winches), Some(active)) = (&mut self.winches, &mut self.active) else { return };
-        let Model { rod, tendons, .. } = &*self.model;
-        let ActiveMoments { moment, rate, natural, natural_rate } = &winches.without;
-        active.moment.copy_from_slice(moment);
-        active.rate.copy_from_slice(rate);
-        self.natural.copy_from_slice(natural);
-        self.natural_rate.copy_from_slice(natural_rate);
-        for (i, tendon) in tendons.iter().enumerate() {
-            let Some(winch) = tendon.winch() else { continue };
-            let [by_length, slope] = winch.tension(tendon.length(&self.edges, &self.kappa) - winches.lengths[0][i]);
-            let tension = winches.given.map_or(by_length, |given| given[i]);
-            let tension_rate = -slope * winches.lengths[1][i];
-            winches.slopes[i] = slope;
-            (self.tensions[0][i], self.tensions[1][i]) = (tension, tension_rate);
-            for k in tendon.joints.clone() {
-                let [moment, rate] = [tension, tension_rate].map(|tension| tension * tendon.offset);
-                active.moment[k] += moment;
-                active.rate[k] += rate;
-                self.natural[k] += moment / rod.joint[k];
-                self.natural_rate[k] += rate / rod.joint[k];
-            }
-        }
-    }
-
-    /// Writes what the winches couple, along `direction`, in positions: T ∂Λ/∂x of each is a force, and T follows Λ.
-    fn couple_winches(&mut self, direction: Direction) {
-        let Some(winches) = &mut self.winches else { return };
-        let Model { rod, tendons, .. } = &*self.model;
-        winches.count = 0;
-        for (i, tendon) in tendons.iter().enumerate() {
-            let slope = winches.slopes[i] * direction.q;
-            if slope == 0.0 {
-                continue;
-            }
-            let RankOne { column, row } = winches.couple(i, 2 * rod.nodes);
-            tendon.visit_length_slopes(&self.edges, &self.kappa, |k, slope| add(column, k, slope));
-            if self.held.is_some() {
-                column[..2].fill(0.0);
-            }
-            row.iter_mut().zip(&*column).for_each(|(row, by)| *row = slope * by);
-        }
-    }
-
     /// Adds the second derivative of what the drive gives, before its limit, with what a host adds, to `out`.
     fn add_drive_acceleration(&self, t: f64, out: &mut [f64]) {
         let Model { actuation, start, lag, active_moments, .. } = &*self.model;
@@ -901,86 +747,6 @@ impl Dynamics {
             }
             None => {}
         }
-    }
-
-    /// Adds the derivative of `order` 0, 1 or 2 of what a drive of lag `tau` (s) gives at time `t` (s), before its limit, to `out`: a
-    /// dimensionless curvature or a moment (N m) per node.
-    fn add_lagging(&self, tau: f64, t: f64, order: usize, out: &mut [f64]) {
-        let Model { actuation, start, active_moments, .. } = &*self.model;
-        let Inputs { lagging, drive, .. } = &self.inputs;
-        let since = lagging.as_ref().map_or(0.0, |remainder| remainder.since);
-        // A shaped start is one in the steady wave.
-        let begins = lagging.is_some() || !matches!(start, Start::Shaped);
-        let age = begins.then_some(t - since);
-        if let Some((actuation, _)) = actuation {
-            let extrapolation = self.extrapolation.as_deref();
-            let size_at = |t: f64, before: bool| {
-                let mut amplitude = Jet::default();
-                amplitude[0] = drive.amplitude;
-                if let Some(extrapolation) = extrapolation {
-                    for (order, value) in amplitude.iter_mut().enumerate().take(HIGHEST_ORDER + 1) {
-                        *value = extrapolation.derivative(order, t, |inputs| inputs.drive.amplitude);
-                    }
-                }
-                product(&amplitude, &start.gain_jet(t, before))
-            };
-            let now = |age: Option<f64>| Span { size: size_at(t, false), age };
-            let (now, before) = match *start {
-                Start::Ramp { duration } if since < duration && duration <= t => {
-                    let ramp = Span { size: size_at(duration, true), age: Some(duration - since) };
-                    (now(Some(t - duration)), Some(ramp))
-                }
-                _ => (now(age), None),
-            };
-            let DriveState { phase: [phase, turning, _], .. } = self.inputs.drive_state(start, t, extrapolation);
-            LaggedWave { tau, phase, turning, now, before }.add(&**actuation, order, out);
-        }
-        for derivative in 0..=HIGHEST_ORDER {
-            let size = std::array::from_fn(|j| if j == derivative { 1.0 } else { 0.0 });
-            let own = LaggedWave { tau, phase: 0.0, turning: 0.0, now: Span { size, age }, before: None };
-            self.add_own(derivative, t, *active_moments, own.factor(0.0, order).re, out);
-        }
-        if let Some(remainder) = lagging {
-            remainder.add(tau, t, order, out);
-        }
-    }
-
-    /// Evaluates what a drive of lag `tau` (s) gives at time `t` (s), and its rate.
-    fn evaluate_lagging(&mut self, tau: f64, t: f64) {
-        let moments = self.model.active_moments;
-        let mut given = match &mut self.active {
-            Some(ActiveMoments { moment, rate, .. }) if moments => [moment, rate].map(std::mem::take),
-            _ => [&mut self.natural, &mut self.natural_rate].map(std::mem::take),
-        };
-        given.iter_mut().enumerate().for_each(|(order, given)| self.add_lagging(tau, t, order, given));
-        let [value, speed] = given;
-        match &mut self.active {
-            Some(ActiveMoments { moment, rate, .. }) if moments => (*moment, *rate) = (value, speed),
-            _ => (self.natural, self.natural_rate) = (value, speed),
-        }
-    }
-
-    /// Lets a drive that lags go on at time `t` (s) from what it gives there when `change` changes the inputs.
-    pub(crate) fn change_inputs(&mut self, t: f64, change: impl FnOnce(&mut Self)) {
-        let Some(tau) = self.model.lag else { return change(self) };
-        let given = |dynamics: &Self| {
-            let mut given = vec![0.0; dynamics.model.rod.nodes];
-            dynamics.add_lagging(tau, t, 0, &mut given);
-            given
-        };
-        let before = given(self);
-        change(self);
-        self.follow_extrapolation(t);
-        if given(self) != before {
-            self.inputs.lagging = Some(Remainder { since: t, given: before });
-        }
-    }
-
-    /// The reason why the time derivative of that `order` of the input `name` cannot be `value`.
-    pub(crate) fn refused_derivative(&self, name: &str, order: usize, value: f64) -> Option<&'static str> {
-        let bends_phase = name == "actuation_frequency_hz" || name == "actuation_phase_rad" && order > 1;
-        (self.model.lag.is_some() && bends_phase && value != 0.0)
-            .then_some("0: a drive with a lag needs a frequency that is constant until it is set again")
     }
 
     /// Evaluates natural curvature and head pose at time `t`.

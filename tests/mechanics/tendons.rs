@@ -47,6 +47,21 @@ fn pair(changes: &[&str]) -> Stepper {
     stepper_of(PAIR, changes)
 }
 
+/// The rod of `text`, 0.2 m long at scale 1, with a clamped head and so much damping that it rests after 1000 s in steps of 0.05 s.
+pub fn resting(text: &str, scale: f64, changes: &[&str]) -> Stepper {
+    let sizes = [format!("rod.length_m={:e}", 0.2 * scale), format!("rod.outer_radius_m={:e}", 0.005 * scale)];
+    let settings = [
+        "head.kind=clamped",
+        "start={kind=\"ramp\",ramp_s=0.1}",
+        "drag={law=\"coefficients\",along_n_s_m2=30.0,across_n_s_m2=30.0}",
+        "solver.integrator=generalized-alpha",
+        "solver.time_step_s=0.05",
+        "solver.duration_s=1000.0",
+        "rod.damping_time_s=1.0",
+    ];
+    stepper_of(text, &[&sizes.each_ref().map(String::as_str)[..], changes, &settings].concat())
+}
+
 fn document(changes: &[&str]) -> Document {
     document_of("pair.toml", PAIR, changes)
 }
@@ -109,20 +124,8 @@ fn a_constant_tension_bends_a_rod_to_an_arc_and_shortens_it_at_any_size() {
         let length = 0.2 * scale;
         // EI/L² and EA as strong against T at any size.
         let tension = 0.1 * scale * scale;
-        let changes = [
-            format!("rod.length_m={length:e}"),
-            format!("rod.outer_radius_m={:e}", 0.005 * scale),
-            format!("tendons=[{{offset_m={:e},to_xi=0.6,tension_n={tension:e}}}]", 0.004 * scale),
-            "head.kind=clamped".into(),
-            "start={kind=\"ramp\",ramp_s=0.1}".into(),
-            "drag={law=\"coefficients\",along_n_s_m2=30.0,across_n_s_m2=30.0}".into(),
-            "solver.integrator=generalized-alpha".into(),
-            "solver.time_step_s=0.05".into(),
-            "solver.duration_s=1000.0".into(),
-            "rod.damping_time_s=1.0".into(),
-        ];
-        let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
-        let mut stepper = pair(&changes);
+        let tendon = format!("tendons=[{{offset_m={:e},to_xi=0.6,tension_n={tension:e}}}]", 0.004 * scale);
+        let mut stepper = resting(PAIR, scale, &[&tendon]);
         stepper.do_step(1000.0).unwrap();
         let (ei, ea) = (get(&mut stepper, "bending_stiffness_n_m2"), get(&mut stepper, "stretching_stiffness_n"));
         let curvature = stepper.get("curvature_1_m").unwrap();

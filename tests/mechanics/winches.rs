@@ -7,6 +7,7 @@ use caudal::stepper::Stepper;
 use caudal::variable::{Variable, View};
 
 use crate::common::{document_of, largest, stepper_of};
+use crate::tendons::resting;
 
 /// A soft rod with a winch on either side, each of which takes in what the other gives out.
 const PAIR: &str = r#"
@@ -64,20 +65,8 @@ fn a_winch_bends_a_rod_at_rest_by_what_the_cable_and_the_rod_share_at_any_size()
         let (length, offset) = (0.2 * scale, 0.004 * scale);
         let (stiffness, told, take_up) = (400.0 * scale, 0.196 * scale, 1e-4 * scale);
         let tendon = format!("offset_m={offset:e},stiffness_n_m={stiffness:e},length_m={told:e},take_up_m={take_up:e}");
-        let changes = [
-            format!("rod.length_m={length:e}"),
-            format!("rod.outer_radius_m={:e}", 0.005 * scale),
-            format!("tendons=[{{{tendon}}}]"),
-            format!("solver.form={form}"),
-            "start={kind=\"ramp\",ramp_s=0.1}".into(),
-            "drag={law=\"coefficients\",along_n_s_m2=30.0,across_n_s_m2=30.0}".into(),
-            "solver.integrator=generalized-alpha".into(),
-            "solver.time_step_s=0.05".into(),
-            "solver.duration_s=1000.0".into(),
-            "rod.damping_time_s=1.0".into(),
-        ];
-        let changes: Vec<&str> = changes.iter().map(String::as_str).collect();
-        let mut stepper = pair(&changes);
+        let (tendon, form) = (format!("tendons=[{{{tendon}}}]"), format!("solver.form={form}"));
+        let mut stepper = resting(PAIR, scale, &[&tendon, &form]);
         stepper.do_step(1000.0).unwrap();
         // T = k (Λ − Λc − w/2) with Λ = L (1 − T/EA) − d Σ κ and κ_k = T d/B_k.
         let rod = &stepper.model().rod;

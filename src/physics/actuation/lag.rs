@@ -43,16 +43,16 @@ fn shifted(jet: &Jet, order: usize, later: f64) -> Jet {
 
 /// A time in which a drive asks for S e^{inφ}, S a polynomial.
 #[derive(Debug, Clone, Copy)]
-pub struct Span {
+pub struct Piece {
     /// S at its end.
     pub size: Jet,
     /// How long it has lasted, s; `None` of one without a beginning.
     pub age: Option<f64>,
 }
 
-impl Span {
-    /// Z at its end, and its first two derivatives by time if the span goes on.
-    fn answer(&self, tau: f64, lambda: Complex<f64>) -> [Complex<f64>; 3] {
+impl Piece {
+    /// Z at its end, and its first two derivatives by time if the piece goes on: up to that of `order`, the others are zero.
+    fn answer(&self, tau: f64, lambda: Complex<f64>, order: usize) -> [Complex<f64>; 3] {
         /// Beyond, the sum over moments would cancel.
         const LARGEST: f64 = 1.0;
         /// Moments beyond those asked for, where the recursion begins: what is left of its start is 1/20! of it.
@@ -61,7 +61,9 @@ impl Span {
             let sum = |sum: Complex<f64>, derivative: &f64| (Complex::from(*derivative) - sum) / lambda;
             size.iter().rev().fold(Complex::default(), sum) / tau
         };
-        let Some(age) = self.age else { return [0, 1, 2].map(|order| long(&shifted(&self.size, order, 0.0))) };
+        let up_to =
+            |of: &dyn Fn(usize) -> Complex<f64>| [0, 1, 2].map(|k| if k <= order { of(k) } else { Complex::default() });
+        let Some(age) = self.age else { return up_to(&|k| long(&shifted(&self.size, k, 0.0))) };
         let z = lambda * age;
         let left = (-z).exp();
         let first = |order: usize| shifted(&self.size, order, -age);
@@ -74,13 +76,17 @@ impl Span {
             for j in (0..ORDERS + BEYOND).rev() {
                 moment = (left + z * moment) / (j + 1) as f64;
                 // Σ_j S^{(j)} (−age)^j/j! of the moment of order j.
-                let term = size.get(j).map_or(0.0, |derivative| *derivative);
+                let term = size.get(j).copied().unwrap_or(0.0);
                 sum = moment * term - sum * (age / (j + 1) as f64);
             }
             sum * (age / tau)
         };
-        let [begun, begun_rate] = [first(0)[0], first(1)[0]].map(|size| left * (size / tau));
-        [since(0), since(1) + begun, since(2) + begun_rate - lambda * begun]
+        let begun = |order: usize| left * (first(order)[0] / tau);
+        up_to(&|k| match k {
+            0 => since(0),
+            1 => since(1) + begun(0),
+            _ => since(2) + begun(1) - lambda * begun(0),
+        })
     }
 }
 
@@ -94,9 +100,9 @@ pub struct LaggedWave {
     /// ω = dφ/dt, rad/s.
     pub turning: f64,
     /// S, and since when.
-    pub now: Span,
-    /// S in the span before that, of the same ω.
-    pub before: Option<Span>,
+    pub now: Piece,
+    /// S in the piece before that, of the same ω.
+    pub before: Option<Piece>,
 }
 
 impl LaggedWave {
@@ -104,13 +110,13 @@ impl LaggedWave {
     pub fn factor(&self, harmonic: f64, order: usize) -> Complex<f64> {
         let turning = harmonic * self.turning;
         let (along, lambda) = (Complex::new(0.0, turning), Complex::new(1.0 / self.tau, turning));
-        let [now, rate, second] = self.now.answer(self.tau, lambda);
+        let [now, rate, second] = self.now.answer(self.tau, lambda, order);
         let factor = match order {
             0 => now,
             1 => along * now + rate,
             _ => along * (along * now + rate * 2.0) + second,
         };
-        let left = |(before, age): (Span, f64)| before.answer(self.tau, lambda)[0] * (-lambda * age).exp();
+        let left = |(before, age): (Piece, f64)| before.answer(self.tau, lambda, 0)[0] * (-lambda * age).exp();
         factor + self.before.zip(self.now.age).map_or(Complex::default(), left) * fading(self.tau, order)
     }
 
@@ -132,14 +138,14 @@ fn fading(tau: f64, order: usize) -> f64 {
 
 /// What a drive gave when its inputs changed last.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-pub struct Remainder {
+pub struct LagState {
     /// When, s.
     pub since: f64,
     /// y, one entry per node.
     pub given: Vec<f64>,
 }
 
-impl Clone for Remainder {
+impl Clone for LagState {
     fn clone(&self) -> Self {
         Self { since: self.since, given: self.given.clone() }
     }
@@ -151,7 +157,7 @@ impl Clone for Remainder {
     }
 }
 
-impl Remainder {
+impl LagState {
     /// Adds the derivative of `order` of what is left of it at time `t` (s) to `out`.
     pub fn add(&self, tau: f64, t: f64, order: usize, out: &mut [f64]) {
         let left = ((self.since - t) / tau).exp() * fading(tau, order);

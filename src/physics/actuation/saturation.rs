@@ -1,5 +1,11 @@
 //! The smooth limit of a drive: of x that is asked for it gives y = m tanh(x/m).
 
+/// m tanh(x/m) of x that is `asked` where m is the `most`, and tanh(x/m).
+pub fn limited(asked: f64, most: f64) -> [f64; 2] {
+    let part = (asked / most).tanh();
+    [most * part, part]
+}
+
 /// What the joints are given of a drive with a limit, at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Saturation {
@@ -26,8 +32,7 @@ impl Saturation {
     pub fn limit(&mut self, asked: &mut [f64], rate: &mut [f64]) {
         self.rate.copy_from_slice(rate);
         for (k, (asked, rate)) in asked.iter_mut().zip(rate).enumerate() {
-            self.part[k] = (*asked / self.most).tanh();
-            *asked = self.most * self.part[k];
+            [*asked, self.part[k]] = limited(*asked, self.most);
             *rate *= self.slope(k);
         }
     }

@@ -11,6 +11,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Sample, Signal};
+use crate::actuation::saturation::limited;
 use crate::linear::Direction;
 use crate::system::State;
 
@@ -65,8 +66,8 @@ impl Hinge {
     pub fn torque(&self, command: MotorCommand, angle: f64) -> [f64; 2] {
         let asked = self.asked(command, angle);
         self.largest_torque.map_or([asked, 1.0], |most| {
-            let part = (asked / most).tanh();
-            [most * part, 1.0 - part * part]
+            let [given, part] = limited(asked, most);
+            [given, 1.0 - part * part]
         })
     }
 

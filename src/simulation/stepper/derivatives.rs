@@ -474,7 +474,9 @@ impl Stepper {
             accelerations(&self.dynamics)
         });
         self.dynamics.move_to(t, &mut self.now.state);
-        self.dynamics.shape(&self.now.state)?; // winches pull as the rod is
+        if self.dynamics.has_winches() {
+            self.dynamics.shape(&self.now.state)?; // they pull as the rod is
+        }
         let mut rate = Vec::new();
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
