@@ -355,6 +355,15 @@ fn add_rank_ones(
     for (part, column) in rank_ones.iter().zip(&mut *columns) {
         solve(&part.column, column)?;
     }
+    couple(rank_ones, columns, x);
+    Ok(())
+}
+
+/// The same with the columns of Z as they were found.
+pub(crate) fn couple(rank_ones: &[RankOne], columns: &[Vec<f64>], x: &mut [f64]) {
+    if rank_ones.is_empty() {
+        return;
+    }
     let along = |row: &[f64], x: &[f64]| row.iter().zip(x).map(|(row, x)| row * x).sum::<f64>();
     let mut sizes = SVector::<f64, MAX_RANK>::zeros();
     let mut sum = SMatrix::<f64, MAX_RANK, MAX_RANK>::identity();
@@ -370,7 +379,6 @@ fn add_rank_ones(
     for (column, size) in columns.iter().zip(&sizes).take(rank_ones.len()) {
         x.iter_mut().zip(column).for_each(|(x, column)| *x -= size * column);
     }
-    Ok(())
 }
 
 /// The progress of a solve.

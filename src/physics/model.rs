@@ -27,7 +27,7 @@ use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
-use crate::head::hinge::HingeResidual;
+use crate::head::hinge::{HingeEquation, HingeResidual};
 use crate::head::{
     HeadInput, HeadMotion, Hinge, HostHead, MotorCommand, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose,
     pose_before,
@@ -167,6 +167,11 @@ impl Model {
     /// True where the material of the rod, or the bearing of a hinge, dissipates.
     pub fn is_damped(&self) -> bool {
         self.rod.damping.is_some() || self.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
+    }
+
+    /// True where what drives the rod follows from its state: the motor of a hinge, or a winch.
+    pub(crate) fn has_motor_or_winch(&self) -> bool {
+        self.hinge.is_some() || self.tendons.iter().any(|tendon| tendon.winch().is_some())
     }
 
     /// True where the drive has a limit or a lag, and does not give what it is asked for.
@@ -483,6 +488,12 @@ impl Dynamics {
     /// The first state of a run: positions and velocities at time zero, accelerations zero.
     pub fn first_state(&mut self) -> State {
         self.first_state_in(Form::Positions)
+    }
+
+    /// What of the `values` of a state there is of the nodes, two entries per node.
+    pub(crate) fn of_nodes(&self, mut values: Vec<f64>) -> Vec<f64> {
+        values.truncate(2 * self.model.rod.nodes);
+        values
     }
 
     /// Places `state` at the start.
@@ -855,27 +866,33 @@ impl Dynamics {
         hinge.torque(self.command, angle.value)[0]
     }
 
-    /// Writes the equation of a hinge in the place of the first one of node 0, which is prescribed, with what it has in common with node 1.
-    fn write_hinge(&self, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) {
-        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return };
-        let direction = jacobian.as_ref().map_or(Direction::POSITIONS, |jacobian| jacobian.direction);
+    /// The equation of a hinge with its derivatives along `direction`, of the rod as it was last deformed; `None` without a hinge.
+    pub(crate) fn hinge_equation(&self, direction: Direction) -> Option<HingeEquation> {
+        let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return None };
         let Joint { couple, stiffness } = self.joints[0];
         let own = hinge.residual(self.command, *angle, couple, direction);
         // Each row as a force, each column by an arc.
         let per_length = 1.0 / self.model.rod.length;
-        residual[0] = own.moment * per_length;
-        let Some(Linearisation { matrix, .. }) = jacobian else { return };
         let edge = &self.edges[0];
         let damped = self.rates.as_ref().map(|rates| (rates.viscosity[0], rates.edges[0].spin_slope(edge, direction)));
         let (viscosity, spin_slope) = damped.unwrap_or_default();
         let couple_slope = direction.q * stiffness + direction.v * viscosity;
         let across = edge.n() * (edge.per_length * per_length);
-        let by_node = -across * (direction.q * stiffness) - spin_slope * (viscosity * per_length);
-        let by_arc = -across * couple_slope;
-        if let [first, second, ..] = matrix.rows_mut() {
-            first[2][0] = (own.slope + couple_slope) * per_length * per_length;
-            [first[3][0], first[3][1]] = by_node.into();
-            [second[1][0], second[1][2]] = by_arc.into();
+        Some(HingeEquation {
+            residual: own.moment * per_length,
+            own: (own.slope + couple_slope) * per_length * per_length,
+            by_node: -across * (direction.q * stiffness) - spin_slope * (viscosity * per_length),
+            by_arc: -across * couple_slope,
+        })
+    }
+
+    /// Writes the equation of a hinge in the place of the first one of node 0, which is prescribed, with what it has in common with node 1.
+    fn write_hinge(&self, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) {
+        let direction = jacobian.as_ref().map_or(Direction::POSITIONS, |jacobian| jacobian.direction);
+        let Some(equation) = self.hinge_equation(direction) else { return };
+        residual[0] = equation.residual;
+        if let Some(Linearisation { matrix, .. }) = jacobian {
+            equation.write(matrix);
         }
     }
 

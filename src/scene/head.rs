@@ -148,15 +148,6 @@ impl Scene {
         }
     }
 
-    /// Refuses a hinged head where `what` does not know it.
-    pub(crate) fn refuse_hinge(&self, what: &str) -> Result<()> {
-        if self.head.kind != HeadKind::Hinged {
-            return Ok(());
-        }
-        let allowed = "\"free\", \"clamped\" or \"driven\"";
-        Err(self.error("head.kind", value::refused(format_args!("\"hinged\", which {what}"), allowed)))
-    }
-
     /// The hinge of a hinged head.
     pub(super) fn hinge(&self) -> Result<Option<Hinge>> {
         let HeadTable { inertia_kg_m2, torque_n_m, damping_n_m_s, largest_torque_n_m, .. } = &self.head;

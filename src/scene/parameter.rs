@@ -2,9 +2,9 @@
 
 use std::ops::RangeInclusive;
 
-use super::Scene;
 use super::material::DampingTime;
 use super::value::{Finite, Gradient, NotNegative, NumberOrProfile, Positive, ScalarSignal, Share, Tolerance};
+use super::{HeadKind, Scene};
 use crate::head::Signal;
 
 /// A scalar value of a scene.
@@ -139,6 +139,31 @@ impl ParameterList {
         }
     }
 
+    /// Adds the numbers of a signal but for its frequency: a constant one, within the range of T, or those of a sinusoid.
+    fn signal<T: Ranged>(
+        &mut self,
+        key: &str,
+        unit: &'static str,
+        description: &str,
+        signal: Option<&ScalarSignal>,
+        constant: fn(f64) -> T,
+    ) {
+        match signal.and_then(|ScalarSignal(signal)| signal.formula()) {
+            Some(Signal::Constant(value)) => self.add(key, unit, description, constant(*value)),
+            Some(Signal::Sinusoid { amplitude, phase, offset, .. }) => {
+                for (part, unit, what, value) in [
+                    ("amplitude", unit, "amplitude", amplitude),
+                    ("phase_rad", "rad", "phase", phase),
+                    ("offset", unit, "offset", offset),
+                ] {
+                    let description = format!("{what} of the {description}");
+                    self.add(&format!("{key}.{part}"), unit, &description, Finite::constant(*value));
+                }
+            }
+            _ => {}
+        }
+    }
+
     fn pair<T: Ranged>(&mut self, key: &str, unit: &'static str, descriptions: [&str; 2], values: [T; 2]) {
         for (i, (value, description)) in values.iter().zip(descriptions).enumerate() {
             self.push(key, Some(i), unit, description, value);
@@ -219,11 +244,11 @@ impl Scene {
             let key = |name: &str| format!("tendons.{i}.{name}");
             let offset = format!("distance of tendon {} from the centreline, to the left", i + 1);
             list.add(&key("offset_m"), "m", &offset, tendon.offset_m);
-            let [tension, length] = tendon.constants();
             let of = |what: &str| format!("{what} of tendon {}", i + 1);
-            list.given(&key("tension_n"), "N", &of("tension"), tension.map(NotNegative::constant));
+            let (tension, length) = (tendon.tension_n.as_ref(), tendon.length_m.as_ref());
+            list.signal(&key("tension_n"), "N", &of("tension"), tension, NotNegative::constant);
             list.given(&key("stiffness_n_m"), "N/m", &of("stiffness"), tendon.stiffness_n_m);
-            list.given(&key("length_m"), "m", &of("length that the winch gives"), length.map(Finite::constant));
+            list.signal(&key("length_m"), "m", &of("length that the winch gives"), length, Finite::constant);
             list.given(&key("take_up_m"), "m", &of("stretch that takes up the slack"), tendon.take_up_m);
         }
         let head = &self.head;
@@ -233,6 +258,11 @@ impl Scene {
         list.given("head.damping_n_m_s", "N m s/rad", damping, head.damping_n_m_s);
         let inertia = "inertia of what turns with the hinged head";
         list.given("head.inertia_kg_m2", "kg m^2", inertia, head.inertia_kg_m2);
+        if head.kind == HeadKind::Hinged {
+            let (torque, angle) = (head.torque_n_m.as_ref(), head.angle_rad.as_ref());
+            list.signal("head.torque_n_m", "N m", "torque of the motor of the hinged head", torque, Finite::constant);
+            list.signal("head.angle_rad", "rad", "angle that the hinged head is told", angle, Finite::constant);
+        }
         list.given("head.largest_torque_n_m", "N m", "largest torque of the motor", head.largest_torque_n_m);
         list.given("start.ramp_s", "s", "duration of the ramp", self.start.ramp_s);
         if let Some(medium) = &self.medium {
@@ -325,13 +355,13 @@ impl Scene {
             _ => None,
         };
         let ScalarSignal(signal) = signal?;
-        let changes = signal.formula().and_then(Signal::constant).is_none();
         let given = parts.iter().take(if parts[0] == "tendons" { 3 } else { 2 }).copied().collect::<Vec<_>>().join(".");
-        match parts[0] {
-            "tendons" if changes => {
-                Some(format!("{given} changes in time; a derivative needs a constant {}", parts[2].split('_').next()?))
+        match (parts[0], self.head.kind, signal.formula()) {
+            ("head", HeadKind::Driven, _) => Some(format!("{given} moves the head and has no derivative yet")),
+            (_, _, Some(Signal::Sinusoid { .. })) => {
+                Some(format!("{given} changes in time; there are derivatives by its amplitude, phase_rad and offset"))
             }
-            "head" => Some(format!("{given} moves the head and has no derivative yet")),
+            (_, _, None) => Some(format!("{given} is a table, and has no derivative")),
             _ => None,
         }
     }

@@ -56,14 +56,6 @@ impl TendonTable {
         pulls || self.length_m.is_some()
     }
 
-    /// Its tension (N) and its length (m), where they are numbers.
-    pub(super) fn constants(&self) -> [Option<f64>; 2] {
-        [&self.tension_n, &self.length_m].map(|signal| {
-            let formula = signal.as_ref().and_then(|ScalarSignal(signal)| signal.formula());
-            formula.and_then(Signal::constant)
-        })
-    }
-
     /// The largest moment that it bends a rod of that `length` (m) with, N m, as far as that is known before its table is read.
     fn largest_moment(&self, length: f64) -> f64 {
         let range = |signal: &Option<ScalarSignal>| match signal.as_ref().and_then(|ScalarSignal(own)| own.formula()) {

@@ -5,7 +5,7 @@ use super::equations::Equations;
 use super::output::{Gradient, LocalDerivatives, Output, OutputContext};
 use super::parameter::{ActuationShape, JointDirection, Parameter, ParameterEffect, direct, keys};
 use super::problem::Problem;
-use super::step_ends::StepEnds;
+use super::step_ends::{Pulls, StepEnds};
 use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
@@ -60,7 +60,7 @@ impl Problem {
         by_controls: bool,
     ) -> Result<Cotangents> {
         self.check(parameters, outputs)?;
-        let (nodes, steps) = (self.dynamics.nodes(), self.steps);
+        let (unknowns, nodes, steps) = (self.model().unknowns(), self.dynamics.nodes(), self.steps);
         let times = steps.count() + 1;
         let given = [weights.outputs, weights.positions, weights.velocities];
         for (values, width) in given.iter().zip([outputs.len(), 2 * nodes, 2 * nodes]) {
@@ -69,24 +69,24 @@ impl Problem {
                 return Err(Error::WrongLength { name: "weights", expected, found });
             }
         }
-        trajectory.check(nodes, (0..times).map(|n| steps.time(n)))?;
+        trajectory.check(self.model(), (0..times).map(|n| steps.time(n)))?;
         let (rules, check_interruption) = (self.rules()?, self.check_interruption());
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut equations = Equations::new(self.model())?;
         let mut point = LocalDerivatives::new(nodes, &keys(parameters));
         let mut shape = ActuationShape::new(nodes);
         let mut ends = StepEnds::new(nodes);
-        let mut gradient = Gradient::new(nodes, &keys(parameters));
+        let mut gradient = Gradient::new(self.model(), &keys(parameters));
         let mut effects: Vec<ParameterEffect> = Vec::with_capacity(parameters.len());
-        let zeros = || vec![0.0; 2 * nodes];
+        let zeros = || vec![0.0; unknowns];
         // The cotangents of a state, and of the one before it.
         let mut bar = TangentState { q: zeros(), v: zeros(), a: zeros(), memory: zeros() };
         let mut mu = zeros();
         let mut force = zeros();
         let mut total = vec![0.0; parameters.len()];
-        let mut state = State::zeros(2 * nodes);
+        let mut state = State::zeros(unknowns);
         let Self { dynamics, finite_differences, directions, controls, start: given, .. } = self;
-        let mut scratch = Gradient::new(nodes, &[]);
+        let mut scratch = Gradient::new(&dynamics.model, &[]);
         let held = dynamics.model.head.is_some();
         let joints = dynamics.model.rod.joints();
         let bends = if by_controls { Controls::effects(&dynamics.model.rod, &shape) } else { Vec::new() };
@@ -95,21 +95,34 @@ impl Problem {
         let mut force_by = vec![zeros(); finite_differences.len()];
         // Sums of the weights of all later times, for outputs that are summed from the start.
         let mut later = vec![0.0; outputs.len()];
+        // What a motor and winches do at the times before, of, and after a state.
+        let follows_state = summing && dynamics.model.has_motor_or_winch();
+        let mut pulls = [Pulls::default(); 3];
         for n in (0..=steps.count()).rev() {
             check_interruption()?;
+            if follows_state {
+                let mut at = |n: usize| {
+                    trajectory.load(n, &mut state);
+                    controls.apply(dynamics, n);
+                    dynamics.move_to(state.t, &mut state);
+                    dynamics.shape(&state).map(|bent| Pulls::of(&bent))
+                };
+                let own = if n == steps.count() { at(n)? } else { pulls[0] };
+                pulls = [at(n.saturating_sub(1))?, own, pulls[1]];
+            }
             trajectory.load(n, &mut state);
             if summing {
                 ends.look(dynamics, controls, steps, n);
             }
             controls.apply(dynamics, n);
             dynamics.move_to(state.t, &mut state);
-            shape.take(dynamics, state.t);
             let rule = rules[usize::from(n > steps.whole)];
             let direction = match n {
                 0 => Direction::POSITIONS,
                 _ => Direction { q: rule.q_new, v: rule.v_new, a: 1.0 },
             };
             equations.assemble(dynamics, &state, direction)?;
+            shape.take(dynamics, state.t);
             let bent = dynamics.shape(&state)?;
             point.look(&bent);
             effects.clear();
@@ -120,7 +133,9 @@ impl Problem {
                 difference.move_to(&bent, (controls, steps, n), summing, force)?;
             }
             for (bar, weights) in [(&mut bar.q, weights.positions), (&mut bar.v, weights.velocities)] {
-                bar.iter_mut().zip(weights.iter().skip(2 * nodes * n)).for_each(|(bar, weight)| *bar += weight);
+                bar.iter_mut()
+                    .zip(weights.iter().skip(2 * nodes * n).take(2 * nodes))
+                    .for_each(|(bar, weight)| *bar += weight);
             }
             for (o, output) in outputs.iter().enumerate() {
                 let weight = weights.outputs.get(n * outputs.len() + o).copied().unwrap_or(0.0);
@@ -132,6 +147,7 @@ impl Problem {
                     for (c, quantity) in &output.now {
                         quantity.add(&at, c * own, &mut gradient);
                     }
+                    gradient.follow_winches(&at.bent);
                     accumulate(&gradient, &effects, &shape, None, &mut bar, &mut total);
                     for (i, total) in finite_differenced(&effects, &mut total) {
                         *total += finite_differences[i].output((output, &gradient, own), None, &point, &mut scratch)?;
@@ -147,14 +163,17 @@ impl Problem {
                         continue;
                     }
                     gradient.clear();
+                    let beyond = Some(&pulls[2 * i]).filter(|_| follows_state);
                     for (c, work) in &output.work {
-                        work.add(&at, span, i == 0, c * factor, &mut gradient);
+                        work.add(&at, (span, beyond), i == 0, c * factor, &mut gradient);
                     }
+                    gradient.follow_winches(&at.bent);
                     let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at, &**directions));
                     accumulate(&gradient, &effects, &shape, step, &mut bar, &mut total);
                     for (j, total) in finite_differenced(&effects, &mut total) {
+                        let share = Some((i, beyond));
                         *total +=
-                            finite_differences[j].output((output, &gradient, factor), Some(i), &point, &mut scratch)?;
+                            finite_differences[j].output((output, &gradient, factor), share, &point, &mut scratch)?;
                     }
                     for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
                         let own = effect.natural(&shape, k);
@@ -206,13 +225,16 @@ impl Problem {
             for (by, effect) in natural.iter_mut().skip(n * bends.len()).zip(&bends) {
                 *by += parameter_force_along(&at, effect, &shape, &force);
             }
-            by_force.iter_mut().skip(2 * nodes * n).zip(&force).for_each(|(by, force)| *by -= force);
+            by_force.iter_mut().skip(2 * nodes * n).zip(&force[..2 * nodes]).for_each(|(by, force)| *by -= force);
             if n == 0 {
+                // The start knows nothing of what winches pull then.
+                dynamics.move_to(state.t, &mut state);
+                shape.take(dynamics, state.t);
                 let by_natural = natural.iter_mut().zip(&bends);
                 for (total, effect) in
                     total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends(&shape))
                 {
-                    let [mut q, mut v] = shaped_start::first_by(bent.dynamics, effect, &shape);
+                    let [mut q, mut v] = shaped_start::first_by(dynamics, effect, &shape);
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
@@ -228,7 +250,8 @@ impl Problem {
             bar.q[..2].fill(0.0);
             bar.v[..2].fill(0.0);
         }
-        Ok(Cotangents { parameters: total, start: [bar.q, bar.v], natural, force: by_force })
+        let start = [bar.q, bar.v].map(|by| dynamics.of_nodes(by));
+        Ok(Cotangents { parameters: total, start, natural, force: by_force })
     }
 }
 

@@ -10,7 +10,7 @@
 use std::sync::Arc;
 
 use super::finite_difference::{CENTRAL_STENCIL, PerturbedScene};
-use super::output::{Output, Quantity, WorkKind};
+use super::output::{HingeQuantity, Output, Quantity, WorkKind};
 use super::parameter::Parameter;
 use super::problem::Problem;
 use super::trajectory::Trajectory;
@@ -18,7 +18,7 @@ use crate::cycle::derivatives::{CycleEnd, IntegralDerivatives, IntegralWeights};
 use crate::cycle::{CycleMeasure, Cycles, EFFICIENCY, MAX_CYCLES};
 use crate::error::Result;
 use crate::metrics::{Measurements, RunMetrics};
-use crate::model::Dynamics;
+use crate::model::{Dynamics, Model};
 use crate::system::System;
 
 /// Step of the differences by the logarithm of the frequency, times the number of cycles.
@@ -34,14 +34,22 @@ type Part = (Output, Coefficient, fn(&IntegralWeights) -> &[f64]);
 type Coefficient = fn(&IntegralDerivatives) -> f64;
 
 /// The outputs that all measures depend on.
-fn parts(held: bool) -> Vec<Part> {
+fn parts(model: &Model) -> Vec<Part> {
     use Quantity as Q;
     let value: fn(&IntegralWeights) -> &[f64] = |weights| &weights.value;
     let rate: fn(&IntegralWeights) -> &[f64] = |weights| &weights.rate;
     let summed: fn(&IntegralWeights) -> &[f64] = |weights| &weights.summed;
     let mut parts: Vec<Part> = Vec::new();
-    if held {
-        // A held head moves as it must, whatever the parameters are.
+    if model.hinge.is_some() {
+        parts.push((Q::Hinge(HingeQuantity::TorqueSquare).into(), |d| d.hinge[0], summed));
+        parts.push((Q::Hinge(HingeQuantity::Power).into(), |d| d.hinge[1], summed));
+        parts.push((Q::Hinge(HingeQuantity::Angle).into(), |d| d.hinge[2], summed));
+        parts.push((Q::Hinge(HingeQuantity::ErrorSquare).into(), |d| d.hinge[3], summed));
+        parts.push((Q::HeadAxis(0).into(), |d| d.axis[0], summed));
+        parts.push((Q::HeadAxis(1).into(), |d| d.axis[1], summed));
+    }
+    if model.head.is_some() {
+        // A held head is where it must, whatever the parameters are.
         parts.push((Q::HeadForce(0).into(), |d| d.force[0], summed));
         parts.push((Q::HeadForce(1).into(), |d| d.force[1], summed));
         parts.push((Q::HeadMoment.into(), |d| d.moment, summed));
@@ -172,7 +180,7 @@ impl Problem {
         }
         let Some(integral_derivatives) = cycles.integral_derivatives(measure, &self.dynamics) else { return Ok(None) };
         let weights = cycles.weights(&self.dynamics, &trajectory.times);
-        let mut parts = parts(self.dynamics.model.head.is_some());
+        let mut parts = parts(&self.dynamics.model);
         parts.retain(|(_, by, _)| integral_derivatives.iter().any(|dependence| by(dependence) != 0.0));
         let mut rows = vec![0.0; parts.len() * trajectory.times.len()];
         for (dependence, weights) in integral_derivatives.iter().zip(&weights) {

@@ -1,12 +1,17 @@
 //! The linearised equations of a step, their factors, and their products and solves in both directions.
+//!
+//! Vectors have the order of a [`State`]: two entries per node, and the arc of a hinge. Its equation takes the place of the first one of
+//! node 0 in the matrices, as in a step. Winches couple all nodes beside their cables, with the same matrix in both directions.
 
 use nalgebra::{Matrix2, Vector2};
 
 use crate::error::Result;
 use crate::fluid::Force;
+use crate::head::hinge::HingeEquation;
 use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, HALF_BANDWIDTH, LinearSolver, PivotedLu};
 use crate::model::{Dynamics, Model};
-use crate::system::{Linearisation, State};
+use crate::newton;
+use crate::system::{Linearisation, RankOne, State, System};
 
 /// A solution with a larger backward error comes from the pivoted LU instead of the block band's.
 const BACKWARD_ERROR: f64 = 1e-12;
@@ -25,6 +30,11 @@ pub(super) struct Equations {
     inertia: Option<BandMatrix>,
     /// The derivative of forces by a translation of the whole rod, for forces that depend on position.
     place: Option<Vec<Matrix2<f64>>>,
+    /// The equation of a hinge along positions, velocities and accelerations.
+    hinge: Option<[HingeEquation; 3]>,
+    /// What winches add to the matrices, and A⁻¹ times its columns.
+    winches: Vec<RankOne>,
+    solved: Vec<Vec<f64>>,
     band: BlockBand,
     /// Analysed when it is first needed; `pivoted`: it has the factors.
     lu: Option<PivotedLu>,
@@ -42,14 +52,17 @@ impl Equations {
         Ok(Self {
             direction: Direction::POSITIONS,
             held: of(model.head.is_some()),
-            damping: of(!model.forces.is_empty() || model.rod.damping.is_some()),
+            damping: of(!model.forces.is_empty() || model.is_damped()),
             inertia: of(model.forces.are_inertial()),
             place: (!everywhere).then(|| vec![Matrix2::zeros(); nodes]),
+            hinge: None,
+            winches: Vec::new(),
+            solved: Vec::new(),
             band: BlockBand::analyse(&matrix)?,
             lu: None,
             pivoted: false,
             residual: vec![0.0; 2 * nodes],
-            product: vec![0.0; 2 * nodes],
+            product: vec![0.0; model.unknowns()],
             matrix,
         })
     }
@@ -78,10 +91,20 @@ impl Equations {
                 place[moving.edges.len()] += tip.own;
             }
         }
+        self.hinge = dynamics.hinge_equation(direction).map(|own| {
+            let along = |direction| dynamics.hinge_equation(direction).unwrap_or(own);
+            [along(Direction::POSITIONS), along(Direction::VELOCITIES), along(Direction::ACCELERATIONS)]
+        });
         if let Some(held) = &mut self.held {
             held.clone_from(&self.matrix);
             held.prescribe(0);
+            if let Some(equation) = dynamics.hinge_equation(direction) {
+                equation.write(held);
+            }
         }
+        dynamics.couple_winches(direction);
+        self.winches.clear();
+        self.winches.extend_from_slice(dynamics.rank_ones());
         Ok(())
     }
 
@@ -99,49 +122,63 @@ impl Equations {
 
     /// y = −A f_q x: −Σ (f_q)ᵢⱼ (xⱼ − xᵢ) over j ≠ i, and what moves with the place.
     pub(super) fn differences(&self, x: &[f64], y: &mut [f64]) {
-        let x = x.as_chunks::<2>().0;
-        for (i, (row, y)) in self.matrix.rows().iter().zip(y.as_chunks_mut::<2>().0).enumerate() {
-            *y = [0.0; 2];
-            for (j, block) in neighbours(i, row, x.len()) {
-                let [a, b, c, d] = self.stiffness(i, j, block);
-                let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
-                *y = [y[0] - (a * by[0] + b * by[1]), y[1] - (c * by[0] + d * by[1])];
-            }
-            if let Some(place) = &self.place {
-                let moved = place[i] * Vector2::from(x[i]) * self.direction.q;
-                *y = [y[0] - moved.x, y[1] - moved.y];
-            }
-        }
+        y.fill(0.0);
+        self.add_along(x, y, false);
     }
 
     /// Its transpose: adds −A (f_q)ᵀ x to y.
     pub(super) fn add_differences_transposed(&self, x: &[f64], y: &mut [f64]) {
-        let (x, y) = (x.as_chunks::<2>().0, y.as_chunks_mut::<2>().0);
+        self.add_along(x, y, true);
+    }
+
+    fn add_along(&self, all: &[f64], sums: &mut [f64], transposed: bool) {
+        let nodes = self.matrix.rows().len();
+        let (x, y) = (&all.as_chunks::<2>().0[..nodes], &mut sums.as_chunks_mut::<2>().0[..nodes]);
         for (i, row) in self.matrix.rows().iter().enumerate() {
-            for (j, block) in neighbours(i, row, x.len()) {
+            for (j, block) in neighbours(i, row, nodes) {
                 let [a, b, c, d] = self.stiffness(i, j, block);
-                let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
-                y[j] = [y[j][0] - by[0], y[j][1] - by[1]];
-                y[i] = [y[i][0] + by[0], y[i][1] + by[1]];
+                if transposed {
+                    let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
+                    y[j] = [y[j][0] - by[0], y[j][1] - by[1]];
+                    y[i] = [y[i][0] + by[0], y[i][1] + by[1]];
+                } else {
+                    let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
+                    y[i] = [y[i][0] - (a * by[0] + b * by[1]), y[i][1] - (c * by[0] + d * by[1])];
+                }
             }
             if let Some(place) = &self.place {
-                let moved = place[i].tr_mul(&Vector2::from(x[i])) * self.direction.q;
+                let place = if transposed { place[i].transpose() } else { place[i] };
+                let moved = place * Vector2::from(x[i]) * self.direction.q;
                 y[i] = [y[i][0] - moved.x, y[i][1] - moved.y];
             }
+        }
+        for RankOne { column, row } in &self.winches {
+            let size: f64 = row.iter().zip(all).map(|(row, x)| row * x).sum();
+            sums.iter_mut().zip(column).for_each(|(sum, column)| *sum -= size * column);
+        }
+        if let Some([own, ..]) = &self.hinge {
+            add_hinge(own, -self.direction.q, all, sums, transposed);
         }
     }
 
     /// f_v x, or its transpose; zero without forces and damping.
     pub(super) fn damp(&mut self, x: &[f64], transposed: bool) -> &[f64] {
-        match &self.damping {
-            Some(damping) => damping.multiply(x, &mut self.product, transposed),
-            None => self.product.fill(0.0),
+        let nodes = 2 * self.matrix.rows().len();
+        self.product.fill(0.0);
+        if let Some(damping) = &self.damping {
+            damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed);
+        }
+        if let Some([_, own, _]) = &self.hinge {
+            add_hinge(own, 1.0, x, &mut self.product, transposed);
         }
         &self.product
     }
 
     /// Replaces `rhs` by f_a⁻¹ rhs, where f_a is symmetric.
     pub(super) fn divide_by_inertia(&mut self, masses: &[f64], rhs: &mut [f64]) -> Result<()> {
+        if let Some([.., own]) = &self.hinge {
+            rhs[2 * masses.len()] /= own.own;
+        }
         let Some(inertia) = &self.inertia else {
             for (k, mass) in masses.iter().enumerate() {
                 rhs[2 * k] /= mass;
@@ -154,7 +191,7 @@ impl Equations {
             inertia.prescribe(0);
         }
         self.band.factor(&inertia)?;
-        self.band.solve(rhs);
+        self.band.solve(&mut rhs[..2 * masses.len()]);
         Ok(())
     }
 
@@ -162,18 +199,51 @@ impl Equations {
     /// factors are good, or the pivoted ones are taken.
     pub(super) fn factor(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         self.pivoted = false;
+        self.with_hinge_first(rhs, |own, rhs| own.factor_band(rhs, transposed))?;
+        self.solved.resize_with(self.winches.len(), Vec::new);
+        let mut solved = std::mem::take(&mut self.solved);
+        for (RankOne { column, .. }, solved) in self.winches.iter().zip(&mut solved) {
+            solved.clone_from(column);
+        }
+        solved.iter_mut().for_each(|solved| self.solve_band(solved, transposed));
+        self.solved = solved;
+        newton::couple(&self.winches, &self.solved, rhs);
+        Ok(())
+    }
+
+    pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) {
+        self.with_hinge_first(rhs, |own, rhs| own.solve_band(rhs, transposed));
+        newton::couple(&self.winches, &self.solved, rhs);
+    }
+
+    /// Calls `solve` with the entries of the band of `rhs`, in which that of a hinge stands for the first one of node 0.
+    fn with_hinge_first<T>(&mut self, rhs: &mut [f64], solve: impl FnOnce(&mut Self, &mut [f64]) -> T) -> T {
+        let hinged = self.hinge.is_some();
+        let (band, arc) = rhs.split_at_mut(2 * self.matrix.rows().len());
+        if let (true, Some(arc)) = (hinged, arc.first()) {
+            (band[0], band[1]) = (*arc, 0.0);
+        }
+        let done = solve(self, band);
+        if let (true, Some(arc)) = (hinged, arc.first_mut()) {
+            *arc = std::mem::take(&mut band[0]);
+        }
+        done
+    }
+
+    fn factor_band(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         self.residual.copy_from_slice(rhs);
         self.band.factor(self.held.as_ref().unwrap_or(&self.matrix))?;
-        self.solve(rhs, transposed);
+        self.solve_band(rhs, transposed);
         let matrix = self.held.as_ref().unwrap_or(&self.matrix);
-        matrix.multiply(rhs, &mut self.product, transposed);
+        let product = &mut self.product[..rhs.len()];
+        matrix.multiply(rhs, product, transposed);
         let largest = |values: &[f64]| {
             values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
         };
         let diagonal =
             self.matrix.rows().iter().fold(0.0, |max: f64, row| max.max(row[2][0].abs()).max(row[2][3].abs()));
-        self.product.iter_mut().zip(&self.residual).for_each(|(product, rhs)| *product -= rhs);
-        if largest(&self.product) <= BACKWARD_ERROR * (diagonal * largest(rhs) + largest(&self.residual)) {
+        product.iter_mut().zip(&self.residual).for_each(|(product, rhs)| *product -= rhs);
+        if largest(product) <= BACKWARD_ERROR * (diagonal * largest(rhs) + largest(&self.residual)) {
             return Ok(());
         }
         let lu = match &mut self.lu {
@@ -183,17 +253,31 @@ impl Equations {
         LinearSolver::factor(lu, matrix)?;
         self.pivoted = true;
         rhs.copy_from_slice(&self.residual);
-        self.solve(rhs, transposed);
+        self.solve_band(rhs, transposed);
         Ok(())
     }
 
-    pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) {
+    fn solve_band(&mut self, rhs: &mut [f64], transposed: bool) {
         match (&mut self.lu, transposed) {
             (Some(lu), false) if self.pivoted => lu.solve(rhs),
             (Some(lu), true) if self.pivoted => lu.solve_transposed(rhs),
             (_, false) => self.band.solve(rhs),
             (_, true) => self.band.solve_transposed(rhs),
         }
+    }
+}
+
+/// Adds `factor` times the derivatives of the equation of a hinge, and of those of node 1 by its arc, times `x` to `y`, or their transpose.
+/// Node 0, which it holds, has no part in them.
+fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
+    let (Some(&arc), Some(node)) = (x.last(), x.get(2..4)) else { return };
+    let [by_node, by_arc] = if transposed { [own.by_arc, own.by_node] } else { [own.by_node, own.by_arc] };
+    let sum = own.own * arc + by_node.x * node[0] + by_node.y * node[1];
+    if let Some(last) = y.last_mut() {
+        *last += factor * sum;
+    }
+    if let Some([x, y]) = y.get_mut(2..4).and_then(|node| node.first_chunk_mut()) {
+        (*x, *y) = (*x + factor * by_arc.x * arc, *y + factor * by_arc.y * arc);
     }
 }
 

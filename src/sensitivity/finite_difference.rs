@@ -14,11 +14,12 @@ use nalgebra::Vector2;
 
 use super::controls::Controls;
 use super::output::{Gradient, LocalDerivatives, Output, OutputContext, centre_of};
-use super::step_ends::StepEnds;
+use super::step_ends::{Pulls, StepEnds};
 use super::time_grid::TimeGrid;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::fluid::force;
+use crate::linear::Direction;
 use crate::model::{DeformedRod, Dynamics, Inputs, Model};
 use crate::rod::{add, node};
 use crate::system::{State, System};
@@ -39,6 +40,7 @@ const BACKWARD_STENCIL: [[f64; 2]; 5] =
 pub struct FiniteDifference {
     pub(super) scenes: Vec<PerturbedScene>,
     nodes: usize,
+    unknowns: usize,
     residual: Vec<f64>,
     /// Present if the number changes the flow alone.
     flow: Option<FlowDerivative>,
@@ -77,13 +79,13 @@ impl FiniteDifference {
         let step = RELATIVE_STEP * size;
         let mut scene = |[at, weight]: [f64; 2]| {
             let [used, kept] = model(own + at * step)?;
-            let nodes = used.rod.nodes;
+            let (nodes, unknowns) = (used.rod.nodes, used.unknowns());
             Ok::<_, Error>(PerturbedScene {
                 dynamics: Dynamics::new(used.into()),
                 actuation: kept.actuation.map(|(actuation, _)| actuation),
                 weight: weight / step,
                 ends: StepEnds::new(nodes),
-                state: State::zeros(2 * nodes),
+                state: State::zeros(unknowns),
             })
         };
         let above = BACKWARD_STENCIL.map(|[at, weight]| [-at, -weight]);
@@ -91,8 +93,8 @@ impl FiniteDifference {
         for scenes in [&CENTRAL_STENCIL[..], &BACKWARD_STENCIL, &above] {
             match scenes.iter().map(|at| scene(*at)).collect::<Result<Vec<PerturbedScene>>>() {
                 Ok(scenes) => {
-                    let nodes = scenes.first().map_or(0, |scene| scene.state.q.len() / 2);
-                    return Ok(Self { scenes, nodes, residual: Vec::new(), flow: None });
+                    let unknowns = scenes.first().map_or(0, |scene| scene.state.q.len());
+                    return Ok(Self { scenes, ..Self::of_unknowns(unknowns) });
                 }
                 Err(error) => failed = failed.or(Some(error)),
             }
@@ -101,8 +103,12 @@ impl FiniteDifference {
     }
 
     /// A zero derivative, of a number that cannot change on its own, such as a flow across an interface.
-    pub fn zero(nodes: usize) -> Self {
-        Self { scenes: Vec::new(), nodes, residual: Vec::new(), flow: None }
+    pub fn zero(model: &Model) -> Self {
+        Self::of_unknowns(model.unknowns())
+    }
+
+    fn of_unknowns(unknowns: usize) -> Self {
+        Self { scenes: Vec::new(), nodes: unknowns / 2, unknowns, residual: Vec::new(), flow: None }
     }
 
     /// Declares that the number changes the flow alone.
@@ -126,7 +132,7 @@ impl FiniteDifference {
     }
 
     /// Moves to the time of the state of `bent`, number `n` of `steps`, with the adjacent steps if they are `wanted`. Writes f_p to `force`,
-    /// two entries per node.
+    /// in the order of a [`State`].
     pub(super) fn move_to(
         &mut self,
         bent: &DeformedRod<'_>,
@@ -136,7 +142,7 @@ impl FiniteDifference {
     ) -> Result<()> {
         force.fill(0.0);
         let state = bent.state;
-        let Self { scenes, residual, flow, .. } = self;
+        let Self { scenes, residual, flow, nodes, .. } = self;
         residual.resize(force.len(), 0.0);
         if let Some(FlowDerivative { nodes, centre, still }) = flow {
             nodes.fill(0.0);
@@ -161,7 +167,16 @@ impl FiniteDifference {
             }
             own.clone_from(state);
             dynamics.move_to(state.t, own);
-            dynamics.unconstrained(own, residual, None)?;
+            if dynamics.has_winches() {
+                let tensions = dynamics.shape(own)?.dynamics.tensions_beside(bent.dynamics);
+                dynamics.give_tensions(tensions);
+            }
+            dynamics.unconstrained(own, &mut residual[..2 * *nodes], None)?;
+            if let (Some(last), Some(hinge)) =
+                (residual.get_mut(2 * *nodes), dynamics.hinge_equation(Direction::POSITIONS))
+            {
+                *last = hinge.residual;
+            }
             force.iter_mut().zip(&*residual).for_each(|(f, r)| *f += *weight * r);
         }
         Ok(())
@@ -169,7 +184,7 @@ impl FiniteDifference {
 
     /// The derivatives of the initial positions and velocities.
     pub(super) fn first(&mut self) -> [Vec<f64>; 2] {
-        let mut by = [vec![0.0; 2 * self.nodes], vec![0.0; 2 * self.nodes]];
+        let mut by = [vec![0.0; self.unknowns], vec![0.0; self.unknowns]];
         for PerturbedScene { dynamics, weight, .. } in &mut self.scenes {
             let state = dynamics.first_state();
             for (by, values) in by.iter_mut().zip([&state.q, &state.v]) {
@@ -184,7 +199,7 @@ impl FiniteDifference {
     pub(super) fn output(
         &mut self,
         (output, gradient, factor): (&Output, &Gradient, f64),
-        share: Option<usize>,
+        share: Option<(usize, Option<&Pulls>)>,
         point: &LocalDerivatives,
         scratch: &mut Gradient,
     ) -> Result<f64> {
@@ -195,8 +210,8 @@ impl FiniteDifference {
             let at = OutputContext { bent: dynamics.shape(state)?, point };
             Ok(match share {
                 None => output.now.iter().map(|(c, quantity)| c * quantity.add(&at, 0.0, scratch)).sum(),
-                Some(i) => {
-                    let span = &ends.intervals[i];
+                Some((i, beyond)) => {
+                    let span = (&ends.intervals[i], beyond);
                     output.work.iter().map(|(c, work)| c * work.add(&at, span, i == 0, 0.0, scratch)).sum()
                 }
             })

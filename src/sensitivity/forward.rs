@@ -6,7 +6,7 @@ use super::equations::Equations;
 use super::output::{Gradient, LocalDerivatives, Output, OutputContext, WorkKind};
 use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
 use super::problem::{GivenStart, Problem};
-use super::step_ends::StepEnds;
+use super::step_ends::{Pulls, StepEnds};
 use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
@@ -69,28 +69,34 @@ impl Problem {
         if every == 0 {
             return Err(Error::BadValue { name: "every", value: 0.0, allowed: "1 or more steps" });
         }
-        let (nodes, steps) = (self.dynamics.nodes(), self.steps);
+        let follows_state = self.model().has_motor_or_winch();
+        if follows_state && !parameters.is_empty() && outputs.iter().any(|output| !output.work.is_empty()) {
+            let problem = "work beside a hinge or a winch has no forward derivative; allowed: Problem::adjoint";
+            return Err(Error::Derivative { problem: problem.to_string() });
+        }
+        let (unknowns, nodes, steps) = (self.model().unknowns(), self.dynamics.nodes(), self.steps);
         let mut equations = Equations::new(self.model())?;
         let mut point = LocalDerivatives::new(nodes, &keys(parameters));
         let mut shape = ActuationShape::new(nodes);
-        let mut gradient = Gradient::new(nodes, &keys(parameters));
+        let mut gradient = Gradient::new(self.model(), &keys(parameters));
         let mut effects: Vec<ParameterEffect> = Vec::with_capacity(parameters.len());
         let mut columns: Vec<TangentState> = Vec::new();
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut ends = StepEnds::new(nodes);
+        let mut before = Pulls::default();
         let (width, size) = (parameters.len(), outputs.len() * parameters.len());
         let mut first = vec![0.0; outputs.len() + size];
         let mut sums = vec![0.0; outputs.len() + size];
         let mut now = vec![0.0; outputs.len() + size];
         let mut row = vec![0.0; width];
-        let mut rhs = vec![0.0; 2 * nodes];
-        let mut star = vec![0.0; 2 * nodes];
+        let mut rhs = vec![0.0; unknowns];
+        let mut star = vec![0.0; unknowns];
         let mut found = Sensitivities { outputs: outputs.len(), parameters: width, ..Sensitivities::default() };
         let rules = self.rules()?;
         // Out of the way of the simulation.
         let mut finite_differences = std::mem::take(&mut self.finite_differences);
-        let mut force_by = vec![vec![0.0; 2 * nodes]; finite_differences.len()];
-        let mut scratch = Gradient::new(nodes, &[]);
+        let mut force_by = vec![vec![0.0; unknowns]; finite_differences.len()];
+        let mut scratch = Gradient::new(self.model(), &[]);
         let controls = Arc::clone(&self.controls);
         let given = self.start.clone();
         let directions = Arc::clone(&self.directions);
@@ -144,6 +150,7 @@ impl Problem {
                 ends.look(dynamics, &controls, steps, n);
             }
             let at = OutputContext { bent: dynamics.shape(state)?, point: &point };
+            let beyond = [Some(&before).filter(|_| follows_state), None];
             let derivatives = |gradient: &Gradient, step: Option<[&ActuationShape; 2]>, row: &mut [f64]| {
                 for ((entry, column), (effect, parameter)) in
                     row.iter_mut().zip(&columns).zip(effects.iter().zip(parameters))
@@ -163,15 +170,17 @@ impl Problem {
                         return Ok(());
                     }
                     gradient.clear();
-                    let add = |(c, work): &(f64, WorkKind)| c * work.add(&at, span, i == 0, *c, &mut gradient);
+                    let add =
+                        |(c, work): &(f64, WorkKind)| c * work.add(&at, (span, beyond[i]), i == 0, *c, &mut gradient);
                     sums[o] += output.work.iter().map(add).sum::<f64>();
+                    gradient.follow_winches(&at.bent);
                     derivatives(&gradient, Some([&ends.shapes[i], &ends.shapes[i + 1]]), &mut row);
                     sums[block..block + width].iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
                     for (j, effect) in effects.iter().enumerate() {
                         if let Some(m) = effect.scene_parameter {
                             sums[block + j] += finite_differences[m].output(
                                 (output, &gradient, 1.0),
-                                Some(i),
+                                Some((i, beyond[i])),
                                 &point,
                                 &mut scratch,
                             )?;
@@ -184,6 +193,7 @@ impl Problem {
                 sum(1, &mut sums)?; // the share of the step that begins here, for the next time
                 gradient.clear();
                 now[o] += output.now.iter().map(|(c, quantity)| c * quantity.add(&at, *c, &mut gradient)).sum::<f64>();
+                gradient.follow_winches(&at.bent);
                 derivatives(&gradient, None, &mut row);
                 now[block..block + width].iter_mut().zip(&row).for_each(|(now, x)| *now += x);
                 for (j, effect) in effects.iter().enumerate() {
@@ -196,6 +206,7 @@ impl Problem {
                     own().for_each(|k| first[k] = now[k]);
                 }
             }
+            before = Pulls::of(&at.bent);
             if recorded {
                 for (now, first) in now.iter_mut().zip(&first) {
                     *now -= first;
@@ -221,16 +232,21 @@ fn initial_columns(
     point: &mut LocalDerivatives,
     mut first: impl FnMut(usize) -> [Vec<f64>; 2],
 ) -> Result<Vec<TangentState>> {
+    // The start knows nothing of what winches pull then.
+    dynamics.move_to(state.t, &mut state.clone());
+    let mut drive = ActuationShape::new(dynamics.nodes());
+    drive.take(dynamics, state.t);
+    let first_by = |effect: &ParameterEffect| match effect.scene_parameter {
+        Some(i) => first(i),
+        None => shaped_start::first_by(dynamics, effect, &drive),
+    };
+    let firsts: Vec<[Vec<f64>; 2]> = effects.iter().map(first_by).collect();
     equations.assemble(dynamics, state, Direction::POSITIONS)?;
     let bent = dynamics.shape(state)?;
     point.look(&bent);
     let (dynamics, at) = (bent.dynamics, OutputContext { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
-    for effect in effects {
-        let [mut q, mut v] = match effect.scene_parameter {
-            Some(i) => first(i),
-            None => shaped_start::first_by(dynamics, effect, shape),
-        };
+    for (effect, [mut q, mut v]) in effects.iter().zip(firsts) {
         given.hold([&mut q, &mut v]);
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);

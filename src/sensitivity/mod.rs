@@ -37,7 +37,7 @@ mod trajectory;
 pub use controls::{Controls, Cotangents, Weights};
 pub use finite_difference::FiniteDifference;
 pub use forward::Sensitivities;
-pub use output::{Output, Quantity, WorkKind};
+pub use output::{HingeQuantity, Output, Quantity, WorkKind};
 pub use parameter::{JointDirection, Parameter};
 pub use problem::Problem;
 pub use simulation::{Array, Simulation, value_and_grad};

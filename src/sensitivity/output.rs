@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::dot;
+use super::step_ends::Pulls;
 use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::Property;
@@ -29,7 +30,7 @@ pub enum Quantity {
     CentreOfMass(usize),
     /// Velocity of the centre of mass along an axis, m/s.
     CentreVelocity(usize),
-    /// Component along an axis of the unit vector from node 1 to node 0.
+    /// Component along an axis of the unit vector from node 1 to node 0, of a held head of that along which it is held.
     HeadAxis(usize),
     /// Stretching energy, J.
     Stretching,
@@ -79,6 +80,25 @@ pub enum Quantity {
     TendonLength(usize),
     /// Power put in by what pulls a tendon, W.
     TendonPower(usize),
+    /// A reading of a hinge.
+    Hinge(HingeQuantity),
+}
+
+/// A reading of the motor of a head on a hinge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HingeQuantity {
+    /// Angle φ, rad.
+    Angle,
+    /// Its rate, rad/s.
+    Spin,
+    /// Torque T of the motor, N m.
+    Torque,
+    /// Power T φ̇ that it puts in, W.
+    Power,
+    /// T², N² m².
+    TorqueSquare,
+    /// The square of the commanded angle less φ, rad².
+    ErrorSquare,
 }
 
 /// Work summed over the steps as in [`RunMetrics`](crate::metrics::RunMetrics), J.
@@ -145,6 +165,11 @@ impl Quantity {
         if matches!(self, Q::HeadForce(_) | Q::HeadMoment) && model.head.is_none() {
             return Err(Error::Derivative {
                 problem: format!("{self:?} is not there to read; allowed: of a held head, clamped or driven"),
+            });
+        }
+        if matches!(self, Q::Hinge(_)) && model.hinge.is_none() {
+            return Err(Error::Derivative {
+                problem: format!("{self:?} is not there to read; allowed: of a head of kind \"hinged\""),
             });
         }
         let axis = match self {
@@ -231,6 +256,10 @@ impl Output {
             "head_force_x_n" if model.head.is_some() => Q::HeadForce(0).into(),
             "head_force_y_n" if model.head.is_some() => Q::HeadForce(1).into(),
             "head_moment_n_m" if model.head.is_some() => Q::HeadMoment.into(),
+            "hinge_angle_rad" if model.hinge.is_some() => Q::Hinge(HingeQuantity::Angle).into(),
+            "hinge_spin_rad_s" if model.hinge.is_some() => Q::Hinge(HingeQuantity::Spin).into(),
+            "hinge_torque_n_m" if model.hinge.is_some() => Q::Hinge(HingeQuantity::Torque).into(),
+            "hinge_power_w" if model.hinge.is_some() => Q::Hinge(HingeQuantity::Power).into(),
             "drag_force_x_n" => Q::Resultant(Some(PowerKind::Drag), 0).into(),
             "drag_force_y_n" => Q::Resultant(Some(PowerKind::Drag), 1).into(),
             "reactive_force_x_n" => Q::Resultant(None, 0).into(),
@@ -278,7 +307,7 @@ impl Output {
 /// The derivatives of one output.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Gradient {
-    /// By positions and velocities, two entries per node.
+    /// By positions and velocities, in the order of a [`State`].
     pub(super) q: Vec<f64>,
     pub(super) v: Vec<f64>,
     /// By accelerations.
@@ -296,6 +325,8 @@ pub(super) struct Gradient {
     /// By active moments M_k where κ̄_k stays as it is, and by those of both ends of a step.
     pub(super) active: Vec<f64>,
     pub(super) active_ends: Vec<f64>,
+    /// By the tensions of tendons in their edges alone.
+    tension: [f64; MAX_TENDONS],
     /// By a host's forces at this time, and by those at the other end of a step, two entries per node.
     pub(super) force: Vec<f64>,
     pub(super) force_beyond: Vec<f64>,
@@ -304,15 +335,16 @@ pub(super) struct Gradient {
 }
 
 impl Gradient {
-    pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
-        let [a, b] = [nodes, 2 * nodes].map(|n| vec![0.0; n]);
+    pub(super) fn new(model: &Model, keys: &[Key]) -> Self {
+        let nodes = model.rod.nodes;
+        let [a, b, all] = [nodes, 2 * nodes, model.unknowns()].map(|n| vec![0.0; n]);
         Self {
-            q: b.clone(),
-            v: b.clone(),
-            a: b.clone(),
+            q: all.clone(),
+            v: all.clone(),
+            a: all.clone(),
             flow: b.clone(),
             flow_at_centre: Vector2::zeros(),
-            own: b.clone(),
+            own: all,
             force: b.clone(),
             force_beyond: b,
             stiffness: a.clone(),
@@ -321,6 +353,7 @@ impl Gradient {
             natural_step: a.clone(),
             active: a.clone(),
             active_ends: a,
+            tension: Default::default(),
             keys: keys.iter().map(|key| (*key, 0.0)).collect(),
         }
     }
@@ -335,7 +368,22 @@ impl Gradient {
         }
         self.active.fill(0.0);
         self.active_ends.fill(0.0);
+        self.tension.fill(0.0);
         self.keys.iter_mut().for_each(|(_, by)| *by = 0.0);
+    }
+
+    /// Adds the derivatives that come with the tensions of winches, which follow from the positions.
+    pub(super) fn follow_winches(&mut self, bent: &DeformedRod<'_>) {
+        let DeformedRod { dynamics, .. } = bent;
+        for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
+            let slope = dynamics.tension_slope(i);
+            if slope == 0.0 {
+                continue;
+            }
+            let of_joint = |k: usize| self.natural[k] / dynamics.model.rod.joint[k] + self.active[k];
+            let size = self.tension[i] + tendon.offset * tendon.joints.clone().map(of_joint).sum::<f64>();
+            tendon.visit_length_slopes(bent.edges(), bent.kappa(), |k, by| add(&mut self.q, k, by * (size * slope)));
+        }
     }
 
     /// Calls `add`, which adds the derivatives of a quantity of `force`, and returns its value. Forces of a fluid depend on velocities
@@ -384,6 +432,8 @@ pub(super) struct StepInterval {
 pub(super) struct LocalDerivatives {
     /// ∇κ_k by the nodes k−1, k, k+1.
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
+    /// ∂κ₀/∂s by the arc of a hinge; zero without one.
+    arc_slope: f64,
     /// ℓ − ℓ₀ of each edge, m.
     stretches: Vec<f64>,
     /// Of a damped rod, or one with active moments, ∇Ω_k by the positions of the same nodes, Ω the rate of the turning at the joint; else
@@ -397,6 +447,7 @@ impl LocalDerivatives {
     pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
         Self {
             slopes: vec![[Vector2::zeros(); 3]; nodes],
+            arc_slope: 0.0,
             stretches: vec![0.0; nodes - 1],
             spins: Vec::new(),
             keys: keys.iter().map(|key| (*key, vec![0.0; 2 * nodes])).collect(),
@@ -418,6 +469,8 @@ impl LocalDerivatives {
             let after = across(k);
             self.slopes[k] = [before, -before - after, after];
         }
+        let turned_by_arc = dynamics.model.hinge.as_ref().map_or(0.0, |_| -1.0 / dynamics.model.rod.length);
+        self.arc_slope = bend::curvature_per_turning(kappa[0]) * turned_by_arc;
         let cells = edges.iter().zip(dynamics.model.rod.cells.iter());
         self.stretches.iter_mut().zip(cells).for_each(|(own, (edge, cell))| *own = edge.length - cell.rest);
         self.spins.clear();
@@ -444,6 +497,9 @@ impl LocalDerivatives {
     #[inline]
     pub(super) fn scatter(&self, k: usize, factor: f64, q: &mut [f64]) {
         Self::scatter_slopes(self.slopes[k], k, factor, q);
+        if let (0, Some(arc)) = (k, q.get_mut(2 * self.slopes.len())) {
+            *arc += factor * self.arc_slope;
+        }
     }
 
     /// Adds `factor`·∇Ω_k by positions to `q`.
@@ -465,7 +521,8 @@ impl LocalDerivatives {
     pub(super) fn gather(&self, k: usize, q: &[f64]) -> f64 {
         let [before, here, after] = self.slopes[k];
         let first = if k > 0 { before.dot(&node(q, k - 1)) } else { 0.0 };
-        first + here.dot(&node(q, k)) + after.dot(&node(q, k + 1))
+        let arc = if k == 0 { q.get(2 * self.slopes.len()).map_or(0.0, |arc| self.arc_slope * arc) } else { 0.0 };
+        first + here.dot(&node(q, k)) + after.dot(&node(q, k + 1)) + arc
     }
 }
 
@@ -593,6 +650,26 @@ impl OutputContext<'_> {
         }
     }
 
+    /// Adds `factor` times the gradient of the length of tendon `i`.
+    fn add_length(&self, i: usize, factor: f64, g: &mut Gradient) {
+        let tendon = &self.bent.dynamics.model.tendons[i];
+        tendon.visit_slopes(self.bent.edges(), |k, slope| add(&mut g.q, k, slope * factor));
+        tendon.joints.clone().for_each(|k| self.point.scatter(k, -factor * tendon.offset, &mut g.q));
+    }
+
+    /// Adds `factor` times the gradient of the tension of tendon `i`, which that of a winch has.
+    fn add_tension(&self, i: usize, factor: f64, g: &mut Gradient) {
+        self.add_length(i, factor * self.bent.dynamics.tension_slope(i), g);
+    }
+
+    /// T of the motor of a hinge (N m), its derivative by the arc (N), and its angle, in rad.
+    fn motor(&self) -> [f64; 3] {
+        let dynamics = self.bent.dynamics;
+        let (Some(hinge), Some([_, _, angle])) = (&dynamics.model.hinge, &dynamics.held) else { return [0.0; 3] };
+        let [torque, given] = hinge.torque(dynamics.command, angle.value);
+        [torque, -hinge.stiffness * given / dynamics.model.rod.length, angle.value]
+    }
+
     /// Σ F·w over the nodes, F of the `chosen` forces; adds `factor` times its derivatives with w as it is.
     fn power_along(
         &self,
@@ -605,6 +682,11 @@ impl OutputContext<'_> {
         let mut power = 0.0;
         for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
             force::visit_alone(force, &moving, |k, force| power += force.dot(&w(k)));
+            if force.power_kind() == Some(PowerKind::Drive) {
+                for (by, tendon) in g.tension.iter_mut().zip(self.bent.dynamics.model.tendons.iter()) {
+                    tendon.visit_slopes(self.bent.edges(), |k, slope| *by += factor * slope.dot(&w(k)));
+                }
+            }
             g.of_force(force, |mut by| {
                 force::add_slopes(force, &moving, 0..moving.edges.len(), |k| w(k) * factor, &mut by);
             });
@@ -667,6 +749,19 @@ impl OutputContext<'_> {
                 let next = damped.own(0, &edges[0], cell, Block::ZERO, direction);
                 let coupling = coupling.map(|_| damped.couplings(1, ends, Block::ZERO, direction)[0]);
                 add_slopes(next, coupling, |g| &mut g.v);
+            }
+        }
+        if dynamics.model.hinge.is_some() {
+            // The couple of its joint, across the first edge.
+            let per_arc = factor * along.dot(&edges[0].n()) * edges[0].per_length / rod.length;
+            let viscosity = dynamics.damped().map_or(0.0, |damped| damped.rates.viscosity[0]);
+            let arc = 2 * rod.nodes;
+            g.q[arc] += per_arc * joints[0].stiffness;
+            g.v[arc] += per_arc * viscosity;
+        }
+        for (by, tendon) in g.tension.iter_mut().zip(dynamics.model.tendons.iter()) {
+            if tendon.edges.contains(&0) {
+                *by -= factor * along.dot(&edges[0].t);
             }
         }
         for k in [0, 1].into_iter().filter(|k| rod.joints().contains(k)) {
@@ -735,6 +830,13 @@ impl Quantity {
                 rod.mean(&state.v)[i]
             }
             Self::Flow(i) => at.flow_of_body(axis(i), factor, g),
+            Self::HeadAxis(i) if dynamics.held.is_some() => {
+                let angle = dynamics.held.map_or(0.0, |[_, _, angle]| angle.value);
+                if dynamics.model.hinge.is_some() {
+                    g.q[2 * rod.nodes] += factor * [angle.sin(), -angle.cos()][i] / rod.length;
+                }
+                -[angle.cos(), angle.sin()][i]
+            }
             Self::HeadAxis(i) => {
                 let edge = &at.bent.edges()[0];
                 let turn = edge.n() * (factor * edge.per_length * edge.n()[i]);
@@ -774,6 +876,10 @@ impl Quantity {
                     add(&mut g.v, k, v * (factor * m));
                     energy += 0.5 * m * v.norm_squared();
                 }
+                if let (Some(hinge), Some([_, _, angle])) = (&dynamics.model.hinge, &dynamics.held) {
+                    g.v[2 * rod.nodes] += factor * hinge.inertia * angle.rate / rod.length;
+                    energy += 0.5 * hinge.inertia * angle.rate * angle.rate;
+                }
                 energy
             }
             Self::ActuationPower => {
@@ -784,6 +890,9 @@ impl Quantity {
                     if !dynamics.model.active_moments {
                         // Beside a wave of moments a natural curvature has no rate here, see `Controls`.
                         g.natural_rate[k] -= factor * moment;
+                        // What tendons add to that rate, and a stiffer joint takes off it, is none of this one.
+                        let softening = at.bent.active_moment(k)[1] / rod.joint[k].powi(2);
+                        g.stiffness[k] -= factor * moment * softening;
                     }
                     power -= moment * rate;
                     if let Some(active) = &dynamics.active {
@@ -796,7 +905,12 @@ impl Quantity {
                 power - at.power_to(PowerKind::Drive, -factor, g)
             }
             Self::MaterialPower => {
-                let Some(KelvinVoigt { damping, rates }) = dynamics.damped() else { return 0.0 };
+                let mut bearing = 0.0;
+                if let (Some(hinge), Some([_, _, angle])) = (&dynamics.model.hinge, &dynamics.held) {
+                    g.v[2 * rod.nodes] += 2.0 * factor * hinge.damping * angle.rate / rod.length;
+                    bearing = hinge.damping * angle.rate * angle.rate;
+                }
+                let Some(KelvinVoigt { damping, rates }) = dynamics.damped() else { return bearing };
                 for k in rod.joints() {
                     // P = Bτr²: the gradient of Bτr, and of the other r.
                     let rate = rates.joints[k];
@@ -811,7 +925,7 @@ impl Quantity {
                         add(by, e + 1, slope);
                     }
                 }
-                damping.power(rod, rates)
+                damping.power(rod, rates) + bearing
             }
             Self::ViscousPower => at.power_to(PowerKind::Drag, factor, g),
             Self::WakePower => at.power_to(PowerKind::Wake, factor, g),
@@ -880,11 +994,13 @@ impl Quantity {
                 }
                 momentum
             }
-            Self::TendonTension(i) => dynamics.tensions[0][i],
+            Self::TendonTension(i) => {
+                at.add_tension(i, factor, g);
+                dynamics.tensions[0][i]
+            }
             Self::TendonLength(i) => {
+                at.add_length(i, factor, g);
                 let tendon = &dynamics.model.tendons[i];
-                tendon.visit_slopes(at.bent.edges(), |k, slope| add(&mut g.q, k, slope * factor));
-                tendon.joints.clone().for_each(|k| at.point.scatter(k, -factor * tendon.offset, &mut g.q));
                 tendon.length(at.bent.edges(), at.bent.kappa())
             }
             Self::TendonPower(i) => {
@@ -903,14 +1019,37 @@ impl Quantity {
                 for k in tendon.joints.clone() {
                     rate -= tendon.offset * at.add_curvature_rate(k, factor * tension * tendon.offset, g);
                 }
+                at.add_tension(i, -factor * rate, g);
                 -tension * rate
+            }
+            Self::Hinge(reading) => {
+                let Some([_, _, angle]) = dynamics.held else { return 0.0 };
+                let (arc, per_arc) = (2 * rod.nodes, 1.0 / rod.length);
+                let [torque, slope, _] = at.motor();
+                let error = dynamics.command.angle - angle.value;
+                // Its value, and its derivatives by the arc and by the rate of that.
+                let (value, by_arc, by_rate) = match reading {
+                    HingeQuantity::Angle => (angle.value, per_arc, 0.0),
+                    HingeQuantity::Spin => (angle.rate, 0.0, per_arc),
+                    HingeQuantity::Torque => (torque, slope, 0.0),
+                    HingeQuantity::Power => (torque * angle.rate, slope * angle.rate, torque * per_arc),
+                    HingeQuantity::TorqueSquare => (torque * torque, 2.0 * torque * slope, 0.0),
+                    HingeQuantity::ErrorSquare => (error * error, -2.0 * error * per_arc, 0.0),
+                };
+                g.q[arc] += factor * by_arc;
+                g.v[arc] += factor * by_rate;
+                value
             }
             Self::HeadPower => {
                 let Some([x, y, angle]) = dynamics.held else { return 0.0 };
                 let v = Vector2::new(x.rate, y.rate);
                 let inertia = v.dot(&Vector2::new(x.acceleration, y.acceleration)) * rod.mass[0];
                 let push = at.push(v, factor, g);
-                push + inertia - angle.rate * Self::HeadMoment.add(at, -factor * angle.rate, g)
+                let turning = match &dynamics.model.hinge {
+                    Some(_) => Self::Hinge(HingeQuantity::Power).add(at, factor, g),
+                    None => -angle.rate * Self::HeadMoment.add(at, -factor * angle.rate, g),
+                };
+                push + inertia + turning
             }
         }
     }
@@ -918,11 +1057,11 @@ impl Quantity {
 
 impl WorkKind {
     /// The share of the state at one end of `span` (its end, or its begin) in the work over it; adds `factor` times its
-    /// derivatives.
+    /// derivatives. What a motor and winches do is that of both ends where what they do at the one `beyond` is known, and else none.
     pub(super) fn add(
         self,
         at: &OutputContext<'_>,
-        span: &StepInterval,
+        (span, beyond): (&StepInterval, Option<&Pulls>),
         end: bool,
         factor: f64,
         g: &mut Gradient,
@@ -966,7 +1105,18 @@ impl WorkKind {
                     work += half * kappa * span.active[k];
                 }
                 // The same of the tensions of tendons, along the change of the length of their edges.
-                for (tendon, tensions) in at.bent.dynamics.model.tendons.iter().zip(&span.tensions) {
+                for (i, (tendon, tensions)) in at.bent.dynamics.model.tendons.iter().zip(&span.tensions).enumerate() {
+                    if tendon.winch().is_some() {
+                        let Some(beyond) = beyond else { continue };
+                        let length = tendon.length(at.bent.edges(), at.bent.kappa());
+                        let sum = at.bent.dynamics.tensions[0][i] + beyond.tensions[i];
+                        let sign = if end { 1.0 } else { -1.0 };
+                        let wound = sign * (beyond.lengths[i] - length);
+                        at.add_length(i, -0.5 * sign * factor * sum, g);
+                        at.add_tension(i, 0.5 * factor * wound, g);
+                        work += 0.5 * sum * wound;
+                        continue;
+                    }
                     let size = if end { -0.5 * tensions } else { 0.5 * tensions };
                     let edges = at.bent.edges();
                     tendon.visit_slopes(edges, |k, slope| add(&mut g.q, k, slope * (size * factor)));
@@ -977,11 +1127,24 @@ impl WorkKind {
             Self::Head => {
                 let Some([from, to]) = &span.poses else { return 0.0 };
                 let moved = Vector2::new(to[0].value - from[0].value, to[1].value - from[1].value);
-                let turned = to[2].value - from[2].value;
                 let speed = |pose: &Pose| pose[0].rate.powi(2) + pose[1].rate.powi(2);
                 let inertia = 0.5 * rod.mass[0] * if end { speed(to) } else { -speed(from) };
                 let push = at.push(moved, 0.5 * factor, g);
-                0.5 * push + inertia - 0.5 * turned * Quantity::HeadMoment.add(at, -0.5 * factor * turned, g)
+                let turning = match (&at.bent.dynamics.model.hinge, beyond) {
+                    (Some(_), None) => 0.0,
+                    (Some(_), Some(beyond)) => {
+                        let [torque, slope, angle] = at.motor();
+                        let (sum, sign) = (torque + beyond.torque, if end { 1.0 } else { -1.0 });
+                        let turned = sign * (angle - beyond.angle);
+                        g.q[2 * rod.nodes] += 0.5 * factor * (sign * sum / rod.length + slope * turned);
+                        0.5 * sum * turned
+                    }
+                    (None, _) => {
+                        let turned = to[2].value - from[2].value;
+                        -0.5 * turned * Quantity::HeadMoment.add(at, -0.5 * factor * turned, g)
+                    }
+                };
+                0.5 * push + inertia + turning
             }
         }
     }

@@ -99,11 +99,6 @@ impl Problem {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
-        scene.refuse_hinge("has no derivatives yet: its angle is an unknown beside those of the nodes")?;
-        if model.tendons.iter().any(|tendon| tendon.winch().is_some()) {
-            let problem = "a winch has no derivatives yet; allowed: tension_n in place of stiffness_n_m and length_m";
-            return refuse("tendons", problem);
-        }
         let StepControl::Fixed(length) = scene.step_control() else {
             let step = 0.5 * scene.typical_step();
             let problem =
@@ -218,7 +213,7 @@ impl Problem {
     pub fn first(&mut self) -> [Vec<f64>; 2] {
         self.controls.apply(&mut self.dynamics, 0);
         let State { q, v, .. } = self.dynamics.first_state();
-        [q, v]
+        [q, v].map(|of_nodes| self.dynamics.of_nodes(of_nodes))
     }
 
     /// The current model.

@@ -232,7 +232,7 @@ pub fn finite_differences(
             }
         }
         if direction.iter().all(|part| part.abs() < ALONG) {
-            return Ok(FiniteDifference::zero(own.nodes()));
+            return Ok(FiniteDifference::zero(&own.model()?));
         }
         let moved = FiniteDifference::of(0.0, number.scale(values[i]), |change| {
             let values: Vec<f64> = values.iter().zip(&direction).map(|(own, part)| own + change * part).collect();
@@ -241,7 +241,7 @@ pub fn finite_differences(
         });
         match moved {
             // What has to be zero, as gravity along level layers.
-            Err(Error::Scene { .. }) if values[i] == 0.0 => Ok(FiniteDifference::zero(own.nodes())),
+            Err(Error::Scene { .. }) if values[i] == 0.0 => Ok(FiniteDifference::zero(&own.model()?)),
             Ok(moved) if [FLOW, SHEAR].contains(&&*number.key) => Ok(moved.of_flow()),
             moved => moved,
         }

@@ -19,7 +19,7 @@ fn turned(x: Vector2<f64>) -> Vector2<f64> {
 /// The derivatives of the initial positions and velocities.
 pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &ActuationShape) -> [Vec<f64>; 2] {
     let rod = &dynamics.model.rod;
-    let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
+    let mut by = [(); 2].map(|()| vec![0.0; dynamics.model.unknowns()]);
     if dynamics.model.start == Start::Shaped && effect.bends(shape) {
         let mut followed = dynamics.free_of_moment([&dynamics.natural, &dynamics.natural_rate].map(Vec::clone));
         followed[0]

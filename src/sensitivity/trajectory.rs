@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::head::{Row, hermite};
+use crate::model::Model;
 use crate::system::State;
 
 /// The trajectory of a simulation: times (s), and positions (m), velocities (m/s) and accelerations (m/s²) at each time, two entries
@@ -10,6 +11,7 @@ use crate::system::State;
 pub struct Trajectory {
     /// Times, beginning with the start.
     pub times: Vec<f64>,
+    /// As in a [`State`], with the arc of a hinge.
     q: Vec<f64>,
     v: Vec<f64>,
     a: Vec<f64>,
@@ -18,14 +20,23 @@ pub struct Trajectory {
 impl Trajectory {
     /// Positions at time `n`.
     pub fn positions(&self, n: usize) -> &[f64] {
-        let width = self.q.len() / self.times.len();
-        &self.q[n * width..(n + 1) * width]
+        self.nodes(&self.q, n)
     }
 
     /// Velocities at time `n`.
     pub fn velocities(&self, n: usize) -> &[f64] {
-        let width = self.v.len() / self.times.len();
-        &self.v[n * width..(n + 1) * width]
+        self.nodes(&self.v, n)
+    }
+
+    /// What of `values` there is of the nodes at time `n`.
+    fn nodes<'a>(&self, values: &'a [f64], n: usize) -> &'a [f64] {
+        let row = self.row(values, n);
+        &row[..row.len() / 2 * 2]
+    }
+
+    fn row<'a>(&self, values: &'a [f64], n: usize) -> &'a [f64] {
+        let width = values.len() / self.times.len();
+        &values[n * width..(n + 1) * width]
     }
 
     /// Positions at `time` (s), by cubic Hermite interpolation between the steps. None beyond the simulation.
@@ -42,8 +53,8 @@ impl Trajectory {
         Some(rows(n - 1).zip(rows(n)).map(|(from, to)| hermite(&from, &to, time.min(last)).value).collect())
     }
 
-    /// Returns an error unless it has positions of `nodes` nodes at exactly these `times` (s).
-    pub(super) fn check(&self, nodes: usize, times: impl ExactSizeIterator<Item = f64>) -> Result<()> {
+    /// Returns an error unless it has states of `model` at exactly these `times` (s).
+    pub(super) fn check(&self, model: &Model, times: impl ExactSizeIterator<Item = f64>) -> Result<()> {
         let refuse = |problem: String| {
             let remedy = "allowed: what simulate returned for this problem";
             Err(Error::Derivative { problem: format!("the trajectory is of another simulation, {problem}; {remedy}") })
@@ -51,8 +62,9 @@ impl Trajectory {
         if self.times.len() != times.len() {
             return refuse(format!("of {} times for {}", self.times.len(), times.len()));
         }
-        if self.q.len() != 2 * nodes * self.times.len() {
-            return refuse(format!("of {} nodes for {nodes}", self.q.len() / (2 * self.times.len())));
+        let (found, expected) = (self.q.len() / self.times.len().max(1), model.unknowns());
+        if found != expected {
+            return refuse(format!("of {found} unknowns for {expected}"));
         }
         match self.times.iter().zip(times).find(|(own, time)| **own != *time) {
             Some((own, time)) => refuse(format!("with a time of {own:e} s for {time:e} s")),
@@ -70,9 +82,8 @@ impl Trajectory {
 
     pub(super) fn load(&self, n: usize, state: &mut State) {
         state.t = self.times[n];
-        state.q.copy_from_slice(self.positions(n));
-        state.v.copy_from_slice(self.velocities(n));
-        let width = state.a.len();
-        state.a.copy_from_slice(&self.a[n * width..(n + 1) * width]);
+        state.q.copy_from_slice(self.row(&self.q, n));
+        state.v.copy_from_slice(self.row(&self.v, n));
+        state.a.copy_from_slice(self.row(&self.a, n));
     }
 }

@@ -11,10 +11,11 @@ use caudal::variable::VARIABLES;
 use common::{SOFT, largest, scene_of};
 
 /// Every kind of head, each with loads, flow and a last step that is shorter.
-const HEADS: [&str; 3] = [
+const HEADS: [&str; 4] = [
     r#"head={ kind = "free" }"#,
     r#"head={ kind = "clamped" }"#,
     r#"head={ kind = "driven", position_m = { amplitude = [0.01, 0.05], frequency_hz = 1.0 }, angle_rad = { amplitude = 0.4, frequency_hz = 1.5, phase_rad = 0.3 } }"#,
+    r#"head={ kind = "hinged", inertia_kg_m2 = 2e-3, stiffness_n_m = 0.5, damping_n_m_s = 0.02, largest_torque_n_m = 0.6, angle_rad = { amplitude = 0.4, frequency_hz = 1.5 } }"#,
 ];
 
 /// A damped material, from a start in motion.
@@ -47,16 +48,20 @@ fn scene(head: &str, method: &str, start: &str) -> Scene {
     scene_of(SOFT, &changes)
 }
 
-/// All outputs that trajectory.csv has, but time.
-fn outputs(problem: &Problem) -> Vec<Output> {
+/// All outputs that trajectory.csv has, but time, with their units.
+fn outputs_with_units(problem: &Problem) -> impl Iterator<Item = (Output, &'static str)> {
     let recorded = VARIABLES.iter().filter(|v| v.recorded && v.name != "time_s" && v.exists_in(problem.model()));
-    recorded.map(|variable| Output::named(variable.name, problem.model()).unwrap()).collect()
+    recorded.map(|own| (Output::named(own.name, problem.model()).unwrap(), own.unit))
 }
 
-/// Their units.
-fn units(problem: &Problem) -> Vec<&'static str> {
-    let recorded = VARIABLES.iter().filter(|v| v.recorded && v.name != "time_s" && v.exists_in(problem.model()));
-    recorded.map(|variable| variable.unit).collect()
+fn outputs(problem: &Problem) -> Vec<Output> {
+    outputs_with_units(problem).map(|(output, _)| output).collect()
+}
+
+/// Those that have forward derivatives: beside a hinge, work has none.
+fn forward_outputs(problem: &Problem) -> (Vec<Output>, Vec<&'static str>) {
+    let hinged = problem.model().hinge.is_some();
+    outputs_with_units(problem).filter(|(output, _)| !hinged || output.work.is_empty()).unzip()
 }
 
 /// Every parameter that can be set, with its size.
@@ -119,7 +124,7 @@ fn forward_derivatives_are_those_of_differences() {
             for start in starts {
                 let scene = scene(head, method, start);
                 let mut problem = Problem::of(&scene).unwrap();
-                let (outputs, all) = (outputs(&problem), parameters(&problem));
+                let ((outputs, _), all) = (forward_outputs(&problem), parameters(&problem));
                 let kinds: Vec<Parameter> = all.iter().map(|p| p.0).collect();
                 let found = problem.forward(&kinds, &outputs, 1, |_| {}).unwrap();
                 // What an output changes by where each parameter changes by its size.
@@ -128,12 +133,12 @@ fn forward_derivatives_are_those_of_differences() {
                 };
                 let scales: Vec<f64> = (0..outputs.len()).map(scale).collect();
                 for (j, (parameter, size)) in all.iter().enumerate() {
-                    let expected = differences(&scene, &outputs, *parameter, 2e-3 * size);
+                    let expected = differences(&scene, &outputs, *parameter, 5e-4 * size);
                     for n in 0..found.times.len() {
                         for (o, scale) in scales.iter().enumerate() {
                             let error = (derivative(&found, n, o, j) - expected[n * outputs.len() + o]).abs() * size;
                             worst = worst.max(error / scale.max(f64::MIN_POSITIVE));
-                            // Measured: 2.5e-9.
+                            // Measured: 3.9e-9.
                             assert!(
                                 error <= 1e-8 * scale,
                                 "{head} {method} {start} {parameter:?} output {o} {:?} time {n}: {:e} against {:e}, scale {scale:e}",
@@ -162,7 +167,7 @@ fn along_the_rod(problem: &Problem) -> Vec<Parameter> {
 /// that hardly moves is the rounding of positions that do.
 fn adjoint_error(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
     let mut problem = Problem::of(scene).unwrap();
-    let (outputs, units, all) = (outputs(&problem), units(&problem), parameters(&problem));
+    let ((outputs, units), all) = (forward_outputs(&problem), parameters(&problem));
     let kinds = along_the_rod(&problem);
     let sizes: Vec<f64> = (0..kinds.len()).map(|j| all.get(j).map_or(1.0, |p| p.1)).collect();
     let found = problem.forward(&kinds, &outputs, 1, |_| {}).unwrap();
@@ -189,7 +194,9 @@ fn adjoint_derivatives_are_the_forward_ones() {
             for start in ["start.kind=shaped", "start.kind=jump", DAMPED, ELASTICALLY_DAMPED, FOLLOWED] {
                 let error = adjoint_error(&scene(head, method, start), |_| true);
                 println!("{} {method} {start}: {error:.1e}", &head[..20]);
-                assert!(error <= 1e-13, "{head} {method} {start}: {error:e}"); // measured: 1.9e-14
+                // Measured: 2.1e-14, and beside a servo 1.2e-13.
+                let most = if head.contains("hinged") { 4e-13 } else { 1e-13 };
+                assert!(error <= most, "{head} {method} {start}: {error:e}");
             }
         }
     }
@@ -200,13 +207,13 @@ fn adjoint_derivatives_are_the_forward_ones() {
 fn rounding(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
     let forward = |scene: &Scene| {
         let mut problem = Problem::of(scene).unwrap();
-        let (outputs, kinds) = (outputs(&problem), along_the_rod(&problem));
+        let ((outputs, units), kinds) = (forward_outputs(&problem), along_the_rod(&problem));
         let all = parameters(&problem);
         let sizes: Vec<f64> = (0..kinds.len()).map(|j| all.get(j).map_or(1.0, |p| p.1)).collect();
         let found = problem.forward(&kinds, &outputs, 1, |_| {}).unwrap();
         let mut dice = common::Dice(7);
         let (mut sums, mut terms) = (Vec::new(), 0.0_f64);
-        for o in (0..outputs.len()).filter(|o| wanted(units(&problem)[*o])) {
+        for o in (0..outputs.len()).filter(|o| wanted(units[*o])) {
             let weights = dice.many(found.times.len(), -1.0, 1.0);
             for (j, size) in sizes.iter().enumerate() {
                 let term = |n: usize| found.row(n, o)[j] * size;
@@ -327,7 +334,7 @@ fn a_derivative_along_joints_is_the_weighted_sum_of_those_by_the_joints() {
                 &[head, "solver.integrator=newmark", "solver.time_step_s=0.01", "solver.duration_s=0.2"],
             );
             let mut problem = Problem::of(&scene).unwrap();
-            let outputs = outputs(&problem);
+            let (outputs, _) = forward_outputs(&problem);
             let rod = &problem.model().rod;
             let joints = rod.joints();
             let mut dice = common::Dice(3);

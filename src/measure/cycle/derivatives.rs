@@ -4,9 +4,9 @@
 use nalgebra::Vector2;
 
 use super::{
-    Cycle, CycleMeasure, CycleSource, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, HINGE_AMPLITUDE, HINGE_ANGLE,
-    HINGE_POWER, HINGE_TORQUE, Integrals, MAX_CYCLES, MAX_STEP_RATIO, MEASURES, PERIOD, PHASE_ROUNDING,
-    REACTIVE_THRUST, STROUHAL, TIP_EXCURSION, TRACKING_ERROR, ends_in, index, interpolate, set_vector, vector,
+    Cycle, CycleMeasure, CycleSource, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, HINGE_AMPLITUDE, Integrals, MAX_CYCLES,
+    MAX_STEP_RATIO, MEASURES, PERIOD, PHASE_ROUNDING, REACTIVE_THRUST, STROUHAL, TIP_EXCURSION, ends_in, index,
+    interpolate, set_vector, vector,
 };
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::{Key, PowerKind};
@@ -39,6 +39,8 @@ pub struct IntegralDerivatives {
     pub force: [f64; 2],
     /// By the integral of the moment on a held head.
     pub moment: f64,
+    /// By the integrals of the square of the torque of the motor of a hinge, of its power, of the angle, and of the square of the tracking error.
+    pub hinge: [f64; 4],
     /// By the work of actuation, drag, loads, held head, flow, wake, other forces, spray and the material.
     pub work: [f64; index::ALL - index::WORK],
     /// By parameters of the forces themselves.
@@ -185,6 +187,12 @@ impl Cycles {
                 axis: vector(&by, index::AXIS).into(),
                 force: vector(&by, index::FORCE).into(),
                 moment: by[index::MOMENT],
+                hinge: [
+                    by[index::TORQUE_SQUARE],
+                    by[index::HINGE_POWER],
+                    by[index::HINGE_ANGLE],
+                    by[index::HINGE_ERROR_SQUARE],
+                ],
                 work: std::array::from_fn(|i| by[index::WORK + i]),
                 by_key: keys.into_iter().map(|(key, by)| (key, by * part)).collect(),
             })
@@ -193,22 +201,9 @@ impl Cycles {
     }
 }
 
-/// True if a measure has derivatives: all but durations, angles, extremes, contributions to the thrust, and those of a hinge, whose angle
-/// has none.
+/// True if a measure has derivatives: all but durations, directions, extremes, and contributions to the thrust.
 pub fn is_differentiable(measure: &CycleMeasure) -> bool {
-    let others = [
-        PERIOD,
-        DIRECTION,
-        TIP_EXCURSION,
-        STROUHAL,
-        DRAG_THRUST,
-        REACTIVE_THRUST,
-        HINGE_TORQUE,
-        HINGE_POWER,
-        HINGE_ANGLE,
-        HINGE_AMPLITUDE,
-        TRACKING_ERROR,
-    ];
+    let others = [PERIOD, DIRECTION, TIP_EXCURSION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST, HINGE_AMPLITUDE];
     others.iter().all(|other| other.key != measure.key)
 }
 
@@ -247,6 +242,12 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
         "cycle_head_force_x_n" => by[index::FORCE] = per,
         "cycle_head_force_y_n" => by[index::FORCE + 1] = per,
         "cycle_head_moment_n_m" => by[index::MOMENT] = per,
+        "cycle_hinge_power_w" => by[index::HINGE_POWER] = per,
+        "cycle_hinge_angle_rad" => by[index::HINGE_ANGLE] = per,
+        "cycle_rms_hinge_torque_n_m" => by[index::TORQUE_SQUARE] = by_square(cycle.root(index::TORQUE_SQUARE), per),
+        "cycle_rms_tracking_error_rad" => {
+            by[index::HINGE_ERROR_SQUARE] = by_square(cycle.root(index::HINGE_ERROR_SQUARE), per);
+        }
         "cycle_actuation_power_w" => by[index::WORK] = per,
         "cycle_viscous_power_w" => by[index::WORK + 1] = per,
         "cycle_wake_power_w" => by[index::WORK + 5] = per,
@@ -285,6 +286,11 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
     let against = -vector(&by, index::POSITION);
     set_vector(&mut by, index::FLOW, against);
     Some((by, keys))
+}
+
+/// The derivative of a root mean square by the integral of the square, over the time of which `per` is the inverse; none at zero.
+fn by_square(root: f64, per: f64) -> f64 {
+    if root > 0.0 { 0.5 * per / root } else { 0.0 }
 }
 
 /// The drag (N) of the straight rod at `speed` (m/s), and its derivatives by the speed and by parameters of the forces.

@@ -8,11 +8,12 @@
 //! velocities and accelerations, beyond those of the nodes. A held node needs no equations of its own, and that of the hinge takes the
 //! place of the first of them: the hinge meets node 1 alone, so that the band stays what it is.
 
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::{Sample, Signal};
 use crate::actuation::saturation::limited;
-use crate::linear::Direction;
+use crate::linear::{BandMatrix, Direction};
 use crate::system::State;
 
 /// A hinge with its motor. The commanded angle is the third signal of the head's motion.
@@ -48,6 +49,30 @@ pub struct HingeResidual {
     pub slope: f64,
     /// The direction.
     pub direction: Direction,
+}
+
+/// The equation of motion of a hinge as a force, (I φ̈ − T + c φ̇ − M)/L, with its derivatives along the direction of a step, N/m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct HingeEquation {
+    /// What is left of it, N.
+    pub(crate) residual: f64,
+    /// Its derivative by the arc.
+    pub(crate) own: f64,
+    /// That by node 1.
+    pub(crate) by_node: Vector2<f64>,
+    /// The derivative of the equations of node 1 by the arc.
+    pub(crate) by_arc: Vector2<f64>,
+}
+
+impl HingeEquation {
+    /// Writes it in the place of the first equation of node 0, which is prescribed in `matrix`.
+    pub(crate) fn write(&self, matrix: &mut BandMatrix) {
+        if let [first, second, ..] = matrix.rows_mut() {
+            first[2][0] = self.own;
+            [first[3][0], first[3][1]] = self.by_node.into();
+            [second[1][0], second[1][2]] = self.by_arc.into();
+        }
+    }
 }
 
 impl Hinge {

@@ -110,6 +110,24 @@ impl Dynamics {
         natural_rate.copy_from_slice(&self.natural_rate);
     }
 
+    /// The tensions (N) of the winches here, on a rod that is deformed as that of `other`, to first order in how far lengths differ from those
+    /// of `other`: a difference between both does not pass from a taut cable to a slack one.
+    pub(crate) fn tensions_beside(&self, other: &Self) -> [f64; MAX_TENDONS] {
+        let stretch = |dynamics: &Self, i: usize| {
+            let given = dynamics.winch_length(i).map_or(0.0, |[length, _]| length);
+            dynamics.model.tendons[i].length(&dynamics.edges, &dynamics.kappa) - given
+        };
+        let mut tensions = [0.0; MAX_TENDONS];
+        for (i, (tension, tendon)) in tensions.iter_mut().zip(self.model.tendons.iter()).enumerate() {
+            if let Some(winch) = tendon.winch() {
+                let of_other = stretch(other, i);
+                let [there, _] = winch.tension(of_other);
+                *tension = there + other.tension_slope(i) * (stretch(self, i) - of_other);
+            }
+        }
+        tensions
+    }
+
     /// Lets the winches pull by these tensions (N), whatever the lengths, until it moves to another time; false where there are none.
     pub(crate) fn give_tensions(&mut self, tensions: [f64; MAX_TENDONS]) -> bool {
         let Some(winches) = &mut self.winches else { return false };
@@ -152,7 +170,7 @@ impl Dynamics {
     }
 
     /// Writes what the winches couple, along `direction`, in positions: T ∂Λ/∂x of each is a force, and T follows Λ.
-    pub(super) fn couple_winches(&mut self, direction: Direction) {
+    pub(crate) fn couple_winches(&mut self, direction: Direction) {
         let Some(winches) = &mut self.winches else { return };
         let Model { rod, tendons, .. } = &*self.model;
         winches.count = 0;
