@@ -27,7 +27,7 @@ A key without a default is **required** or has no effect if absent. Some types c
 "#;
 
 /// Units by the ends of keys, longer ends first.
-const UNITS: [(&str, &str); 24] = [
+const UNITS: [(&str, &str); 25] = [
     ("inertia_kg_m2", "kg m²"),
     ("_n_m_s", "N m s"),
     ("_n_s_m2", "N s/m²"),
@@ -47,6 +47,7 @@ const UNITS: [(&str, &str); 24] = [
     ("duration_s", "s"),
     ("time_step_s", "s"),
     ("ramp_s", "s"),
+    ("lag_s", "s"),
     ("window_s", "s"),
     ("_w", "W"),
     ("_1_m", "1/m"),
@@ -91,10 +92,15 @@ impl<'a> Reference<'a> {
         let mut names = String::new();
         for (key, schema) in properties {
             let own = self.resolve(schema);
-            let unit = UNITS.iter().find(|(end, _)| key.ends_with(end)).map_or("", |(_, unit)| unit);
             let meaning = schema["description"].as_str().or(own["description"].as_str()).unwrap_or("");
             let meaning = if meaning.trim_end_matches('.') == format!("[{key}]") { "" } else { meaning };
             let (mut meaning, said) = without_default(meaning);
+            let unit = match UNITS.iter().find(|(end, _)| key.ends_with(end)) {
+                // A key ends in `n_m` for both.
+                Some((_, "N m")) if meaning.contains("N/m") => "N/m",
+                Some((_, unit)) => unit,
+                None => "",
+            };
             let default = match &schema["default"] {
                 _ if !said.is_empty() => plain(&said),
                 Value::Null if required.contains(&&**key) => "**required**".to_string(),
