@@ -2,20 +2,22 @@
 
 use std::process::ExitCode;
 
-use caudal::assessment::Assessment;
+use caudal::assessment::{Assessment, AssessmentLine};
 use caudal::error::Result;
 use caudal::report::RunOutput;
 use serde_json::json;
 
+use super::run::first_loads;
 use super::{SceneArguments, output_folder, print, print_unless_quiet, refuse};
 
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
     let (_, scene, stepper) = arguments.prepare()?;
     let assessment = Assessment::of(&scene, &stepper)?;
-    let facts =
+    let mut facts =
         [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
             .concat();
     let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err();
+    facts.extend(first_loads(&scene, stepper).map(|text| AssessmentLine { name: "loads", text }));
     if json {
         let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();
         let content = json!({

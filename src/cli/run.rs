@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
@@ -13,8 +14,10 @@ use caudal::number_format::significant;
 use caudal::reduced::{ErrorMeasure, ModelKind};
 use caudal::report::Summary;
 use caudal::report::{Claim, RunOutput};
-use caudal::run::{Ending, run as run_scene};
+use caudal::run::{Ending, Outcome, run as run_scene};
 use caudal::scene::Scene;
+use caudal::scene::value::Positive;
+use caudal::stepper::Stepper;
 use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
@@ -22,6 +25,10 @@ use super::{
     SceneArguments, exit, output_folder, print, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse,
     set_quiet,
 };
+
+/// Cycles, after the ramp, of which `check` says the largest loads, and the most joints times steps that it finds them for.
+const FIRST_CYCLES: f64 = 2.0;
+const MOST_JOINT_STEPS: f64 = 1e5;
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
@@ -162,6 +169,21 @@ fn largest(summary: &Summary) -> Option<String> {
     let tendons = (1..).zip(&summary.tendons.0).map(tendon);
     let parts: Vec<String> = parts.into_iter().chain(tendons).flatten().collect();
     (!parts.is_empty()).then(|| format!("at most, the start included: {}", parts.join("; ")))
+}
+
+/// The same of the first cycles of `scene`, of which `stepper` is at the start; `None` where none of it is driven, or it takes long to find.
+pub(super) fn first_loads(scene: &Scene, mut stepper: Stepper) -> Option<String> {
+    let period = scene.spectrum().slowest()?.recip();
+    let ramp = scene.start.ramp_s.map_or(0.0, Positive::get);
+    let time = (ramp + FIRST_CYCLES * period).min(scene.solver.duration_s.get());
+    let joints = stepper.model().rod.nodes as f64;
+    if joints * time > MOST_JOINT_STEPS * scene.typical_step() {
+        return None;
+    }
+    stepper.do_step(time).ok()?;
+    let outcome = Outcome { ending: Ending::Complete, wall: Duration::ZERO };
+    largest(&Summary::of(scene, &stepper, &outcome, &[]))
+        .map(|most| format!("{most}, in the first {} s", significant(time, 3)))
 }
 
 /// Where `time` (s) is on the bar.

@@ -358,3 +358,19 @@ fn what_cannot_move_is_told_before_a_run() {
         assert!(tip.is_none_or(|tip| tip < 1e-15), "{tip:?}");
     }
 }
+
+#[test]
+fn the_loads_of_the_first_cycles_are_those_of_a_run_of_them() {
+    let models = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    for (model, ends) in [("servo-tail", "in the first 1.50 s"), ("tendon-fish", "in the first 1.50 s")] {
+        let text = std::fs::read_to_string(models.join(format!("{model}.toml"))).unwrap();
+        let said = checked(&text).0("loads");
+        let scene = crate::common::scene_of(&text, &[]);
+        let mut stepper = caudal::stepper::Stepper::of(&scene).unwrap();
+        while stepper.time() < 1.5 {
+            stepper.do_step(scene.typical_step()).unwrap();
+        }
+        let joint = stepper.metrics().totals.max_couple;
+        assert!(said.ends_with(ends) && said.contains(&format!("a joint {joint:.4e} N m")), "{said}, {joint:e}");
+    }
+}
