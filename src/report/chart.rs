@@ -3,8 +3,9 @@
 
 use nalgebra::Vector2;
 
-use super::chart_axis::{ChartAxis, superscript};
+use super::chart_axis::ChartAxis;
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
+use crate::number_format::superscript;
 
 /// Width of a chart and height of its plot, px.
 pub(super) const WIDTH: f64 = 640.0;
@@ -190,8 +191,10 @@ impl Chart {
     }
 
     fn axes(&self) -> [ChartAxis; 2] {
-        let x = || self.series.iter().flat_map(|series| &series.points).map(|p| p.0);
-        let y = || self.series.iter().flat_map(|series| &series.points).map(|p| p.1);
+        // What is not drawn stretches no axis.
+        let drawn = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
+        let x = || self.series.iter().flat_map(|series| &series.points).filter(drawn).map(|p| p.0);
+        let y = || self.series.iter().flat_map(|series| &series.points).filter(drawn).map(|p| p.1);
         match &self.scale {
             Scale::Linear | Scale::Equal => [ChartAxis::linear(x()), ChartAxis::linear(y())],
             Scale::LogX => [ChartAxis::logarithmic(x()), ChartAxis::linear(y())],

@@ -1,7 +1,7 @@
 //! Axes of charts: a range that contains the data, and axis ticks at round numbers (linear, logarithmic, signed logarithmic,
 //! categories).
 
-use crate::number_format::number;
+use crate::number_format::{number, superscript};
 
 /// Values beyond these are treated as infinity or zero, so that ranges and ticks cannot overflow.
 const LARGEST: f64 = 1e300;
@@ -194,13 +194,4 @@ fn tick_label(digit: u32, power: i32) -> String {
         1 => format!("10{}", superscript(power)),
         _ => format!("{digit}·10{}", superscript(power)),
     }
-}
-
-/// An integer in superscript digits.
-pub fn superscript(power: i32) -> String {
-    let raised = |c: char| match c.to_digit(10) {
-        Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],
-        None => '⁻',
-    };
-    power.to_string().chars().map(raised).collect()
 }

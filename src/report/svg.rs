@@ -70,7 +70,8 @@ pub enum Anchor {
 
 /// Approximate width of a text of this font size, px.
 pub fn width(text: &str, size: f64) -> f64 {
-    text.chars().map(|c| if c.is_ascii() { 0.56 } else { 0.9 }).sum::<f64>() * size
+    let narrow = |c: char| c.is_ascii() || matches!(c, '·' | '⁻' | '⁰' | '¹' | '²' | '³' | '⁴'..='⁹');
+    text.chars().map(|c| if narrow(c) { 0.56 } else { 0.9 }).sum::<f64>() * size
 }
 
 /// A text of this font size, truncated to a width, px.

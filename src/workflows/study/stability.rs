@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::integrator::StepControl;
 use crate::jobs;
 use crate::modes::{Modes, StableSteps};
+use crate::number_format::in_sentence;
 use crate::report::Figure;
 use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Findings, Table};
@@ -388,7 +389,7 @@ impl StabilityReport<'_> {
             counts.iter().min().copied().zip(counts.iter().max().copied())
         };
         let range = |(low, high): (usize, usize)| {
-            let step = |count: usize| count.checked_sub(1).map(|i| format!("{:.2e} s", self.steps[i]));
+            let step = |count: usize| count.checked_sub(1).map(|i| format!("{} s", in_sentence(self.steps[i], 3)));
             match (step(low), step(high)) {
                 (_, None) => "at none of these steps".to_string(),
                 (None, Some(high)) => format!("up to {high} at best, and at none of these steps at worst"),
@@ -408,9 +409,11 @@ impl StabilityReport<'_> {
         }
         let beyond = if ways.is_empty() { String::new() } else { format!("; beyond: {}", ways.join(", ")) };
         let theory = match (boundary.first(), boundary.last()) {
-            (Some(first), Some(last)) if first.1 == last.1 => format!(" Linear theory's limit is {:.3e} s.", last.1),
+            (Some(first), Some(last)) if first.1 == last.1 => {
+                format!(" Linear theory's limit is {} s.", in_sentence(last.1, 4))
+            }
             (Some(first), Some(last)) => {
-                format!(" Linear theory's limit goes from {:.3e} to {:.3e} s.", first.1, last.1)
+                format!(" Linear theory's limit goes from {} to {} s.", in_sentence(first.1, 4), in_sentence(last.1, 4))
             }
             _ => String::new(),
         };
