@@ -4,6 +4,7 @@
 use nalgebra::Vector2;
 
 use super::chart_axis::ChartAxis;
+pub use super::svg::SERIES;
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 use crate::number_format::superscript;
 
@@ -35,7 +36,7 @@ pub enum Mark {
     Unseen,
     /// A thin dark closed line with its label next to the last point, without a legend entry: the triangle that shows a slope.
     Slope,
-    /// The same with its label above the last point: a level.
+    /// The same with its label on the line, from the last point: a level.
     Level,
 }
 
@@ -187,6 +188,13 @@ impl Chart {
             self.draw(&mut svg, series, &points, series.colour.unwrap_or(named), (&frame, frame.width / x.size()));
             named += usize::from(series.is_named());
         }
+        // On their lines and over all others, so that none goes through them.
+        for level in self.series.iter().filter(|series| series.mark == Mark::Level) {
+            if let Some((x, y)) = level.points.last().and_then(|point| place(*point)) {
+                let (x, anchor) = beside(x, &level.label);
+                svg.text_over_lines((x, y + 4.5), &level.label, LABEL, anchor);
+            }
+        }
         svg.finish()
     }
 
@@ -231,11 +239,9 @@ impl Chart {
             Mark::Slope | Mark::Level => {
                 let closed: Vec<_> = there().chain(there().next()).collect();
                 svg.line(&closed, Colour::SOFT, 1.0, "");
-                if let Some((x, y)) = there().last() {
-                    let up = if series.mark == Mark::Level { 7.0 } else { 0.0 };
-                    let over = x + 5.0 + width(&series.label, LABEL) > WIDTH - 4.0;
-                    let (x, anchor) = if over { (x - 5.0, Anchor::End) } else { (x + 5.0, Anchor::Start) };
-                    svg.text((x, y - up), &series.label, LABEL, anchor, Colour::SOFT);
+                if let Some((x, y)) = there().last().filter(|_| series.mark == Mark::Slope) {
+                    let (x, anchor) = beside(x, &series.label);
+                    svg.text((x, y), &series.label, LABEL, anchor, Colour::SOFT);
                 }
             }
             Mark::Ghost if categories => {}
@@ -262,6 +268,12 @@ impl Series {
     fn is_named(&self) -> bool {
         matches!(self.mark, Mark::Line | Mark::Dotted | Mark::Dots)
     }
+}
+
+/// Where a label beside a point begins or ends, so that it is inside.
+fn beside(x: f64, label: &str) -> (f64, Anchor) {
+    let over = x + 5.0 + width(label, LABEL) > WIDTH - 4.0;
+    if over { (x - 5.0, Anchor::End) } else { (x + 5.0, Anchor::Start) }
 }
 
 /// The contiguous pieces of a line, without points that do not change the picture.
@@ -616,6 +628,8 @@ mod tests {
         );
         assert_eq!(labels(ChartAxis::logarithmic([1.0, 30.0].into_iter())), "1 10 2 5 20");
         assert_eq!(labels(ChartAxis::logarithmic([0.7, 1.0].into_iter())), "0.7 0.8 0.9 1");
-        assert_eq!(labels(ChartAxis::decades([1e-160, 0.0].into_iter(), 12)).split(' ').count(), 7);
+        assert_eq!(labels(ChartAxis::decades([1e-160, 1e-180, 0.0].into_iter(), 12)).split(' ').count(), 7);
+        // No further than the data.
+        assert_eq!(labels(ChartAxis::decades([0.9, 0.02, 0.0].into_iter(), 12)), "0.01 0.1 1 0.02 0.05 0.2 0.5");
     }
 }

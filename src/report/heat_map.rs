@@ -85,8 +85,7 @@ impl HeatMap {
         // Of one sign, values are large or small by their size, as everywhere on the page; of two signs one is higher than another.
         let [negative, positive] = [known().any(|cell| cell.2 < 0.0), known().any(|cell| cell.2 > 0.0)];
         let size = |cell: &(usize, usize, f64, usize)| if positive { cell.2 } else { cell.2.abs() };
-        let by_size =
-            |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| size(a).total_cmp(&size(b));
+        let by_size = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| size(a).total_cmp(&size(b));
         let (least, largest) = (known().min_by(by_size), known().max_by(by_size));
         let [most, fewest] = match (negative, positive) {
             (true, true) => ["highest", "lowest"],

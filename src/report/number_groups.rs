@@ -57,6 +57,9 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Run", &["name", "scene_", "caudal_version", "complete", "ending", "end_time_s"]),
 ];
 
+/// Ratios that have a namesake over whole cycles.
+const WHOLE_RUN: [&str; 2] = ["cost_of_transport", "efficiency"];
+
 /// What the page shows elsewhere.
 const ELSEWHERE: [&str; 2] = ["final_positions_m", "notes"];
 
@@ -99,13 +102,18 @@ pub(super) fn groups(summary: &Map<String, Value>) -> Vec<NumberGroup> {
         let spread = spread.filter(|spread| *spread > ROUNDING * size);
         let spread = spread.map_or(String::new(), |spread| format!(" ± {}", in_sentence(spread, 2)));
         let unit = unit_of(key).map_or(String::new(), |unit| format!(" {unit}"));
+        let whole = WHOLE_RUN.contains(&key.as_str());
         let of_variable =
             || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
         groups[group].rows.push(NumberRow {
             key: key.clone(),
-            value: format!("{}{spread}{unit}", in_words(value)),
+            value: format!("{}{spread}{unit}{}", in_words(value), if whole { ", of the whole run" } else { "" }),
             exact: value.to_string(),
-            meaning: measure.map(|measure| measure.description).or_else(of_variable).unwrap_or(""),
+            meaning: match measure {
+                _ if whole => "with its start; cycle_… is the mean over the last whole cycles",
+                Some(measure) => measure.description,
+                None => of_variable().unwrap_or(""),
+            },
         });
     }
     groups.into_iter().filter(|group| !group.rows.is_empty()).collect()

@@ -6,7 +6,9 @@ use std::f64::consts::TAU;
 use serde_json::json;
 
 use super::beam::{Beam, BeamInFlow};
-use super::rest_map::{MAX_NODES, RestMap, RestPoint, RestStability, Scan, Scanned, calm_again_in_words, even, left_out};
+use super::rest_map::{
+    MAX_NODES, RestMap, RestPoint, RestStability, Scan, Scanned, calm_again_in_words, even, left_out,
+};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::stability::{StabilityOptions, geometric_sequence};
 use crate::error::{Error, Result};

@@ -40,11 +40,11 @@ impl RestStability {
         // Of different lightness, so that they differ in grey print too.
         let (label, colour) = match self {
             Self::Stable => ("stays at rest", [158, 218, 190]),
-            Self::Flutter => ("flutter", [213, 94, 0]),
-            Self::Divergence => ("divergence", [86, 30, 110]),
+            Self::Flutter => ("flutter", [235, 125, 40]),
+            Self::Divergence => ("divergence", [125, 60, 160]),
             Self::NoRest => ("no rest found", [245, 245, 245]),
         };
-        Category { label, colour }
+        Category { label, colour, hatched: false }
     }
 }
 
@@ -207,7 +207,11 @@ pub(super) fn calm_again_in_words(windows: &[[f64; 2]], unit: &str) -> String {
         false => format!("from {from:.4} to {to:.4}{unit}"),
     };
     let all: Vec<String> = windows.iter().map(window).collect();
-    if all.is_empty() { String::new() } else { format!(" Of what was looked at beyond, it is calm again {}.", all.join(" and ")) }
+    if all.is_empty() {
+        String::new()
+    } else {
+        format!(" Of what was looked at beyond, it is calm again {}.", all.join(" and "))
+    }
 }
 
 /// `count` numbers, evenly spaced from `low` to `high`.

@@ -167,16 +167,16 @@ impl StabilityOutcome {
     const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
-        // Of different lightness, so that they differ in grey print too.
+        // Of different lightness, so that they differ in grey print too, and none as dark as a dark page.
         let (label, colour) = match self {
-            Self::Accurate => ("accurate", [0, 158, 115]),
-            Self::Wrong => ("stable but wrong", [240, 228, 66]),
-            Self::Unjudged => ("stable, no reference", [200, 200, 200]),
-            Self::Growing => ("growing energy", [150, 40, 0]),
-            Self::Newton => ("Newton failed", [30, 30, 30]),
-            Self::Fold => ("fold-over", [225, 170, 205]),
+            Self::Accurate => ("accurate", [20, 172, 125]),
+            Self::Wrong => ("stable but wrong", [252, 236, 110]),
+            Self::Unjudged => ("stable, no reference", [192, 192, 192]),
+            Self::Growing => ("growing energy", [185, 45, 10]),
+            Self::Newton => ("Newton failed", [60, 60, 60]),
+            Self::Fold => ("fold-over", [212, 126, 168]),
         };
-        Category { label, colour }
+        Category { label, colour, hatched: self == Self::Newton }
     }
 
     fn of(run: &StudyRun, reference: Option<&StudyRun>, accurate: f64) -> Self {
@@ -453,5 +453,21 @@ impl StabilityReport<'_> {
             .to_vec(),
             rows: rows.collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outcomes_differ_in_grey_print_and_are_seen_on_dark_pages() {
+        let grey = |[r, g, b]: [u8; 3]| 0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b);
+        let plain =
+            StabilityOutcome::ALL.map(StabilityOutcome::category).into_iter().filter(|category| !category.hatched);
+        let mut greys: Vec<f64> = plain.map(|category| grey(category.colour)).collect();
+        greys.sort_by(f64::total_cmp);
+        // Measured: 34 … 38 apart, from 83 on. A dark page has 26.
+        assert!(greys[0] > 80.0 && greys.windows(2).all(|pair| pair[1] - pair[0] > 30.0), "{greys:?}");
     }
 }
