@@ -685,3 +685,106 @@ impl FileNames {
         name
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use serde_json::json;
+
+    use super::*;
+
+    fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
+        let labels = numbers.iter().map(f64::to_string).collect();
+        CaseAxis { name: name.to_string(), labels, numbers: Some(numbers.to_vec()), sampled: false, logarithmic: false }
+    }
+
+    fn motion(way: f64) -> Vec<Frame> {
+        let frame =
+            |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], body: None, medium: None };
+        vec![frame(0.0), frame(1.0)]
+    }
+
+    /// A sweep along one axis, whose last case fails before it moves.
+    fn one_axis() -> Cases {
+        let mut cases = Cases::new("sweep", vec![axis("rod.length_m", &[1.0, 2.0, 4e6])], None, 3, "");
+        for (i, way) in [(0, -0.002), (1, -1.4)] {
+            let row =
+                json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
+        }
+        cases.add(2, &[2], json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(), Vec::new());
+        cases
+    }
+
+    fn captions(cases: &Cases) -> Vec<(String, String)> {
+        cases.figures().into_iter().map(|figure| (figure.file, figure.caption)).collect()
+    }
+
+    #[test]
+    fn captions_speak_of_the_lines_that_are_there() {
+        let all = captions(&one_axis());
+        let of = |file: &str| &all.iter().find(|(name, _)| name == file).unwrap().1;
+        assert!(of("displacement_rod.length-m.svg").ends_with("against rod.length_m. The line joins them."));
+        assert_eq!(of("effects_cycle-strouhal-number.svg"), "The Strouhal number of every case over rod.length_m.");
+        assert!(!all.iter().any(|(_, caption)| caption.contains("mean") || caption.contains("averaged")), "{all:?}");
+    }
+
+    #[test]
+    fn a_case_that_failed_stretches_no_axis() {
+        let figure = one_axis().figures().into_iter().find(|figure| figure.file.starts_with("displacement")).unwrap();
+        assert!(!figure.svg.contains("10⁶") && figure.svg.contains("1.5"), "{}", figure.svg);
+    }
+
+    #[test]
+    fn the_page_counts_one_case_as_one_and_says_why_one_is_not_played() {
+        let cases = one_axis();
+        let page = cases.page(&[]).unwrap();
+        assert!(page.contains("One case did not reach its end. Its row says why"), "{page}");
+        assert!(!page.contains("by chance") && page.contains("A case that failed before it moved cannot be played."));
+        // What is zero in all cases has no column.
+        assert!(page.contains("Strouhal number") && !page.contains("\"efficiency of the whole run\""));
+    }
+
+    #[test]
+    fn a_map_and_the_paths_name_cases_by_size_and_what_has_no_value_is_told_from_what_failed() {
+        let axes = vec![axis("a", &[1.0, 2.0]), axis("b", &[1.0, 2.0])];
+        let mut cases = Cases::new("sweep", axes, None, 4, "");
+        for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
+            let strouhal = (i != 1).then_some(0.1 + way);
+            let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
+        }
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new());
+        let figures = cases.figures();
+        let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
+        let map = of("map_net-displacement-m.svg");
+        assert!(map.svg.contains("largest in size: -1.394 (case 1)"), "{}", map.svg);
+        assert!(of("paths.svg").svg.contains("furthest: case 1"));
+        assert!(map.caption.ends_with(" A cross is a case that failed."), "{}", map.caption);
+        let caption = &of("map_cycle-strouhal-number.svg").caption;
+        assert!(caption.ends_with(" A cross is a case that failed. A bar is a case that has none."), "{caption}");
+    }
+
+    #[test]
+    fn heads_that_are_held_have_no_paths_and_tendons_their_largest_pull() {
+        let mut cases = Cases::new("sweep", vec![axis("a", &[1.0, 2.0])], None, 2, "");
+        for i in 0..2 {
+            let row = json!({
+                "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
+                "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
+            });
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
+        }
+        let all = captions(&cases);
+        assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
+        assert!(!all.iter().any(|(file, _)| file.starts_with("paths")), "{all:?}");
+        let tension = QUANTITIES.iter().position(|quantity| quantity.key == "max_tendon_tension_n").unwrap();
+        assert_eq!(cases.columns[tension], [3.0, 4.0]);
+    }
+
+    #[test]
+    fn a_printed_table_is_whole() {
+        let page = one_axis().page(&[]).unwrap();
+        assert!(page.contains("@media screen { td { white-space: nowrap; } }"), "{page}");
+    }
+}

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 
 use super::chart_axis::ChartAxis;
 pub use super::svg::SERIES;
-use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
+use super::svg::{Anchor, Colour, Svg, cut, dashes, width, wrapped};
 use crate::number_format::superscript;
 
 /// Width of a chart and height of its plot, px.
@@ -20,6 +20,13 @@ pub(super) const LABEL: f64 = 13.0;
 /// Height of a line of the legend, px, and most lines of it.
 pub(super) const LINE: f64 = 19.0;
 const MAX_LEGEND_LINES: usize = 8;
+
+/// Width of the widest label of y, px.
+const MAX_LABEL: f64 = 160.0;
+
+/// Most lines of the label of a category below a chart, and their height, px.
+const MAX_LINES_OF_CATEGORY: usize = 3;
+const LINE_BELOW: f64 = 15.0;
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -166,11 +173,13 @@ impl Chart {
             }
             _ => [x, y],
         };
-        let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
+        let categories = matches!(self.scale, Scale::Categories(_));
+        let height = frame.top + frame.height + frame.height_below(&x, categories);
+        let mut svg = Svg::new(WIDTH, height, &self.title);
         svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         legend.draw(&mut svg);
         frame.draw_y(&mut svg, &y, &self.y);
-        frame.draw_x(&mut svg, &x, &self.x, matches!(self.scale, Scale::Categories(_)));
+        frame.draw_x(&mut svg, &x, &self.x, categories);
         let floor = match self.scale {
             Scale::LogY(_) => y.low(),
             _ => 0.0,
@@ -391,7 +400,7 @@ impl PlotArea {
     /// The plot area below a title and a legend of this height, with room for the labels of y.
     pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
-        let left = 42.0 + widest.min(110.0);
+        let left = 42.0 + widest.min(MAX_LABEL);
         Self { left, top: 42.0 + legend, width: WIDTH - left - 18.0, height: PLOT }
     }
 
@@ -404,7 +413,7 @@ impl PlotArea {
         for (place, label) in y.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             let at = self.at(0.0, *place);
             svg.line(&[at, self.at(1.0, *place)], Colour::GRID, 1.0, "");
-            svg.text((at.0 - 7.0, at.1 + 4.5), &cut(label, LABEL, 110.0), LABEL, Anchor::End, Colour::SOFT);
+            svg.text((at.0 - 7.0, at.1 + 4.5), &cut(label, LABEL, MAX_LABEL), LABEL, Anchor::End, Colour::SOFT);
         }
         for (place, _) in y.ticks.iter().filter(|(_, label)| label.is_empty()) {
             let at = self.at(0.0, *place);
@@ -415,26 +424,44 @@ impl PlotArea {
         svg.upright_heading((17.0, self.top + 0.5 * self.height), &titled(name, y), NAME, room);
     }
 
-    pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
-        let labelled = || x.ticks.iter().filter(|(_, label)| !label.is_empty());
-        let count = labelled().count().max(1);
+    /// The labels of x with their places, those of categories in lines.
+    fn labels_below(x: &ChartAxis, width: f64, categories: bool) -> Vec<(f64, Vec<String>)> {
+        let labelled = x.ticks.iter().filter(|(_, label)| !label.is_empty());
+        let count = labelled.clone().count().max(1);
         let every = if categories { count.div_ceil(12) } else { 1 };
-        let room = self.width / count as f64 * every as f64 - 6.0;
+        let room = width / count as f64 * every as f64 - 6.0;
+        let lines = |label: &String| match categories {
+            true => wrapped(label, LABEL, room, MAX_LINES_OF_CATEGORY),
+            false => vec![label.clone()],
+        };
+        labelled.step_by(every).map(|(place, label)| (*place, lines(label))).collect()
+    }
+
+    /// Height of the labels and the name of x, px.
+    pub(super) fn height_below(&self, x: &ChartAxis, categories: bool) -> f64 {
+        let labels = Self::labels_below(x, self.width, categories);
+        50.0 + LINE_BELOW * labels.iter().map(|(_, lines)| lines.len() - 1).max().unwrap_or(0) as f64
+    }
+
+    pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
         let bottom = self.top + self.height;
-        for (place, label) in labelled().step_by(every) {
-            let at = self.at(*place, 0.0).0;
+        for (place, lines) in Self::labels_below(x, self.width, categories) {
+            let at = self.at(place, 0.0).0;
             if !categories {
                 svg.line(&[(at, self.top), (at, bottom)], Colour::GRID, 1.0, "");
             }
-            let label = if categories { cut(label, LABEL, room) } else { label.clone() };
-            svg.text((at, bottom + 17.0), &label, LABEL, Anchor::Middle, Colour::SOFT);
+            for (i, line) in lines.iter().enumerate() {
+                let down = 17.0 + LINE_BELOW * i as f64;
+                svg.text((at, bottom + down), line, LABEL, Anchor::Middle, Colour::SOFT);
+            }
         }
+        let below = self.height_below(x, categories);
         for (place, _) in x.ticks.iter().filter(|(_, label)| label.is_empty()) {
             let at = self.at(*place, 0.0).0;
             svg.line(&[(at, bottom), (at, bottom + 4.0)], Colour::SOFT, 1.0, "");
         }
         svg.line(&[(self.left, bottom), (self.left + self.width, bottom)], Colour::SOFT, 1.0, "");
-        svg.heading((self.left + 0.5 * self.width, bottom + 39.0), &titled(name, x), NAME, self.width);
+        svg.heading((self.left + 0.5 * self.width, bottom + below - 11.0), &titled(name, x), NAME, self.width);
     }
 }
 

@@ -96,7 +96,8 @@ impl HeatMap {
         let (x, y) = (self.x.axis(), self.y.axis());
         let frame = PlotArea::about(&y, LINE);
         let frame = PlotArea { width: frame.width - SCALE_WIDTH - scale.label_width(), ..frame };
-        let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
+        let height = frame.top + frame.height + frame.height_below(&x, self.x.is_of_categories());
+        let mut svg = Svg::new(WIDTH, height, &self.title);
         svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         frame.draw_y(&mut svg, &y, &self.y.name);
         frame.draw_x(&mut svg, &x, &self.x.name, self.x.is_of_categories());

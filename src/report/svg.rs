@@ -87,6 +87,28 @@ pub fn cut(text: &str, size: f64, available: f64) -> String {
     text.chars().take_while(fits).chain(['…']).collect()
 }
 
+/// A text of this font size in lines of a width (px), at most so many; what does not fit is truncated.
+pub fn wrapped(text: &str, size: f64, available: f64, most: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if width(line, size) + width(word, size) + width(" ", size) > available => {
+                lines.push(word.to_string())
+            }
+            Some(line) => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            None => lines.push(word.to_string()),
+        }
+    }
+    if lines.len() > most {
+        let rest = lines.split_off(most - 1).join(" ");
+        lines.push(rest);
+    }
+    lines.iter().map(|line| cut(line, size, available)).collect()
+}
+
 /// The least font size that a title or a name of an axis is made smaller to, before it is cut, px: nine on a telephone, by the least
 /// width of figures there.
 const LEAST_SIZE: f64 = 11.0;
@@ -364,5 +386,14 @@ mod tests {
         };
         assert_eq!((0..SERIES).map(mark).collect::<std::collections::BTreeSet<_>>().len(), 4);
         assert!((0..SERIES).all(|k| mark(k) != mark(k + 1)));
+    }
+
+    #[test]
+    fn a_text_is_wrapped_between_words_and_truncated_where_it_has_no_more_lines() {
+        let lines = |text: &str, most| wrapped(text, 10.0, 62.0, most); // eleven letters
+        assert_eq!(lines("glycerol & <syrup>", 2), ["glycerol &", "<syrup>"]);
+        assert_eq!(lines("water of the usual sort", 2), ["water of", "the usual…"]);
+        assert_eq!(lines("symplectic-euler", 3), ["symplecti…"]);
+        assert_eq!(lines("", 3), [""]);
     }
 }

@@ -11,7 +11,7 @@ use super::table::{DesignTable, Goal};
 use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
 use crate::fluid::Fluid;
 use crate::model::Dynamics;
-use crate::number_format::{in_sentence, signed, significant};
+use crate::number_format::{in_sentence, signed};
 use crate::scene::Scene;
 use crate::sensitivity::{JointDirection, Output, Parameter, Problem, Quantity};
 use crate::stepper::Stepper;
@@ -175,9 +175,9 @@ pub(super) fn explain_fluid_share(
 }
 
 pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<String> {
-    let starts: Vec<String> = found.starts.iter().map(|value| significant(*value, 7)).collect();
+    let starts: Vec<String> = found.starts.iter().map(|value| in_sentence(*value, 7)).collect();
     let mut lines = vec![
-        format!("{}: {}", table.goal.label(), significant(found.objective, 7)),
+        format!("{}: {}", table.goal.label(), in_sentence(found.objective, 7)),
         format!(
             "{} after {} iterations, stationarity {}; {} ended at {}",
             if found.interrupted {
@@ -267,7 +267,7 @@ fn listed(names: &[String]) -> String {
 /// The objective in each scenario.
 pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
     let line = |ScenarioResult { case, designed, before, .. }: &ScenarioResult| {
-        let value = designed.map_or("fails".to_string(), |value| significant(value, 7));
+        let value = designed.map_or("fails".to_string(), |value| in_sentence(value, 7));
         let both = designed.zip(*before);
         let gain = both.and_then(|(value, before)| table.gain_in_words(value, before, " than before"));
         let gain = gain.map_or(String::new(), |gain| format!(", {gain}"));
@@ -292,10 +292,10 @@ pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Optio
     Some(format!(
         "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {} to {}, {one} from {} to {}",
         front.len(),
-        significant(first.second, 7),
-        significant(last.second, 7),
-        significant(first.first, 7),
-        significant(last.first, 7)
+        in_sentence(first.second, 7),
+        in_sentence(last.second, 7),
+        in_sentence(first.first, 7),
+        in_sentence(last.first, 7)
     ))
 }
 
@@ -383,7 +383,7 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
         format!("; without errors of mesh and steps it would change by {part} %, which the deviation includes: take more nodes or smaller steps")
     });
     let ratio = value / own;
-    format!("{key}: {}{deviation}{unit}, {ratio:.5} times the scene's{verdict}{moved}", significant(*value, 7))
+    format!("{key}: {}{deviation}{unit}, {ratio:.5} times the scene's{verdict}{moved}", in_sentence(*value, 7))
 }
 
 /// A warning if the simulation does not fit the markers.

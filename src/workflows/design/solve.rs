@@ -31,7 +31,7 @@ use crate::files::WrittenFiles;
 use crate::linear_stability::{REST_TOLERANCE, SteadyState, continue_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
-use crate::number_format::significant;
+use crate::number_format::in_sentence;
 use crate::report::{Claim, Folder, Owner};
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Problem, Trajectory};
@@ -208,7 +208,8 @@ impl Design {
                 let markers = data(1)?.unwrap_or_default();
                 let mut found = rest(&mut dynamics, &markers.positions[0], &table)?;
                 for (node, ei) in &found.missed {
-                    lines.push(format!("node {node} misses the shape: it would take EI = {ei:.4e} N m²"));
+                    lines
+                        .push(format!("node {node} misses the shape: it would take EI = {} N m²", in_sentence(*ei, 5)));
                 }
                 if !found.undecided.is_empty() {
                     let nodes = &found.undecided;
@@ -299,7 +300,7 @@ impl Design {
                 for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
                         let gain = table.gain_in_words(found.objective, value, "");
-                        let value = significant(value, 7);
+                        let value = in_sentence(value, 7);
                         lines.push(match (&compared.breaks, gain) {
                             (Some(limit), _) => format!("{}: {value}, but it breaks a limit: {limit}", compared.name),
                             (None, Some(gain)) => format!("{}: {value}; the design is {gain}", compared.name),
@@ -317,11 +318,11 @@ impl Design {
             let gain = match (gain, check.gain_percent, check.before) {
                 (Some(gain), ..) => format!(", {gain}"),
                 (None, None, Some(before)) if check.designed.is_some() => {
-                    format!(", before {}", significant(before, 7))
+                    format!(", before {}", in_sentence(before, 7))
                 }
                 _ => String::new(),
             };
-            let value = check.designed.map_or("fails".to_string(), |value| significant(value, 7));
+            let value = check.designed.map_or("fails".to_string(), |value| in_sentence(value, 7));
             let what = match table.goal {
                 Goal::Identify => " rms distance from the markers (m)",
                 Goal::StaticShape => " rms distance from the shape (m)",
