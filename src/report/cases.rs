@@ -345,7 +345,8 @@ impl Cases {
         // The displacement and the speed, or where heads are held the thrust.
         let main = drawn().find(|(_, column)| known(column));
         let speed = drawn().find(|(quantity, column)| quantity.key == "cycle_forward_speed_m_s" && known(column));
-        for (quantity, column) in main.into_iter().chain(speed) {
+        let first: Vec<_> = main.into_iter().chain(speed).collect();
+        for (quantity, column) in &first {
             let stem = match quantity.key {
                 "net_displacement_m" => "displacement",
                 "cycle_forward_speed_m_s" => "speed",
@@ -378,7 +379,11 @@ impl Cases {
                 figures.push(Figure::new(names.file(&["paths", label]), caption, chart.svg()));
             }
         }
-        for (quantity, column) in drawn().filter(|(_, column)| varies(column)) {
+        // Along a single axis the first ones have theirs already.
+        let is_drawn = |key: &str| {
+            shown.len() == 1 && self.split.is_none() && first.iter().any(|(quantity, _)| quantity.key == key)
+        };
+        for (quantity, column) in drawn().filter(|(quantity, column)| varies(column) && !is_drawn(quantity.key)) {
             let file = names.file(&["effects", quantity.key]);
             if let [axis] = shown[..] {
                 // There is nothing to average over.

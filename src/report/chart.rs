@@ -21,6 +21,9 @@ pub(super) const LABEL: f64 = 13.0;
 pub(super) const LINE: f64 = 19.0;
 const MAX_LEGEND_LINES: usize = 8;
 
+/// Room that a label above a line takes, px.
+const ROOM_OF_LABEL: f64 = 22.0;
+
 /// Width of the widest label of y, px.
 const MAX_LABEL: f64 = 160.0;
 
@@ -43,7 +46,7 @@ pub enum Mark {
     Unseen,
     /// A thin dark closed line with its label next to the last point, without a legend entry: the triangle that shows a slope.
     Slope,
-    /// The same with its label on the line, from the last point: a level.
+    /// The same with its label above the line, or on it, from the last point: a level.
     Level,
 }
 
@@ -197,12 +200,13 @@ impl Chart {
             self.draw(&mut svg, series, &points, series.colour.unwrap_or(named), (&frame, frame.width / x.size()));
             named += usize::from(series.is_named());
         }
-        // On their lines and over all others, so that none goes through them.
-        for level in self.series.iter().filter(|series| series.mark == Mark::Level) {
-            if let Some((x, y)) = level.points.last().and_then(|point| place(*point)) {
-                let (x, anchor) = beside(x, &level.label);
-                svg.text_over_lines((x, y + 4.5), &level.label, LABEL, anchor);
-            }
+        // Above their lines, or, where another level is close above, on them and over all others, so that none goes through them.
+        let levels = self.series.iter().filter(|series| series.mark == Mark::Level);
+        let levels: Vec<_> = levels.filter_map(|level| Some((level, place(*level.points.last()?)?))).collect();
+        for (level, (x, y)) in &levels {
+            let crowded = levels.iter().any(|(_, (_, other))| other < y && y - other < ROOM_OF_LABEL);
+            let (x, anchor) = beside(*x, &level.label);
+            svg.text_over_lines((x, if crowded { y + 4.5 } else { y - 7.0 }), &level.label, LABEL, anchor);
         }
         svg.finish()
     }

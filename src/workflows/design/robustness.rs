@@ -322,7 +322,7 @@ mod tests {
         assert!(
             !beyond.survives
                 && beyond.words()
-                    == "the limits do not hold in other simulations: power at most 6 W, 166.00 % of it with cross-flow"
+                    == "the limits do not hold in other simulations: power at most 6 W, 166.00 % of it at t = 0.2500 s with cross-flow"
         );
         // What breaks the limit is no measure.
         let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };
