@@ -244,7 +244,7 @@ impl Svg {
     /// A text over lines, with a halo of paper.
     pub fn text_over_lines(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor) {
         let halo = format!(
-            "x=\"{}\" y=\"{}\" stroke=\"{}\" stroke-width=\"4\" paint-order=\"stroke\"",
+            "x=\"{}\" y=\"{}\" stroke=\"{}\" stroke-width=\"7\" paint-order=\"stroke\"",
             decimal(x),
             decimal(y),
             Colour::PAPER.light()

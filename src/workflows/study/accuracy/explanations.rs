@@ -380,10 +380,10 @@ impl AccuracyReport<'_> {
             let errors = reference.result.errors(limit);
             let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (errors[0] / target).powf(1.0 / order);
             findings.answers.push(format!(
-                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
-                describe_errors(self.quantities(), errors.map(|e| format!("{:.3} %", 100.0 * e))),
-                needed(1e-2),
-                needed(1e-4)
+                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {} nodes, 0.01 % about {}.",
+                describe_errors(self.quantities(), errors.map(percent)),
+                two_digits(needed(1e-2)),
+                two_digits(needed(1e-4))
             ));
         }
     }
