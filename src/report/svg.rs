@@ -244,7 +244,8 @@ impl Svg {
     /// A text over lines, with a halo of paper.
     pub fn text_over_lines(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor) {
         let halo = format!(
-            "x=\"{}\" y=\"{}\" stroke=\"{}\" stroke-width=\"7\" paint-order=\"stroke\"",
+            "x=\"{}\" y=\"{}\" stroke=\"{}\" stroke-width=\"7\" stroke-linejoin=\"round\" \
+             paint-order=\"stroke\"",
             decimal(x),
             decimal(y),
             Colour::PAPER.light()
