@@ -36,6 +36,24 @@ pub fn significant(x: f64, digits: usize) -> String {
     format!("{x:.decimals$}")
 }
 
+/// A number for sentences and tables of words: at most so many significant digits, no needless zeros, and its exponent, if it has one,
+/// as a power of ten.
+pub fn in_sentence(x: f64, digits: usize) -> String {
+    let text = significant(x, digits);
+    let (digits, power) = text.split_once('e').unwrap_or((&text, ""));
+    let digits = if digits.contains('.') { digits.trim_end_matches('0').trim_end_matches('.') } else { digits };
+    power.parse().map_or_else(|_| digits.to_string(), |power| format!("{digits}·10{}", superscript(power)))
+}
+
+/// An integer in superscript digits.
+pub fn superscript(power: i32) -> String {
+    let raised = |c: char| match c.to_digit(10) {
+        Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],
+        None => '⁻',
+    };
+    power.to_string().chars().map(raised).collect()
+}
+
 /// A number with its sign and so many decimals; what rounds to zero has none.
 pub fn signed(x: f64, decimals: usize) -> String {
     let text = format!("{x:+.decimals$}");
@@ -43,5 +61,16 @@ pub fn signed(x: f64, decimals: usize) -> String {
         text
     } else {
         text[1..].to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sentence_has_powers_of_ten_and_no_needless_zeros() {
+        let numbers = [0.7588, 13.77, 2e-2, 4.2e-8, -1.5e7, 0.0, 1200.0].map(|x| in_sentence(x, 4));
+        assert_eq!(numbers, ["0.7588", "13.77", "0.02", "4.2·10⁻⁸", "-1.5·10⁷", "0", "1200"]);
     }
 }

@@ -23,7 +23,7 @@ use caudal::fmu::FmuOptions;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
 /// Exit codes, as a user's scripts rely on them.
 mod exit {
@@ -244,7 +244,11 @@ fn is_quiet() -> bool {
 fn progress_bar_with(length: u64, words: &str) -> ProgressBar {
     let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(length) };
     if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:24}} {{percent:>3}} %  {words}")) {
-        bar.set_style(style);
+        // Before anything is done nothing is known of what is left.
+        let left = |state: &ProgressState, f: &mut dyn std::fmt::Write| {
+            let _ = if state.pos() == 0 { Ok(()) } else { write!(f, "{:#} left", HumanDuration(state.eta())) };
+        };
+        bar.set_style(style.with_key("left", left));
     }
     bar
 }

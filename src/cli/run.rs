@@ -206,5 +206,5 @@ pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
 
 /// A bar of a run with the time left.
 pub(super) fn progress_bar() -> ProgressBar {
-    progress_bar_with(PROGRESS, "{eta} left")
+    progress_bar_with(PROGRESS, "{left}")
 }

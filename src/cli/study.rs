@@ -146,7 +146,7 @@ pub fn study(study: &StudyCommand) -> Result<ExitCode, Error> {
     };
     let interrupted = watch_for_interrupts();
     // The time goes on while the longest runs do.
-    let bar = progress_bar_with(0, "run {pos}/{len}  {elapsed} so far, {eta} left");
+    let bar = progress_bar_with(0, "run {pos}/{len}  {elapsed} so far  {left}");
     bar.enable_steady_tick(Duration::from_secs(1));
     let progress = |done: usize, of: usize| {
         bar.set_length(of as u64);

@@ -234,7 +234,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
 
 /// A bar of cases with the time left and failures so far.
 fn progress_bar(cases: usize) -> ProgressBar {
-    let bar = progress_bar_with(cases as u64, "case {pos}/{len}  {eta} left  {msg}");
+    let bar = progress_bar_with(cases as u64, "case {pos}/{len}  {left}  {msg}");
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }

@@ -14,11 +14,13 @@ use crate::error::Result;
 use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
-pub const QUANTITIES: [SummaryQuantity; 29] = [
+pub const QUANTITIES: [SummaryQuantity; 38] = [
     SummaryQuantity::new("net_displacement_m", "net displacement in x", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
     SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true).settled("cycle_thrust_n"),
-    SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
+    SummaryQuantity::new("cycle_head_moment_n_m", "mean moment on the head over whole cycles", "N m", true),
+    SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head of the whole run", "N m", true)
+        .settled("cycle_head_moment_n_m"),
     SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
     SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
     SummaryQuantity::new("max_hinge_torque_n_m", "largest torque of the hinge's motor", "N m", true),
@@ -26,17 +28,35 @@ pub const QUANTITIES: [SummaryQuantity; 29] = [
     SummaryQuantity::new("max_head_power_w", "largest power of the head", "W", true),
     SummaryQuantity::new("max_joint_moment_n_m", "largest moment of a joint", "N m", true),
     SummaryQuantity::new("max_actuation_power_w", "largest power of the actuation", "W", true),
+    SummaryQuantity::of_tendons("max_tendon_tension_n", "_tension_n", "largest tension of a tendon", "N"),
+    SummaryQuantity::of_tendons("max_tendon_power_w", "_power_w", "largest power of a tendon", "W"),
+    SummaryQuantity::of_tendons("max_tendon_speed_m_s", "_speed_m_s", "largest speed of a tendon", "m/s"),
+    SummaryQuantity::of_tendons("max_tendon_travel_m", "_travel_m", "largest travel of a tendon", "m"),
     SummaryQuantity::new("max_lateral_excursion_m", "largest |y| of the centre of mass", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
     SummaryQuantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
     SummaryQuantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
     SummaryQuantity::new("cycle_tip_excursion_m", "excursion of the tip over whole cycles", "m", true),
     SummaryQuantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
+    SummaryQuantity::new("cycle_hinge_amplitude_rad", "amplitude of the hinge over whole cycles", "rad", true),
+    SummaryQuantity::new(
+        "cycle_rms_tracking_error_rad",
+        "rms tracking error of the hinge over whole cycles",
+        "rad",
+        true,
+    ),
+    SummaryQuantity::new(
+        "cycle_rms_hinge_torque_n_m",
+        "rms torque of the hinge's motor over whole cycles",
+        "N m",
+        true,
+    ),
+    SummaryQuantity::new("cycle_hinge_power_w", "power of the hinge's motor over whole cycles", "W", true),
     SummaryQuantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
     SummaryQuantity::new("cycle_head_power_w", "power of the head over whole cycles", "W", true),
     SummaryQuantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
-    SummaryQuantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
-    SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
+    SummaryQuantity::new("mean_bending_energy_j", "mean bending energy of the whole run", "J", true),
+    SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy of the whole run", "J", true),
     SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
     SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
     SummaryQuantity::new("cost_of_transport", "cost of transport of the whole run", "1", true),
@@ -65,7 +85,7 @@ const MAX_CELLS: usize = 10_000;
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
 pub struct SummaryQuantity {
-    /// Its key in the summary.
+    /// Its key in the summary; for the largest over all tendons a name of its own.
     pub key: &'static str,
     /// Its name.
     pub name: &'static str,
@@ -77,11 +97,24 @@ pub struct SummaryQuantity {
     pub of_free_heads: bool,
     /// The key of its mean over whole cycles.
     pub settled: Option<&'static str>,
+    /// The end of the keys of the tendons, of which it is the largest.
+    tendons: Option<&'static str>,
 }
 
 impl SummaryQuantity {
     const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
-        Self { key, name, unit, drawn, of_free_heads: false, settled: None }
+        Self { key, name, unit, drawn, of_free_heads: false, settled: None, tendons: None }
+    }
+
+    const fn of_tendons(key: &'static str, end: &'static str, name: &'static str, unit: &'static str) -> Self {
+        Self { tendons: Some(end), ..Self::new(key, name, unit, true) }
+    }
+
+    /// Its value in the `row` of a case.
+    fn of(&self, row: &Map<String, Value>) -> Option<f64> {
+        let Some(end) = self.tendons else { return row.get(self.key).and_then(Value::as_f64) };
+        let own = row.iter().filter(|(key, _)| key.starts_with("max_tendon_") && key.ends_with(end));
+        own.filter_map(|(_, value)| value.as_f64()).reduce(f64::max)
     }
 
     const fn settled(self, key: &'static str) -> Self {
@@ -207,6 +240,8 @@ struct PageContent<'a> {
     failed: usize,
     shown: usize,
     played: usize,
+    /// Cases that failed without a motion.
+    still: usize,
     text: &'a str,
     figures: &'a [Figure],
     data: RawJson<PageData<'a>>,
@@ -248,7 +283,7 @@ impl Cases {
         let complete = row.get("complete") == Some(&Value::Bool(true));
         let held = row.get("mean_thrust_n").is_some_and(Value::is_number);
         for (column, quantity) in self.columns.iter_mut().zip(QUANTITIES) {
-            let value = row.get(quantity.key).and_then(Value::as_f64);
+            let value = quantity.of(row);
             let shown = complete && !(held && quantity.of_free_heads);
             column.push(value.filter(|_| shown).unwrap_or(f64::NAN));
         }
@@ -297,7 +332,12 @@ impl Cases {
                 for (label, cases) in &parts {
                     let Some(map) = self.heat_map([across, up], quantity, column, label, cases) else { continue };
                     let [x, y] = [across, up].map(|axis| &self.axes[axis].name);
-                    let caption = format!("The {} of every case over {x} and {y}{}.", quantity.name, of(label));
+                    let without = || cases.iter().filter(|i| !column[**i].is_finite());
+                    let failed = |i: &&usize| self.endings.contains_key(&self.indices[**i]);
+                    let cross = if without().any(|i| failed(&i)) { " A cross is a case that failed." } else { "" };
+                    let bar = if without().all(|i| failed(&i)) { "" } else { " A bar is a case that has none." };
+                    let caption =
+                        format!("The {} of every case over {x} and {y}{}.{cross}{bar}", quantity.name, of(label));
                     figures.push(Figure::new(names.file(&["map", quantity.key, label]), caption, map.svg()));
                 }
             }
@@ -305,7 +345,8 @@ impl Cases {
         // The displacement and the speed, or where heads are held the thrust.
         let main = drawn().find(|(_, column)| known(column));
         let speed = drawn().find(|(quantity, column)| quantity.key == "cycle_forward_speed_m_s" && known(column));
-        for (quantity, column) in main.into_iter().chain(speed) {
+        let first: Vec<_> = main.into_iter().chain(speed).collect();
+        for (quantity, column) in &first {
             let stem = match quantity.key {
                 "net_displacement_m" => "displacement",
                 "cycle_forward_speed_m_s" => "speed",
@@ -313,15 +354,10 @@ impl Cases {
             };
             for (label, cases) in &parts {
                 for axis in &shown {
-                    let chart = self.against(*axis, quantity, column, label, cases);
+                    let (chart, lines) = self.against(*axis, quantity, column, label, cases);
                     let axis = &self.axes[*axis];
-                    let lines = match axis.scale() {
-                        Scale::Categories(_) => "Bars are means.",
-                        _ if axis.sampled => "The line joins means over equal parts of the sample.",
-                        _ => "Grey lines join cases that differ in nothing else, the line joins means.",
-                    };
                     let caption =
-                        format!("The {} of every case against {}{}. {lines}", quantity.name, axis.name, of(label));
+                        format!("The {} of every case against {}{}.{lines}", quantity.name, axis.name, of(label));
                     let file = names.file(&[stem, &axis.name, label]);
                     figures.push(Figure::new(file, caption, chart.svg()));
                 }
@@ -336,17 +372,28 @@ impl Cases {
         for (label, cases) in &parts {
             if let Some(chart) = self.paths(label, cases) {
                 let caption = format!(
-                    "How far the centres of mass come in x over time{}: the cases that go least, furthest and the one in the middle, \
-                     others in grey.",
+                    "How far the centres of mass come in x over time{}: of the cases that go least far and furthest, to either side, \
+                     and of the one in the middle, others in grey.",
                     of(label)
                 );
                 figures.push(Figure::new(names.file(&["paths", label]), caption, chart.svg()));
             }
         }
-        for (quantity, column) in drawn().filter(|(_, column)| varies(column)) {
-            let caption = format!("The {} at each level of an axis, averaged over all other axes.", quantity.name);
-            let effects = self.effects(&shown, quantity, column, &parts);
-            figures.push(Figure::new(names.file(&["effects", quantity.key]), caption, effects.svg()));
+        // Along a single axis the first ones have theirs already.
+        let is_drawn = |key: &str| {
+            shown.len() == 1 && self.split.is_none() && first.iter().any(|(quantity, _)| quantity.key == key)
+        };
+        for (quantity, column) in drawn().filter(|(quantity, column)| varies(column) && !is_drawn(quantity.key)) {
+            let file = names.file(&["effects", quantity.key]);
+            if let [axis] = shown[..] {
+                // There is nothing to average over.
+                let caption = format!("The {} of every case over {}.", quantity.name, self.axes[axis].name);
+                figures.push(Figure::new(file, caption, self.over(axis, quantity, column, &parts).svg()));
+            } else {
+                let caption = format!("The {} at each level of an axis, averaged over all other axes.", quantity.name);
+                let effects = self.effects(&shown, quantity, column, &parts);
+                figures.push(Figure::new(file, caption, effects.svg()));
+            }
         }
         figures
     }
@@ -386,12 +433,39 @@ impl Cases {
             y: levels(of[1], &up),
             value: quantity.with_unit(),
             cells,
+            failed: self.endings.keys().copied().collect(),
         })
     }
 
+    /// A quantity over the only axis, a line for each level of the split.
+    fn over(&self, axis: usize, quantity: &SummaryQuantity, column: &[f64], parts: &[(String, Vec<usize>)]) -> Chart {
+        let of = &self.axes[axis];
+        let series = parts.iter().map(|(label, cases)| {
+            let known = cases.iter().filter(|i| column[**i].is_finite());
+            let mut points: Vec<_> = known.map(|i| (of.at(self.levels[axis][*i]), column[*i])).collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let points = points.into_iter().step_by(cases.len().div_ceil(MAX_DOTS).max(1)).collect();
+            Series::new(label.clone(), points, if of.sampled { Mark::Dots } else { Mark::Dotted })
+        });
+        Chart {
+            title: self.titled(quantity.name, ""),
+            x: of.name.clone(),
+            y: quantity.with_unit(),
+            scale: of.scale(),
+            series: series.collect(),
+        }
+    }
+
     /// A quantity against one axis: lines join cases that differ in nothing else. A few lines, of one other axis, are named by its
-    /// levels; of more there is a line of means.
-    fn against(&self, axis: usize, quantity: &SummaryQuantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
+    /// levels; of more there is a line of means. With what a caption says of the lines.
+    fn against(
+        &self,
+        axis: usize,
+        quantity: &SummaryQuantity,
+        column: &[f64],
+        label: &str,
+        cases: &[usize],
+    ) -> (Chart, String) {
         let of = &self.axes[axis];
         let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
         let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
@@ -418,6 +492,7 @@ impl Cases {
             scale: of.scale(),
             series,
         };
+        let bars = matches!(of.scale(), Scale::Categories(_));
         let varied: Vec<usize> = (0..self.axes.len())
             .filter(|a| *a != axis)
             .enumerate()
@@ -432,17 +507,29 @@ impl Cases {
             let named = |key: &Vec<usize>| {
                 Series::new(format!("{name} {}", other.labels[key[place]]), joined[key].clone(), Mark::Dotted)
             };
-            return chart(order.iter().map(named).collect());
+            let what = if bars { "bar" } else { "line" };
+            let says = format!(" One {what} for each level of {}.", other.name);
+            return (chart(order.iter().map(named).collect()), says);
+        }
+        if let [only] = &order[..] {
+            let says = if bars { "" } else { " The line joins them." };
+            return (chart(vec![Series::new("cases", joined[only].clone(), Mark::Dotted)]), says.to_string());
         }
         let stride = order.len().div_ceil(MAX_JOINED_LINES).max(1);
         let lines = order.iter().step_by(stride).map(|key| joined[key].clone()).filter(|line| line.len() > 1);
         let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
+        let says = match (bars, of.sampled, series.is_empty()) {
+            (true, ..) => " Bars are means.",
+            (_, true, _) => " The line joins means over equal parts of the sample.",
+            (.., true) => " The line joins means.",
+            _ => " Grey lines join cases that differ in nothing else, the other line joins means.",
+        };
         let stride = cases().count().div_ceil(MAX_DOTS).max(1);
         series.push(Series::new("cases", cases().step_by(stride).map(point).collect(), Mark::Dots));
         let groups = of.groups();
         let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
         series.push(Series::new("mean", groups.at.into_iter().zip(means).collect(), Mark::Dotted));
-        chart(series)
+        (chart(series), says.to_string())
     }
 
     /// Main effects of all axes on a quantity: means at each level, relative to the overall mean if signs allow.
@@ -510,8 +597,9 @@ impl Cases {
 
     /// The x of the centres of mass over time; the least, median and largest displacement are highlighted.
     fn paths(&self, label: &str, cases: &[usize]) -> Option<Chart> {
-        // A case that failed has no place among the others.
-        let complete = cases.iter().filter(|i| !self.endings.contains_key(&self.indices[**i]));
+        // A case that failed, or whose head is held, has no place among the others.
+        let way = QUANTITIES.iter().position(|quantity| quantity.key == "net_displacement_m")?;
+        let complete = cases.iter().filter(|i| self.columns[way][**i].is_finite());
         let mut moved: Vec<(usize, &Vec<Frame>)> =
             complete.filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
         let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
@@ -522,7 +610,7 @@ impl Cases {
         let mut series: Vec<_> =
             moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
         let last = moved.len().checked_sub(1)?;
-        for (what, at) in [("least", 0), ("middle", last / 2), ("largest", last)] {
+        for (what, at) in [("least far", 0), ("middle", last / 2), ("furthest", last)] {
             let (i, frames) = moved[at];
             series.push(Series::new(format!("{what}: case {}", self.indices[i]), path(frames), Mark::Line));
         }
@@ -550,7 +638,8 @@ impl Cases {
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
         let shown: Vec<usize> = self.indices.iter().step_by(stride).copied().collect();
         let quantities: Vec<usize> =
-            (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite())).collect();
+            (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite() && *x != 0.0)).collect();
+        let still = self.endings.keys().filter(|index| !self.motions.contains_key(index)).count();
         let content = PageContent {
             name: &self.name,
             version: env!("CARGO_PKG_VERSION"),
@@ -559,6 +648,7 @@ impl Cases {
             failed: self.endings.len(),
             shown: shown.len(),
             played: self.motions.len(),
+            still,
             text: &self.text,
             figures,
             data: RawJson(PageData {
@@ -598,5 +688,108 @@ impl FileNames {
         let name = std::iter::once(format!("{stem}.svg")).chain(numbered).find(|name| !taken(name)).unwrap_or_default();
         self.0.push(name.clone());
         name
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use serde_json::json;
+
+    use super::*;
+
+    fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
+        let labels = numbers.iter().map(f64::to_string).collect();
+        CaseAxis { name: name.to_string(), labels, numbers: Some(numbers.to_vec()), sampled: false, logarithmic: false }
+    }
+
+    fn motion(way: f64) -> Vec<Frame> {
+        let frame =
+            |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], body: None, medium: None };
+        vec![frame(0.0), frame(1.0)]
+    }
+
+    /// A sweep along one axis, whose last case fails before it moves.
+    fn one_axis() -> Cases {
+        let mut cases = Cases::new("sweep", vec![axis("rod.length_m", &[1.0, 2.0, 4e6])], None, 3, "");
+        for (i, way) in [(0, -0.002), (1, -1.4)] {
+            let row =
+                json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
+        }
+        cases.add(2, &[2], json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(), Vec::new());
+        cases
+    }
+
+    fn captions(cases: &Cases) -> Vec<(String, String)> {
+        cases.figures().into_iter().map(|figure| (figure.file, figure.caption)).collect()
+    }
+
+    #[test]
+    fn captions_speak_of_the_lines_that_are_there() {
+        let all = captions(&one_axis());
+        let of = |file: &str| &all.iter().find(|(name, _)| name == file).unwrap().1;
+        assert!(of("displacement_rod.length-m.svg").ends_with("against rod.length_m. The line joins them."));
+        assert_eq!(of("effects_cycle-strouhal-number.svg"), "The Strouhal number of every case over rod.length_m.");
+        assert!(!all.iter().any(|(_, caption)| caption.contains("mean") || caption.contains("averaged")), "{all:?}");
+    }
+
+    #[test]
+    fn a_case_that_failed_stretches_no_axis() {
+        let figure = one_axis().figures().into_iter().find(|figure| figure.file.starts_with("displacement")).unwrap();
+        assert!(!figure.svg.contains("10⁶") && figure.svg.contains("1.5"), "{}", figure.svg);
+    }
+
+    #[test]
+    fn the_page_counts_one_case_as_one_and_says_why_one_is_not_played() {
+        let cases = one_axis();
+        let page = cases.page(&[]).unwrap();
+        assert!(page.contains("One case did not reach its end. Its row says why"), "{page}");
+        assert!(!page.contains("by chance") && page.contains("A case that failed before it moved cannot be played."));
+        // What is zero in all cases has no column.
+        assert!(page.contains("Strouhal number") && !page.contains("\"efficiency of the whole run\""));
+    }
+
+    #[test]
+    fn a_map_and_the_paths_name_cases_by_size_and_what_has_no_value_is_told_from_what_failed() {
+        let axes = vec![axis("a", &[1.0, 2.0]), axis("b", &[1.0, 2.0])];
+        let mut cases = Cases::new("sweep", axes, None, 4, "");
+        for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
+            let strouhal = (i != 1).then_some(0.1 + way);
+            let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
+        }
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new());
+        let figures = cases.figures();
+        let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
+        let map = of("map_net-displacement-m.svg");
+        assert!(map.svg.contains("largest in size: -1.394 (case 1)"), "{}", map.svg);
+        assert!(of("paths.svg").svg.contains("furthest: case 1"));
+        assert!(map.caption.ends_with(" A cross is a case that failed."), "{}", map.caption);
+        let caption = &of("map_cycle-strouhal-number.svg").caption;
+        assert!(caption.ends_with(" A cross is a case that failed. A bar is a case that has none."), "{caption}");
+    }
+
+    #[test]
+    fn heads_that_are_held_have_no_paths_and_tendons_their_largest_pull() {
+        let mut cases = Cases::new("sweep", vec![axis("a", &[1.0, 2.0])], None, 2, "");
+        for i in 0..2 {
+            let row = json!({
+                "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
+                "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
+            });
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
+        }
+        let all = captions(&cases);
+        assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
+        assert!(!all.iter().any(|(file, _)| file.starts_with("paths")), "{all:?}");
+        let tension = QUANTITIES.iter().position(|quantity| quantity.key == "max_tendon_tension_n").unwrap();
+        assert_eq!(cases.columns[tension], [3.0, 4.0]);
+    }
+
+    #[test]
+    fn a_printed_table_is_whole() {
+        let page = one_axis().page(&[]).unwrap();
+        assert!(page.contains("@media screen { td { white-space: nowrap; } }"), "{page}");
     }
 }

@@ -3,8 +3,10 @@
 
 use nalgebra::Vector2;
 
-use super::chart_axis::{ChartAxis, superscript};
-use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
+use super::chart_axis::ChartAxis;
+pub use super::svg::SERIES;
+use super::svg::{Anchor, Colour, Svg, cut, dashes, width, wrapped};
+use crate::number_format::superscript;
 
 /// Width of a chart and height of its plot, px.
 pub(super) const WIDTH: f64 = 640.0;
@@ -18,6 +20,16 @@ pub(super) const LABEL: f64 = 13.0;
 /// Height of a line of the legend, px, and most lines of it.
 pub(super) const LINE: f64 = 19.0;
 const MAX_LEGEND_LINES: usize = 8;
+
+/// Room that a label above a line takes, px.
+const ROOM_OF_LABEL: f64 = 22.0;
+
+/// Width of the widest label of y, px.
+const MAX_LABEL: f64 = 160.0;
+
+/// Most lines of the label of a category below a chart, and their height, px.
+const MAX_LINES_OF_CATEGORY: usize = 3;
+const LINE_BELOW: f64 = 15.0;
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,7 +46,7 @@ pub enum Mark {
     Unseen,
     /// A thin dark closed line with its label next to the last point, without a legend entry: the triangle that shows a slope.
     Slope,
-    /// The same with its label above the last point: a level.
+    /// The same with its label above the line, or on it, from the last point: a level.
     Level,
 }
 
@@ -164,11 +176,13 @@ impl Chart {
             }
             _ => [x, y],
         };
-        let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
+        let categories = matches!(self.scale, Scale::Categories(_));
+        let height = frame.top + frame.height + frame.height_below(&x, categories);
+        let mut svg = Svg::new(WIDTH, height, &self.title);
         svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         legend.draw(&mut svg);
         frame.draw_y(&mut svg, &y, &self.y);
-        frame.draw_x(&mut svg, &x, &self.x, matches!(self.scale, Scale::Categories(_)));
+        frame.draw_x(&mut svg, &x, &self.x, categories);
         let floor = match self.scale {
             Scale::LogY(_) => y.low(),
             _ => 0.0,
@@ -186,12 +200,22 @@ impl Chart {
             self.draw(&mut svg, series, &points, series.colour.unwrap_or(named), (&frame, frame.width / x.size()));
             named += usize::from(series.is_named());
         }
+        // Above their lines, or, where another level is close above, on them and over all others, so that none goes through them.
+        let levels = self.series.iter().filter(|series| series.mark == Mark::Level);
+        let levels: Vec<_> = levels.filter_map(|level| Some((level, place(*level.points.last()?)?))).collect();
+        for (level, (x, y)) in &levels {
+            let crowded = levels.iter().any(|(_, (_, other))| other < y && y - other < ROOM_OF_LABEL);
+            let (x, anchor) = beside(*x, &level.label);
+            svg.text_over_lines((x, if crowded { y + 4.5 } else { y - 7.0 }), &level.label, LABEL, anchor);
+        }
         svg.finish()
     }
 
     fn axes(&self) -> [ChartAxis; 2] {
-        let x = || self.series.iter().flat_map(|series| &series.points).map(|p| p.0);
-        let y = || self.series.iter().flat_map(|series| &series.points).map(|p| p.1);
+        // What is not drawn stretches no axis.
+        let drawn = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
+        let x = || self.series.iter().flat_map(|series| &series.points).filter(drawn).map(|p| p.0);
+        let y = || self.series.iter().flat_map(|series| &series.points).filter(drawn).map(|p| p.1);
         match &self.scale {
             Scale::Linear | Scale::Equal => [ChartAxis::linear(x()), ChartAxis::linear(y())],
             Scale::LogX => [ChartAxis::logarithmic(x()), ChartAxis::linear(y())],
@@ -228,11 +252,9 @@ impl Chart {
             Mark::Slope | Mark::Level => {
                 let closed: Vec<_> = there().chain(there().next()).collect();
                 svg.line(&closed, Colour::SOFT, 1.0, "");
-                if let Some((x, y)) = there().last() {
-                    let up = if series.mark == Mark::Level { 7.0 } else { 0.0 };
-                    let over = x + 5.0 + width(&series.label, LABEL) > WIDTH - 4.0;
-                    let (x, anchor) = if over { (x - 5.0, Anchor::End) } else { (x + 5.0, Anchor::Start) };
-                    svg.text((x, y - up), &series.label, LABEL, anchor, Colour::SOFT);
+                if let Some((x, y)) = there().last().filter(|_| series.mark == Mark::Slope) {
+                    let (x, anchor) = beside(x, &series.label);
+                    svg.text((x, y), &series.label, LABEL, anchor, Colour::SOFT);
                 }
             }
             Mark::Ghost if categories => {}
@@ -259,6 +281,12 @@ impl Series {
     fn is_named(&self) -> bool {
         matches!(self.mark, Mark::Line | Mark::Dotted | Mark::Dots)
     }
+}
+
+/// Where a label beside a point begins or ends, so that it is inside.
+fn beside(x: f64, label: &str) -> (f64, Anchor) {
+    let over = x + 5.0 + width(label, LABEL) > WIDTH - 4.0;
+    if over { (x - 5.0, Anchor::End) } else { (x + 5.0, Anchor::Start) }
 }
 
 /// The contiguous pieces of a line, without points that do not change the picture.
@@ -376,7 +404,7 @@ impl PlotArea {
     /// The plot area below a title and a legend of this height, with room for the labels of y.
     pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
-        let left = 42.0 + widest.min(110.0);
+        let left = 42.0 + widest.min(MAX_LABEL);
         Self { left, top: 42.0 + legend, width: WIDTH - left - 18.0, height: PLOT }
     }
 
@@ -389,7 +417,7 @@ impl PlotArea {
         for (place, label) in y.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             let at = self.at(0.0, *place);
             svg.line(&[at, self.at(1.0, *place)], Colour::GRID, 1.0, "");
-            svg.text((at.0 - 7.0, at.1 + 4.5), &cut(label, LABEL, 110.0), LABEL, Anchor::End, Colour::SOFT);
+            svg.text((at.0 - 7.0, at.1 + 4.5), &cut(label, LABEL, MAX_LABEL), LABEL, Anchor::End, Colour::SOFT);
         }
         for (place, _) in y.ticks.iter().filter(|(_, label)| label.is_empty()) {
             let at = self.at(0.0, *place);
@@ -400,26 +428,44 @@ impl PlotArea {
         svg.upright_heading((17.0, self.top + 0.5 * self.height), &titled(name, y), NAME, room);
     }
 
-    pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
-        let labelled = || x.ticks.iter().filter(|(_, label)| !label.is_empty());
-        let count = labelled().count().max(1);
+    /// The labels of x with their places, those of categories in lines.
+    fn labels_below(x: &ChartAxis, width: f64, categories: bool) -> Vec<(f64, Vec<String>)> {
+        let labelled = x.ticks.iter().filter(|(_, label)| !label.is_empty());
+        let count = labelled.clone().count().max(1);
         let every = if categories { count.div_ceil(12) } else { 1 };
-        let room = self.width / count as f64 * every as f64 - 6.0;
+        let room = width / count as f64 * every as f64 - 6.0;
+        let lines = |label: &String| match categories {
+            true => wrapped(label, LABEL, room, MAX_LINES_OF_CATEGORY),
+            false => vec![label.clone()],
+        };
+        labelled.step_by(every).map(|(place, label)| (*place, lines(label))).collect()
+    }
+
+    /// Height of the labels and the name of x, px.
+    pub(super) fn height_below(&self, x: &ChartAxis, categories: bool) -> f64 {
+        let labels = Self::labels_below(x, self.width, categories);
+        50.0 + LINE_BELOW * labels.iter().map(|(_, lines)| lines.len() - 1).max().unwrap_or(0) as f64
+    }
+
+    pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
         let bottom = self.top + self.height;
-        for (place, label) in labelled().step_by(every) {
-            let at = self.at(*place, 0.0).0;
+        for (place, lines) in Self::labels_below(x, self.width, categories) {
+            let at = self.at(place, 0.0).0;
             if !categories {
                 svg.line(&[(at, self.top), (at, bottom)], Colour::GRID, 1.0, "");
             }
-            let label = if categories { cut(label, LABEL, room) } else { label.clone() };
-            svg.text((at, bottom + 17.0), &label, LABEL, Anchor::Middle, Colour::SOFT);
+            for (i, line) in lines.iter().enumerate() {
+                let down = 17.0 + LINE_BELOW * i as f64;
+                svg.text((at, bottom + down), line, LABEL, Anchor::Middle, Colour::SOFT);
+            }
         }
+        let below = self.height_below(x, categories);
         for (place, _) in x.ticks.iter().filter(|(_, label)| label.is_empty()) {
             let at = self.at(*place, 0.0).0;
             svg.line(&[(at, bottom), (at, bottom + 4.0)], Colour::SOFT, 1.0, "");
         }
         svg.line(&[(self.left, bottom), (self.left + self.width, bottom)], Colour::SOFT, 1.0, "");
-        svg.heading((self.left + 0.5 * self.width, bottom + 39.0), &titled(name, x), NAME, self.width);
+        svg.heading((self.left + 0.5 * self.width, bottom + below - 11.0), &titled(name, x), NAME, self.width);
     }
 }
 
@@ -613,6 +659,8 @@ mod tests {
         );
         assert_eq!(labels(ChartAxis::logarithmic([1.0, 30.0].into_iter())), "1 10 2 5 20");
         assert_eq!(labels(ChartAxis::logarithmic([0.7, 1.0].into_iter())), "0.7 0.8 0.9 1");
-        assert_eq!(labels(ChartAxis::decades([1e-160, 0.0].into_iter(), 12)).split(' ').count(), 7);
+        assert_eq!(labels(ChartAxis::decades([1e-160, 1e-180, 0.0].into_iter(), 12)).split(' ').count(), 7);
+        // No further than the data.
+        assert_eq!(labels(ChartAxis::decades([0.9, 0.02, 0.0].into_iter(), 12)), "0.01 0.1 1 0.02 0.05 0.2 0.5");
     }
 }

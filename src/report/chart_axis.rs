@@ -1,7 +1,7 @@
 //! Axes of charts: a range that contains the data, and axis ticks at round numbers (linear, logarithmic, signed logarithmic,
 //! categories).
 
-use crate::number_format::number;
+use crate::number_format::{number, superscript};
 
 /// Values beyond these are treated as infinity or zero, so that ranges and ticks cannot overflow.
 const LARGEST: f64 = 1e300;
@@ -63,14 +63,16 @@ impl ChartAxis {
         Self::from_logs([low - margin, high + margin])
     }
 
-    /// A logarithmic axis for the moduli of `values`: this many `decades` down from the largest.
-    pub fn decades(values: impl Iterator<Item = f64>, decades: i32) -> Self {
-        let largest = values.filter(|x| x.is_finite()).fold(0.0, |max: f64, x| max.max(x.abs())).min(LARGEST);
-        let top = if largest < SMALLEST { 0.0 } else { largest.log10() };
-        Self::from_logs([(top.ceil() - f64::from(decades)).max(SMALLEST.log10()), top + 0.15])
+    /// A logarithmic axis for the moduli of `values`: down to the least that is not zero, or this many `decades` from the largest.
+    pub fn decades(values: impl Iterator<Item = f64> + Clone, decades: i32) -> Self {
+        let sizes = values.clone().map(f64::abs).filter(|x| *x >= SMALLEST && x.is_finite());
+        let least = sizes.fold(f64::INFINITY, f64::min).log10().floor();
+        let [low, high] = down_from_largest(values, decades);
+        Self::from_logs([if least.is_finite() { low.max(least.min(high.floor() - 1.0)) } else { low }, high])
     }
 
-    fn from_logs([low, high]: [f64; 2]) -> Self {
+    /// A logarithmic axis over a range, given by its decimal logarithms.
+    pub fn from_logs([low, high]: [f64; 2]) -> Self {
         let place = |log: f64| (log - low) / (high - low);
         let (first, last) = (low.ceil() as i32, high.floor() as i32);
         let every = ((last - first) as usize / 8 + 1).max(1);
@@ -99,7 +101,7 @@ impl ChartAxis {
     /// A signed logarithmic axis: this many `decades` in each direction, from the largest modulus of `values` to zero in the
     /// middle.
     pub fn signed(values: impl Iterator<Item = f64>, decades: i32) -> Self {
-        let one = Self::decades(values, decades);
+        let one = Self::from_logs(down_from_largest(values, decades));
         let [low, high] = one.range;
         let every = (decades as usize / 4).max(1);
         let powers = (low.ceil() as i32..=high.floor() as i32)
@@ -144,16 +146,28 @@ impl ChartAxis {
         }
     }
 
-    /// Position of a number from 0 at the lower end to 1 at the upper; `None` outside the axis.
-    pub fn place(&self, x: f64) -> Option<f64> {
+    /// Position of a number from 0 at the lower end to 1 at the upper, and beyond.
+    pub fn part(&self, x: f64) -> f64 {
         let part = |x: f64| (x - self.range[0]) / self.size();
-        let place = match self.spacing {
+        match self.spacing {
             TickSpacing::Linear => part(x),
             TickSpacing::Logarithmic => part(x.log10()),
             TickSpacing::Signed => 0.5 + 0.5 * part(x.abs().log10()).max(0.0).copysign(x),
-        };
+        }
+    }
+
+    /// The same; `None` outside the axis.
+    pub fn place(&self, x: f64) -> Option<f64> {
+        let place = self.part(x);
         (-1e-6..=1.0 + 1e-6).contains(&place).then_some(place)
     }
+}
+
+/// The decimal logarithms of the ends of an axis of this many `decades` down from the largest modulus of `values`.
+fn down_from_largest(values: impl Iterator<Item = f64>, decades: i32) -> [f64; 2] {
+    let largest = values.filter(|x| x.is_finite()).fold(0.0, |max: f64, x| max.max(x.abs())).min(LARGEST);
+    let top = if largest < SMALLEST { 0.0 } else { largest.log10() };
+    [(top.ceil() - f64::from(decades)).max(SMALLEST.log10()), top + 0.15]
 }
 
 /// Least and largest value; `None` without values.
@@ -194,13 +208,4 @@ fn tick_label(digit: u32, power: i32) -> String {
         1 => format!("10{}", superscript(power)),
         _ => format!("{digit}·10{}", superscript(power)),
     }
-}
-
-/// An integer in superscript digits.
-pub fn superscript(power: i32) -> String {
-    let raised = |c: char| match c.to_digit(10) {
-        Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],
-        None => '⁻',
-    };
-    power.to_string().chars().map(raised).collect()
 }

@@ -142,5 +142,9 @@ mod tests {
         assert!((0..500).all(|i| page.contains(&format!("<td>row {i}.</td>"))));
         let print = page.split("@media print").nth(1).unwrap().split("</style>").next().unwrap();
         assert!(print.contains(".rows { overflow: visible; max-height: none; }"), "{print}");
+        // No line of a cell is kept whole on paper, which is narrow, and headings are on every sheet.
+        let apart = page.split("white-space: nowrap").filter(|text| text.ends_with(".rows td, .rows th { "));
+        assert!(apart.clone().count() == 1 && apart.clone().all(|text| text.contains("@media screen { .rows td")));
+        assert!(page.contains("<thead><tr><th>name</th></tr></thead>"));
     }
 }

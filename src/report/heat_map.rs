@@ -3,7 +3,7 @@
 use super::chart::{LABEL, LINE, PlotArea, Scale, TITLE, WIDTH};
 use super::chart_axis::ChartAxis;
 use super::outcome_map::edges;
-use super::svg::{Anchor, Colour, Svg, cut, width};
+use super::svg::{Anchor, Colour, Svg, width};
 use crate::number_format::significant;
 
 /// Sequential colour map with increasing lightness, which survives print and colour-vision deficiency: matplotlib's viridis at
@@ -27,8 +27,8 @@ const DIVERGING: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247
 const COLOUR_COUNT: usize = 64;
 /// Positive values are coloured by their logarithm if the largest exceeds this multiple of the least.
 const LOG_SCALE_RANGE: f64 = 100.0;
-/// Width of the colour scale with its labels, px.
-const SCALE_WIDTH: f64 = 88.0;
+/// Width of the colour scale without its labels, px.
+const SCALE_WIDTH: f64 = 44.0;
 
 /// An axis of a heat map.
 #[derive(Debug, Clone)]
@@ -74,19 +74,30 @@ pub struct HeatMap {
     pub value: String,
     /// Level of x, level of y, value, and index of the case. If several cases share a cell, the last one is shown.
     pub cells: Vec<(usize, usize, f64, usize)>,
+    /// Indices of the cases that failed.
+    pub failed: Vec<usize>,
 }
 
 impl HeatMap {
     /// The map as an SVG document.
     pub fn svg(&self) -> String {
         let known = || self.cells.iter().filter(|cell| cell.2.is_finite());
-        let by_value = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| a.2.total_cmp(&b.2);
-        let (least, largest) = (known().min_by(by_value), known().max_by(by_value));
+        // Of one sign, values are large or small by their size, as everywhere on the page; of two signs one is higher than another.
+        let [negative, positive] = [known().any(|cell| cell.2 < 0.0), known().any(|cell| cell.2 > 0.0)];
+        let size = |cell: &(usize, usize, f64, usize)| if positive { cell.2 } else { cell.2.abs() };
+        let by_size = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| size(a).total_cmp(&size(b));
+        let (least, largest) = (known().min_by(by_size), known().max_by(by_size));
+        let [most, fewest] = match (negative, positive) {
+            (true, true) => ["highest", "lowest"],
+            (true, false) => ["largest in size", "least in size"],
+            _ => ["largest", "least"],
+        };
         let scale = ColourScale::of(known().map(|cell| cell.2));
         let (x, y) = (self.x.axis(), self.y.axis());
         let frame = PlotArea::about(&y, LINE);
-        let frame = PlotArea { width: frame.width - SCALE_WIDTH, ..frame };
-        let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
+        let frame = PlotArea { width: frame.width - SCALE_WIDTH - scale.label_width(), ..frame };
+        let height = frame.top + frame.height + frame.height_below(&x, self.x.is_of_categories());
+        let mut svg = Svg::new(WIDTH, height, &self.title);
         svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         frame.draw_y(&mut svg, &y, &self.y.name);
         frame.draw_x(&mut svg, &x, &self.x.name, self.x.is_of_categories());
@@ -104,16 +115,20 @@ impl HeatMap {
         for (shade, fields) in fields.iter().enumerate().filter(|(_, fields)| !fields.is_empty()) {
             svg.cells(fields, scale.colour(shade));
         }
-        // What has no number, since its case failed, has a cross.
-        for (i, j, ..) in self.cells.iter().filter(|cell| !cell.2.is_finite()) {
+        // A case that failed has a cross; one that ended without a value, as a Strouhal number without speed, a short bar.
+        for (i, j, _, case) in self.cells.iter().filter(|cell| !cell.2.is_finite()) {
             let [left, top, width, height] = field(*i, *j);
             let (x, y, half) = (left + 0.5 * width, top + 0.5 * height, 0.25 * width.min(height));
-            svg.line(&[(x - half, y - half), (x + half, y + half)], Colour::SOFT, 1.0, "");
-            svg.line(&[(x - half, y + half), (x + half, y - half)], Colour::SOFT, 1.0, "");
+            if self.failed.contains(case) {
+                svg.line(&[(x - half, y - half), (x + half, y + half)], Colour::SOFT, 1.0, "");
+                svg.line(&[(x - half, y + half), (x + half, y - half)], Colour::SOFT, 1.0, "");
+            } else {
+                svg.line(&[(x - 0.5 * half, y), (x + 0.5 * half, y)], Colour::SOFT, 1.0, "");
+            }
         }
         let mut left = frame.left;
         for (what, cell, [ring, core]) in
-            [("largest", largest, [Colour::PAPER, Colour::INK]), ("least", least, [Colour::INK, Colour::PAPER])]
+            [(most, largest, [Colour::PAPER, Colour::INK]), (fewest, least, [Colour::INK, Colour::PAPER])]
         {
             let Some((i, j, value, case)) = cell else { continue };
             let [x, y, width_of, height] = field(*i, *j);
@@ -154,6 +169,11 @@ impl ColourScale {
         Self { axis, signed }
     }
 
+    /// Width of its widest label, px.
+    fn label_width(&self) -> f64 {
+        self.axis.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max)
+    }
+
     fn shade(&self, value: f64) -> usize {
         let place = self.axis.place(value).unwrap_or(0.0).clamp(0.0, 1.0);
         ((place * COLOUR_COUNT as f64) as usize).min(COLOUR_COUNT - 1)
@@ -179,7 +199,7 @@ impl ColourScale {
         for (place, label) in self.axis.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             let y = frame.top + (1.0 - place) * frame.height;
             svg.line(&[(left + wide, y), (left + wide + 4.0, y)], Colour::SOFT, 1.0, "");
-            svg.text((left + wide + 7.0, y + 4.5), &cut(label, LABEL, 46.0), LABEL, Anchor::Start, Colour::SOFT);
+            svg.text((left + wide + 7.0, y + 4.5), label, LABEL, Anchor::Start, Colour::SOFT);
         }
         let name = super::chart::titled(name, &self.axis);
         let middle = frame.top + 0.5 * frame.height;
@@ -199,6 +219,7 @@ mod tests {
             y: HeatMapAxis { name: "fluid".to_string(), at: vec![0.0, 1.0], scale: categories },
             value: "thrust (N)".to_string(),
             cells,
+            failed: vec![3],
         }
     }
 
@@ -224,9 +245,28 @@ mod tests {
         assert!(svg.contains("largest: 0.5000 (case 1)") && svg.contains("least: 7.000e-4 (case 5)"), "{svg}");
         let fields = svg.split("<path d=\"").skip(1).filter_map(|path| path.split('"').next());
         assert_eq!(fields.map(|path| path.matches('M').count()).sum::<usize>(), 4, "the failed one has a cross");
+        let bars = |cells| map(cells).svg().matches("stroke-width=\"1\"").count();
+        let [failed, without] = [3, 4].map(|case| bars(vec![(0, 0, 1.0, 0), (0, 1, f64::NAN, case)]));
+        assert_eq!(failed, without + 1, "what has no value has a bar");
         assert!(!svg.contains("NaN"));
         // Nothing at all, and one number.
         assert!(!map(Vec::new()).svg().contains("NaN"));
-        assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest: -2.000 (case 9)"));
+        assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest in size: -2.000 (case 9)"));
+    }
+
+    #[test]
+    fn negative_values_are_large_by_their_size_and_those_of_two_signs_high_or_low() {
+        let svg = map(vec![(0, 0, -0.0026, 0), (1, 0, -1.394, 24)]).svg();
+        assert!(svg.contains("largest in size: -1.394 (case 24)") && svg.contains("least in size: -0.002600 (case 0)"));
+        let svg = map(vec![(0, 0, -3.0, 0), (1, 0, 1.0, 1)]).svg();
+        assert!(svg.contains("highest: 1.000 (case 1)") && svg.contains("lowest: -3.000 (case 0)"), "{svg}");
+    }
+
+    #[test]
+    fn no_label_of_the_colours_is_cut() {
+        for largest in [5e-12, 3e-5, 0.02, 7e9] {
+            let svg = map(vec![(0, 0, 1e-3 * largest, 0), (1, 0, largest, 1)]).svg();
+            assert!(!svg.contains('…'), "{svg}");
+        }
     }
 }

@@ -3,13 +3,15 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::chart_axis::superscript;
 use crate::cycle::MEASURES;
-use crate::number_format::{significant, two_digits};
+use crate::number_format::in_sentence;
 use crate::variable::VARIABLES;
 
 /// Digits that are shown; the whole number appears under the cursor.
 const DIGITS: usize = 6;
+
+/// Spreads over cycles below this part of their means are rounding.
+const ROUNDING: f64 = 1e-12;
 
 /// Ends of keys, and the units that they mean. Of two that fit, the first counts.
 const UNITS: [(&str, &str); 10] = [
@@ -55,6 +57,9 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Run", &["name", "scene_", "caudal_version", "complete", "ending", "end_time_s"]),
 ];
 
+/// Ratios that have a namesake over whole cycles.
+const WHOLE_RUN: [&str; 2] = ["cost_of_transport", "efficiency"];
+
 /// What the page shows elsewhere.
 const ELSEWHERE: [&str; 2] = ["final_positions_m", "notes"];
 
@@ -83,23 +88,32 @@ pub(super) fn groups(summary: &Map<String, Value>) -> Vec<NumberGroup> {
     let spreads: Vec<&str> = MEASURES.iter().map(|measure| measure.spread).collect();
     for (key, value) in summary {
         let group = group_of(key);
-        let absent = value.is_null()
-            || is_zero(value) && matches!(GROUPS[group].0, "Energy and work" | "Power" | "Forces and momentum");
+        let measure = MEASURES.iter().find(|measure| measure.key == key);
+        let spread = measure.and_then(|measure| summary.get(measure.spread)).and_then(Value::as_f64);
+        // What acts in no cycle is not this scene's.
+        let nothing = matches!(GROUPS[group].0, "Energy and work" | "Power" | "Forces and momentum")
+            || spread == Some(0.0) && unit_of(key).is_some_and(|unit| ["J", "W", "N", "N m"].contains(&unit));
+        let absent = value.is_null() || nothing && is_zero(value);
         if absent || ELSEWHERE.contains(&key.as_str()) || spreads.contains(&key.as_str()) {
             continue;
         }
-        let measure = MEASURES.iter().find(|measure| measure.key == key);
-        let spread = measure.and_then(|measure| summary.get(measure.spread)).filter(|spread| !spread.is_null());
-        let spread = spread.and_then(Value::as_f64).map(|spread| format!(" ± {}", with_power(&two_digits(spread))));
-        let spread = spread.unwrap_or_default();
+        // A spread of rounding says nothing.
+        let size = value.as_f64().unwrap_or(0.0).abs();
+        let spread = spread.filter(|spread| *spread > ROUNDING * size);
+        let spread = spread.map_or(String::new(), |spread| format!(" ± {}", in_sentence(spread, 2)));
         let unit = unit_of(key).map_or(String::new(), |unit| format!(" {unit}"));
+        let whole = WHOLE_RUN.contains(&key.as_str());
         let of_variable =
             || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
         groups[group].rows.push(NumberRow {
             key: key.clone(),
-            value: format!("{}{spread}{unit}", in_words(value)),
+            value: format!("{}{spread}{unit}{}", in_words(value), if whole { ", of the whole run" } else { "" }),
             exact: value.to_string(),
-            meaning: measure.map(|measure| measure.description).or_else(of_variable).unwrap_or(""),
+            meaning: match measure {
+                _ if whole => "with its start; cycle_… is the mean over the last whole cycles",
+                Some(measure) => measure.description,
+                None => of_variable().unwrap_or(""),
+            },
         });
     }
     groups.into_iter().filter(|group| !group.rows.is_empty()).collect()
@@ -129,13 +143,6 @@ fn is_zero(value: &Value) -> bool {
     }
 }
 
-/// A number without needless zeros, and with its exponent as a power of ten.
-fn with_power(text: &str) -> String {
-    let (digits, power) = text.split_once('e').unwrap_or((text, ""));
-    let digits = if digits.contains('.') { digits.trim_end_matches('0').trim_end_matches('.') } else { digits };
-    power.parse().map_or_else(|_| digits.to_string(), |power| format!("{digits}·10{}", superscript(power)))
-}
-
 fn in_words(value: &Value) -> String {
     let listed = |words: Vec<String>| words.join(", ");
     match value {
@@ -143,10 +150,7 @@ fn in_words(value: &Value) -> String {
         Value::Bool(true) => "yes".to_string(),
         Value::Bool(false) => "no".to_string(),
         Value::String(text) => text.clone(),
-        Value::Number(number) if number.is_f64() => {
-            let text = significant(number.as_f64().unwrap_or(f64::NAN), DIGITS);
-            with_power(&text)
-        }
+        Value::Number(number) if number.is_f64() => in_sentence(number.as_f64().unwrap_or(f64::NAN), DIGITS),
         Value::Number(number) => number.to_string(),
         Value::Array(values) => listed(values.iter().map(in_words).collect()),
         Value::Object(entries) => {

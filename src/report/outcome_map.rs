@@ -17,6 +17,8 @@ pub struct Category {
     pub label: &'static str,
     /// Colour, red, green and blue.
     pub colour: [u8; 3],
+    /// True if it has light strokes over its colour, so that it is seen on dark pages too.
+    pub hatched: bool,
 }
 
 /// A panel of cells.
@@ -71,7 +73,7 @@ impl OutcomeMap {
         let (left, top, width, height) = (left + 66.0, top + 24.0, size.0 - 82.0, size.1 - 70.0);
         let axis = |edges: &[f64], linear: bool| {
             let ends = [edges[0], edges[edges.len() - 1]];
-            if linear { ChartAxis::linear(ends.into_iter()) } else { ChartAxis::logarithmic(ends.into_iter()) }
+            if linear { ChartAxis::from(ends) } else { ChartAxis::from_logs(ends.map(f64::log10)) }
         };
         let (across, up) = (axis(&x, self.linear), axis(&y, false));
         let at = |px: f64, py: f64| Some((left + width * across.place(px)?, top + height * (1.0 - up.place(py)?)));
@@ -82,17 +84,23 @@ impl OutcomeMap {
             for same in column.chunk_by(|a, b| a == b) {
                 let high = low + same.len();
                 if let (Some(from), Some(to)) = (at(x[0], y[low]), at(x[1], y[high])) {
-                    svg.cell(
-                        [from.0, to.1],
-                        [to.0 - from.0 + 0.3, from.1 - to.1 + 0.3],
-                        self.categories[same[0]].colour,
-                    );
+                    let Category { colour, hatched, .. } = self.categories[same[0]];
+                    let (corner, size) = ([from.0, to.1], [to.0 - from.0, from.1 - to.1]);
+                    svg.cell(corner, size.map(|side| side + 0.3), colour);
+                    if hatched {
+                        svg.hatch(corner, size);
+                    }
                 }
                 low = high;
             }
         }
-        let boundary: Vec<_> = panel.boundary.iter().filter_map(|(x, y)| at(*x, *y)).collect();
-        svg.line(&boundary, BOUNDARY, 2.0, "");
+        let boundary: Vec<_> = panel.boundary.iter().map(|(x, y)| [across.part(*x), up.part(*y)]).collect();
+        for piece in boundary.windows(2).filter_map(|ends| clipped([ends[0], ends[1]])) {
+            let ends = piece.map(|[x, y]| (left + width * x, top + height * (1.0 - y)));
+            svg.line(&ends, BOUNDARY, 2.0, "");
+        }
+        let [low, high] = [(left, top + height), (left + width, top)];
+        svg.line(&[low, (low.0, high.1), high, (high.0, low.1), low], Colour::SOFT, 1.0, "");
         for (place, label) in across.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             svg.text((left + width * place, top + height + 15.0), label, LABEL, Anchor::Middle, Colour::SOFT);
         }
@@ -108,7 +116,7 @@ impl OutcomeMap {
         let occurs =
             |index: usize| self.panels.iter().any(|panel| panel.cells.iter().flatten().any(|cell| *cell == index));
         let some = self.categories.iter().enumerate().filter(|(index, _)| occurs(*index));
-        let colours = some.map(|(_, category)| (category.label, Some(category.colour)));
+        let colours = some.map(|(_, category)| (category.label, Some(*category)));
         let (mut left, mut top) = (14.0, top);
         for (label, colour) in colours.chain(bounded.then_some((self.boundary.as_str(), None))) {
             let room = 36.0 + width(label, 13.0);
@@ -116,13 +124,36 @@ impl OutcomeMap {
                 (left, top) = (14.0, top + 20.0);
             }
             match colour {
-                Some(colour) => svg.cell([left, top], [14.0, 14.0], colour),
+                Some(Category { colour, hatched, .. }) => {
+                    svg.cell([left, top], [14.0, 14.0], colour);
+                    if hatched {
+                        svg.hatch([left, top], [14.0, 14.0]);
+                    }
+                }
                 None => svg.line(&[(left, top + 7.0), (left + 14.0, top + 7.0)], BOUNDARY, 2.0, ""),
             }
             svg.text((left + 20.0, top + 12.0), label, 13.0, Anchor::Start, Colour::SOFT);
             left += room;
         }
     }
+}
+
+/// The part of a line that is between 0 and 1 in both coordinates (Liang and Barsky 1984); `None` if there is none.
+fn clipped([from, to]: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
+    let way = [to[0] - from[0], to[1] - from[1]];
+    let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
+    for axis in [0, 1] {
+        if way[axis] == 0.0 {
+            if !(0.0..=1.0).contains(&from[axis]) {
+                return None;
+            }
+        } else {
+            let [a, b] = [0.0, 1.0].map(|border| (border - from[axis]) / way[axis]);
+            (enters, leaves) = (enters.max(a.min(b)), leaves.min(a.max(b)));
+        }
+    }
+    let at = |part: f64| [from[0] + part * way[0], from[1] + part * way[1]];
+    (enters < leaves).then(|| [at(enters), at(leaves)])
 }
 
 /// The borders of cells around `values`: midway between them, and symmetric at the ends.
@@ -133,4 +164,17 @@ pub(super) fn edges(values: &[f64], linear: bool) -> Vec<f64> {
     let inner = (0..last).map(|i| v[i] + step(i));
     let all = [v[0] - step(0)].into_iter().chain(inner).chain([v[last] + step(last.saturating_sub(1))]);
     all.map(|x| if linear { x } else { x.exp() }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_boundary_ends_at_the_border_of_its_panel() {
+        assert_eq!(clipped([[0.5, 0.5], [0.5, 1.5]]), Some([[0.5, 0.5], [0.5, 1.0]]));
+        assert_eq!(clipped([[-1.0, 0.5], [3.0, 0.5]]), Some([[0.0, 0.5], [1.0, 0.5]]));
+        assert_eq!(clipped([[1.5, 0.0], [1.5, 1.0]]), None);
+        assert_eq!(clipped([[-1.0, 0.5], [0.5, 2.0]]), None);
+    }
 }

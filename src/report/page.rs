@@ -9,8 +9,12 @@ use super::Summary;
 use super::chart::Figure;
 use super::number_groups::{NumberGroup, groups};
 use super::run_record::Frame;
+use super::svg::SERIES;
 use crate::error::{Error, Result};
 use crate::number_format::{number, significant};
+
+/// Number of colours of other rods in an animation: `--companion-0` and so on in the style sheet.
+const COMPANION_COLOURS: usize = 6;
 
 /// The content of the page.
 pub struct Page<'a> {
@@ -30,7 +34,8 @@ pub struct Page<'a> {
 #[derive(Serialize)]
 struct RunPageContent<'a> {
     summary: &'a Summary,
-    displacement: String,
+    /// `None` for a held head, which goes where it is held.
+    displacement: Option<String>,
     step: String,
     cycles: String,
     groups: Vec<NumberGroup>,
@@ -146,9 +151,10 @@ impl Page<'_> {
     /// [`Error::Page`] if the template fails.
     pub fn html(&self) -> Result<String> {
         let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
+        let held = numbers.get("mean_thrust_n").is_some_and(serde_json::Value::is_number);
         let content = RunPageContent {
             summary: self.summary,
-            displacement: significant(self.summary.net_displacement_m, 4),
+            displacement: (!held).then(|| significant(self.summary.net_displacement_m, 4)),
             step: number(self.summary.time_step_s),
             cycles: self.summary.cycles.to_string(),
             groups: numbers.as_object().map(groups).unwrap_or_default(),
@@ -184,6 +190,12 @@ impl Animation {
             beside: Vec::new(),
             media: Media::of(frames),
         }
+    }
+
+    /// The series of charts that has the colour of the `i`-th rod with a name beside the first: neither that of the first rod, which is the
+    /// first series, nor that of centres of mass.
+    pub fn series_of_companion(i: usize) -> usize {
+        2 + i % COMPANION_COLOURS + SERIES * (i / COMPANION_COLOURS)
     }
 
     /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name.

@@ -100,7 +100,7 @@ function named(media) {
   part("legend").replaceChildren(...layers, ...(beside.length ? [" Beside it, from above:", ...beside] : []));
 }
 // Colours that are neither the rod's nor its centre's, as charts have them.
-function coloured(i) { return ["#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a", "#b34700", "#6a5acd", "#7f7f00"][i % 8]; }
+function coloured(i) { return "var(--companion-" + i % 6 + ")"; }
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   look(com);

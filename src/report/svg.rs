@@ -70,7 +70,8 @@ pub enum Anchor {
 
 /// Approximate width of a text of this font size, px.
 pub fn width(text: &str, size: f64) -> f64 {
-    text.chars().map(|c| if c.is_ascii() { 0.56 } else { 0.9 }).sum::<f64>() * size
+    let narrow = |c: char| c.is_ascii() || matches!(c, '·' | '⁻' | '⁰' | '¹' | '²' | '³' | '⁴'..='⁹');
+    text.chars().map(|c| if narrow(c) { 0.56 } else { 0.9 }).sum::<f64>() * size
 }
 
 /// A text of this font size, truncated to a width, px.
@@ -86,14 +87,40 @@ pub fn cut(text: &str, size: f64, available: f64) -> String {
     text.chars().take_while(fits).chain(['…']).collect()
 }
 
-/// The least part of its size that a title or a name of an axis is made smaller to, before it is cut.
-const LEAST_SIZE: f64 = 0.65;
+/// A text of this font size in lines of a width (px), at most so many; what does not fit is truncated.
+pub fn wrapped(text: &str, size: f64, available: f64, most: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if width(line, size) + width(word, size) + width(" ", size) > available => {
+                lines.push(word.to_string())
+            }
+            Some(line) => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            None => lines.push(word.to_string()),
+        }
+    }
+    if lines.len() > most {
+        let rest = lines.split_off(most - 1).join(" ");
+        lines.push(rest);
+    }
+    lines.iter().map(|line| cut(line, size, available)).collect()
+}
+
+/// The least font size that a title or a name of an axis is made smaller to, before it is cut, px: nine on a telephone, by the least
+/// width of figures there.
+const LEAST_SIZE: f64 = 11.0;
 
 /// A text of this font size, smaller and then truncated where that does not fit a width, px; and its font size.
 fn fitted(text: &str, size: f64, available: f64) -> (String, f64) {
-    let size = size * (0.999 * available / width(text, size)).clamp(LEAST_SIZE, 1.0); // that much for rounding
+    let size = size * (0.999 * available / width(text, size)).clamp((LEAST_SIZE / size).min(1.0), 1.0); // that much for rounding
     (cut(text, size, available), size)
 }
+
+/// Distance of the strokes of a hatched cell along its sides, px.
+const HATCH: f64 = 7.0;
 
 /// Writer of an SVG document.
 #[derive(Debug)]
@@ -176,6 +203,20 @@ impl Svg {
         self.field(at, size, &format!("#{r:02x}{g:02x}{b:02x}"), "");
     }
 
+    /// Light strokes across a cell, from its lower left to its upper right.
+    pub fn hatch(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2]) {
+        self.0 += "<path d=\"";
+        let mut along = HATCH / 2.0;
+        while along < width + height {
+            // Where x + y is this far from the upper left corner.
+            let (left, right) = ((along - height).max(0.0), along.min(width));
+            let [x0, y0, x1, y1] = [x + left, y + along - left, x + right, y + along - right].map(decimal);
+            let _ = write!(self.0, "M{x0} {y0}L{x1} {y1}");
+            along += HATCH;
+        }
+        let _ = writeln!(self.0, "\" stroke=\"#ffffff\" stroke-width=\"1.5\"/>");
+    }
+
     /// Rectangles (left, top, width, height) in one colour that does not depend on the theme. They overlap slightly, to avoid gaps.
     pub fn cells(&mut self, cells: &[[f64; 4]], [r, g, b]: [u8; 3]) {
         self.0 += "<path d=\"";
@@ -196,7 +237,21 @@ impl Svg {
 
     /// A text with its baseline at a point.
     pub fn text(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor, colour: Colour) {
-        self.words(&format!("x=\"{}\" y=\"{}\"", decimal(x), decimal(y)), text, size, anchor, colour);
+        let place = format!("x=\"{}\" y=\"{}\"", decimal(x), decimal(y));
+        self.words(&place, text, size, anchor, (&format!("f{}", colour.0), colour));
+    }
+
+    /// A text over lines, with a halo of paper.
+    pub fn text_over_lines(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor) {
+        let halo = format!(
+            "x=\"{}\" y=\"{}\" stroke=\"{}\" stroke-width=\"7\" stroke-linejoin=\"round\" \
+             paint-order=\"stroke\"",
+            decimal(x),
+            decimal(y),
+            Colour::PAPER.light()
+        );
+        let classes = format!("f{} s{}", Colour::SOFT.0, Colour::PAPER.0);
+        self.words(&halo, text, size, anchor, (&classes, Colour::SOFT));
     }
 
     /// A title or the name of an axis in this room (px), centred at a point.
@@ -214,10 +269,10 @@ impl Svg {
     /// A vertical text, centred at a point.
     pub fn upright(&mut self, (x, y): (f64, f64), text: &str, size: f64, colour: Colour) {
         let place = format!("transform=\"translate({} {}) rotate(-90)\"", decimal(x), decimal(y));
-        self.words(&place, text, size, Anchor::Middle, colour);
+        self.words(&place, text, size, Anchor::Middle, (&format!("f{}", colour.0), colour));
     }
 
-    fn words(&mut self, place: &str, text: &str, size: f64, anchor: Anchor, colour: Colour) {
+    fn words(&mut self, place: &str, text: &str, size: f64, anchor: Anchor, (classes, colour): (&str, Colour)) {
         let anchor = match anchor {
             Anchor::Start => "start",
             Anchor::Middle => "middle",
@@ -225,8 +280,7 @@ impl Svg {
         };
         let _ = writeln!(
             self.0,
-            "<text {place} font-size=\"{size}\" text-anchor=\"{anchor}\" class=\"f{}\" fill=\"{}\">{}</text>",
-            colour.0,
+            "<text {place} font-size=\"{size}\" text-anchor=\"{anchor}\" class=\"{classes}\" fill=\"{}\">{}</text>",
             colour.light(),
             escaped(text)
         );
@@ -317,6 +371,14 @@ mod tests {
         let looks = |range: std::ops::Range<usize>| range.map(dashes).collect::<std::collections::BTreeSet<_>>().len();
         assert_eq!(looks(0..SERIES), SERIES);
         assert!((0..SERIES).all(|k| dashes(k) != dashes(k + SERIES)));
+        // What is beside a rod in an animation has the colours of its series.
+        let style = include_str!("style.css");
+        for i in 0..6 {
+            let series = crate::report::page::Animation::series_of_companion(i);
+            for colour in PALETTE[series % SERIES] {
+                assert!(style.contains(&format!("--companion-{i}: {colour};")), "{i}: {colour}");
+            }
+        }
         // Four marks in turn, whatever their colour.
         let mark = |k: usize| {
             let mut svg = Svg(String::new());
@@ -325,5 +387,14 @@ mod tests {
         };
         assert_eq!((0..SERIES).map(mark).collect::<std::collections::BTreeSet<_>>().len(), 4);
         assert!((0..SERIES).all(|k| mark(k) != mark(k + 1)));
+    }
+
+    #[test]
+    fn a_text_is_wrapped_between_words_and_truncated_where_it_has_no_more_lines() {
+        let lines = |text: &str, most| wrapped(text, 10.0, 62.0, most); // eleven letters
+        assert_eq!(lines("glycerol & <syrup>", 2), ["glycerol &", "<syrup>"]);
+        assert_eq!(lines("water of the usual sort", 2), ["water of", "the usual…"]);
+        assert_eq!(lines("symplectic-euler", 3), ["symplecti…"]);
+        assert_eq!(lines("", 3), [""]);
     }
 }

@@ -414,7 +414,7 @@ fn a_study_of_modes_does_not_judge_a_step_that_adaptive_steps_have_not() {
         assert!(output.status.success(), "{}", text(&output.stderr));
         text(&output.stdout).to_string()
     };
-    assert!(study("solver.time_step_s=1e-3").contains("The step of 1e-3 s resolves"));
+    assert!(study("solver.time_step_s=1e-3").contains("The step of 0.001 s resolves"));
     assert!(!study("solver.tolerance=1e-3").contains("The step of"));
 }
 

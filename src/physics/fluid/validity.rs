@@ -9,6 +9,7 @@ use std::fmt;
 use nalgebra::Complex;
 
 use super::medium::Fluid;
+use crate::number_format::in_sentence;
 use crate::rod::Rod;
 
 /// The fraction of the velocity along a rod that its Reynolds numbers count as across it, if that is larger than the
@@ -277,8 +278,9 @@ impl Validity {
     /// A description of the bounds that a motion exceeds; `None` if it exceeds none.
     pub fn beyond(&self, motion: &FlowConditions<'_>) -> Option<String> {
         let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.value_outside(motion)?)));
-        let in_words = left
-            .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.number.words(), bound.limits()));
+        let in_words = left.map(|(bound, number)| {
+            format!("{} is {} (allowed: {})", bound.number.words(), in_sentence(number, 4), bound.limits())
+        });
         let all: Vec<String> = in_words.collect();
         (!all.is_empty()).then(|| all.join("; "))
     }

@@ -11,13 +11,16 @@ use super::table::{DesignTable, Goal};
 use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
 use crate::fluid::Fluid;
 use crate::model::Dynamics;
-use crate::number_format::{signed, significant};
+use crate::number_format::{in_sentence, signed};
 use crate::scene::Scene;
 use crate::sensitivity::{JointDirection, Output, Parameter, Problem, Quantity};
 use crate::stepper::Stepper;
 
 /// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
 const MIN_SENSITIVITY: f64 = 1e-2;
+
+/// Most names in a sentence.
+const MAX_LISTED: usize = 6;
 
 /// The fluid whose forces are larger by this factor shows how stiffness follows them.
 const MORE_FLUID: f64 = 1.05;
@@ -33,14 +36,14 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
         some => format!("{some} that do not fit, "),
     };
     let mut lines = vec![format!(
-        "{} of {all} joints identified, {} prior-driven, {} at a bound, {}{} unobservable; noise {:.2e} m, {} samples, \
+        "{} of {all} joints identified, {} prior-driven, {} at a bound, {}{} unobservable; noise {} m, {} samples, \
          windows of {}",
         count(Identifiability::Identified),
         count(Identifiability::PriorDriven),
         count(Identifiability::AtABound),
         unfit,
         count(Identifiability::Unobservable),
-        found.noise_m,
+        in_sentence(found.noise_m, 3),
         found.samples,
         2 * found.window_samples + 1,
     )];
@@ -64,7 +67,10 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     lines.extend(found.left_out.iter().map(|what| format!("left out: {what}")));
     if let Some([x, y, moment]) = found.balances {
         lines.push(format!(
-            "balances that need no stiffness, over the sizes of their parts: force x {x:.1e}, y {y:.1e}, moment {moment:.1e}"
+            "balances that need no stiffness, over the sizes of their parts: force x {}, y {}, moment {}",
+            in_sentence(x, 2),
+            in_sentence(y, 2),
+            in_sentence(moment, 2)
         ));
         if x.max(y).max(moment) > 0.2 {
             lines.push("warning: mass, drag or loads of the scene are not those of the data".to_string());
@@ -75,7 +81,7 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
         let more = found.missing.len().saturating_sub(10);
         lines.push(format!("left out: {shown}{}", if more > 0 { format!(" and {more} more") } else { String::new() }));
     }
-    lines.extend(found.active.iter().map(|(name, dual)| format!("binding: {name} (dual {dual:.3e})")));
+    lines.extend(found.active.iter().map(|(name, dual)| format!("binding: {name} (dual {})", in_sentence(*dual, 4))));
     lines
 }
 
@@ -137,7 +143,7 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let moved = (0..found.times.len()).map(moved).fold(0.0, f64::max);
     let verdict =
         if moved < MIN_SENSITIVITY * length { "stiffness does not matter here" } else { "stiffness matters here" };
-    Some(format!("{verdict}: 1 % more of it moves the tip by at most {:.1e} m", 0.01 * moved))
+    Some(format!("{verdict}: 1 % more of it moves the tip by at most {} m", in_sentence(0.01 * moved, 2)))
 }
 
 /// Says how the identified stiffness follows the forces of the fluid, which the motion alone cannot tell from it, if it does.
@@ -169,11 +175,11 @@ pub(super) fn explain_fluid_share(
 }
 
 pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<String> {
-    let starts: Vec<String> = found.starts.iter().map(|value| significant(*value, 7)).collect();
+    let starts: Vec<String> = found.starts.iter().map(|value| in_sentence(*value, 7)).collect();
     let mut lines = vec![
-        format!("{}: {}", table.goal.label(), significant(found.objective, 7)),
+        format!("{}: {}", table.goal.label(), in_sentence(found.objective, 7)),
         format!(
-            "{} after {} iterations, stationarity {:.1e}; {} starts ended at {}",
+            "{} after {} iterations, stationarity {}; {} ended at {}",
             if found.interrupted {
                 "interrupted, the best so far,"
             } else if found.converged {
@@ -182,8 +188,8 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
                 "not converged"
             },
             found.history.len(),
-            found.stationarity,
-            found.starts.len(),
+            in_sentence(found.stationarity, 2),
+            if starts.len() == 1 { "its only start".to_string() } else { format!("{} starts", starts.len()) },
             starts.join(", ")
         ),
     ];
@@ -204,7 +210,8 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     lines.extend(found.numbers.iter().map(explain_number));
     if let Some(noise) = found.noise_m {
         let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
-        lines.push(format!("deviations are those of positions that are uncertain by {noise:.2e} m, {whose}"));
+        let noise = in_sentence(noise, 3);
+        lines.push(format!("deviations are those of positions that are uncertain by {noise} m, {whose}"));
     }
     if let Some(misfit) = found.misfit {
         lines.push(format!(
@@ -215,10 +222,9 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     for names in &found.confused {
         lines.push(match &names[..] {
             [name] => format!("the data do not know {name}"),
-            several => format!(
-                "the data cannot distinguish {}: they determine only a combination of them",
-                several.join(" and ")
-            ),
+            several => {
+                format!("the data cannot distinguish {}: they determine only a combination of them", listed(several))
+            }
         });
     }
     lines.extend(found.limits.iter().map(|limit| format!("limit: {}: {}", limit.limit, limit.words())));
@@ -227,7 +233,7 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
             return format!("among the worst: {case} ({:.0} % of what decides the design)", 100.0 * dual);
         }
         let worth = if table.fits_positions() {
-            format!("dual {dual:.3e}")
+            format!("dual {}", in_sentence(*dual, 4))
         } else {
             // Unknowns are logarithms, and limits are over themselves; phases are angles.
             let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
@@ -246,11 +252,25 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     lines
 }
 
+/// Names as a sentence lists them; of many the first.
+fn listed(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [name] => name.clone(),
+        names if names.len() > MAX_LISTED => {
+            format!("{} and {} others", names[..MAX_LISTED].join(", "), names.len() - MAX_LISTED)
+        }
+        [names @ .., last] => format!("{} and {last}", names.join(", ")),
+    }
+}
+
 /// The objective in each scenario.
 pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
-    let line = |ScenarioResult { case, designed, gain_percent, .. }: &ScenarioResult| {
-        let value = designed.map_or("fails".to_string(), |value| significant(value, 7));
-        let gain = gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+    let line = |ScenarioResult { case, designed, before, .. }: &ScenarioResult| {
+        let value = designed.map_or("fails".to_string(), |value| in_sentence(value, 7));
+        let both = designed.zip(*before);
+        let gain = both.and_then(|(value, before)| table.gain_in_words(value, before, " than before"));
+        let gain = gain.map_or(String::new(), |gain| format!(", {gain}"));
         format!("in {case}: {value}{gain}")
     };
     let aggregate = (!cases.is_empty()).then(|| {
@@ -272,10 +292,10 @@ pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Optio
     Some(format!(
         "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {} to {}, {one} from {} to {}",
         front.len(),
-        significant(first.second, 7),
-        significant(last.second, 7),
-        significant(first.first, 7),
-        significant(last.first, 7)
+        in_sentence(first.second, 7),
+        in_sentence(last.second, 7),
+        in_sentence(first.first, 7),
+        in_sentence(last.first, 7)
     ))
 }
 
@@ -352,7 +372,7 @@ pub(super) fn explain_joints(found: &SearchResult, table: &DesignTable, referenc
 pub(super) fn explain_number(number: &EstimatedNumber) -> String {
     let EstimatedNumber { key, unit, own, value, deviation, discretisation, verdict } = number;
     let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
-    let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
+    let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {}", in_sentence(deviation, 2)));
     let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));
     let moved = discretisation.filter(|moved| moved.abs() > 0.5 * number.deviation.unwrap_or(f64::INFINITY));
     let moved = moved.map_or(String::new(), |moved| {
@@ -363,16 +383,18 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
         format!("; without errors of mesh and steps it would change by {part} %, which the deviation includes: take more nodes or smaller steps")
     });
     let ratio = value / own;
-    format!("{key}: {}{deviation}{unit}, {ratio:.5} times the scene's{verdict}{moved}", significant(*value, 7))
+    format!("{key}: {}{deviation}{unit}, {ratio:.5} times the scene's{verdict}{moved}", in_sentence(*value, 7))
 }
 
 /// A warning if the simulation does not fit the markers.
 pub(super) fn explain_refit(refit: &Refit) -> Option<String> {
     (!refit.fits()).then(|| {
         format!(
-            "simulated with what was found each coordinate is {:.2e} m from the markers, {:.1} times what noise and steps of {:e} s \
+            "simulated with what was found each coordinate is {} m from the markers, {:.1} times what noise and steps of {} s \
              leave: start, drive, fluid, mass, loads or mesh of the scene are not those of the data; deviations include it",
-            refit.residual_m, refit.residual_over_noise, refit.step_s
+            in_sentence(refit.residual_m, 3),
+            refit.residual_over_noise,
+            in_sentence(refit.step_s, 7)
         )
     })
 }

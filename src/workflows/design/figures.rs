@@ -13,10 +13,13 @@ use super::stl;
 use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
 use crate::error::Result;
-use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, SERIES, Scale, Series};
 use crate::report::{Animation, Figure, Findings, Frame, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
+
+/// The colour of the scene's own.
+const GREY: usize = 6;
 
 /// Number of shapes drawn over the last cycle.
 const SHAPES: usize = 9;
@@ -83,13 +86,13 @@ impl Design {
         Chart::new(format!("{}: {title}", self.scene.name), x, y, scale, series)
     }
 
-    /// Lines of the design are the first in colour and dashes in all figures, those of the scene's own the second.
+    /// Lines of the design are the first in colour and dashes in all figures, those of the scene's own grey, as in the animation.
     fn designed(&self, points: Vec<(f64, f64)>, mark: Mark) -> Series {
         Series::new(self.after(), points, mark).coloured(0)
     }
 
     fn own(points: Vec<(f64, f64)>, mark: Mark) -> Series {
-        Series::new(BASELINE, points, mark).coloured(1)
+        Series::new(BASELINE, points, mark).coloured(GREY)
     }
 
     /// The same of what is given for both, in this order.
@@ -127,18 +130,18 @@ impl Design {
         if others.is_empty() {
             series.push(Self::own(line(&own), Mark::Line));
         }
-        let mut next = 2..;
+        let mut next = (0..).map(of_another);
         for other in others {
             let points = line(&other.profile.stiffness_n_m2);
             series.push(match other.name == BASELINE {
                 true => Self::own(points, Mark::Line),
-                false => Series::new(&other.name, points, Mark::Line).coloured(next.next().unwrap_or(2)),
+                false => Series::new(&other.name, points, Mark::Line).coloured(next.next().unwrap_or(1)),
             });
         }
         for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
             if bound <= 3.0 * highest {
                 let points = vec![(xi[0], bound), (xi[xi.len() - 1], bound)];
-                series.push(Series::new(label, points, Mark::Line).coloured(next.next().unwrap_or(2)));
+                series.push(Series::new(label, points, Mark::Line).coloured(next.next().unwrap_or(1)));
             }
         }
         // Longer titles are cut.
@@ -146,7 +149,8 @@ impl Design {
         ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
-    /// Side view of the straight rod before and after, with a stroke at each joint in proportion to its stiffness.
+    /// Side view of the straight rod, above its middle before and below it after, with a stroke at each joint in proportion to its
+    /// stiffness.
     fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
         if !matches!(self.answer, Answer::Search(_)) || self.table.fits_positions() {
             return Ok(None);
@@ -156,16 +160,15 @@ impl Design {
         let places: Vec<f64> = (0..=STATIONS).map(|i| i as f64 / STATIONS as f64).collect();
         let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
         let stiffest = own.iter().chain(&self.stiffness).copied().fold(f64::MIN_POSITIVE, f64::max);
-        let deepest = [rod, &after].into_iter().flat_map(|rod| places.iter().map(|xi| depth(rod, *xi)));
-        let apart = 1.5 * deepest.fold(0.0, f64::max);
         let mut series = Vec::new();
-        for (designed, rod, stiffness, y) in [(false, rod, &own, apart), (true, &after, &self.stiffness, -apart)] {
+        for (designed, rod, stiffness, sign) in [(false, rod, &own, 1.0), (true, &after, &self.stiffness, -1.0)] {
             for (k, ei) in rod.joints().zip(stiffness) {
                 let (x, size) = (rod.xi(k) * rod.length, depth(rod, rod.xi(k)) * ei / stiffest);
-                series.push(Series::new("", vec![(x, y - size), (x, y + size)], Mark::Ghost));
+                series.push(Series::new("", vec![(x, 0.0), (x, sign * size)], Mark::Ghost));
             }
-            let side = |sign: f64| places.iter().map(move |xi| (xi * rod.length, y + sign * depth(rod, *xi)));
-            let mut outline: Vec<(f64, f64)> = side(1.0).chain(side(-1.0).rev()).collect();
+            let side = places.iter().map(|xi| (xi * rod.length, sign * depth(rod, *xi)));
+            let middle = [(rod.length, 0.0), (0.0, 0.0)];
+            let mut outline: Vec<(f64, f64)> = side.chain(middle).collect();
             outline.extend(outline.first().copied());
             series.push(if designed { self.designed(outline, Mark::Line) } else { Self::own(outline, Mark::Line) });
         }
@@ -226,7 +229,7 @@ impl Design {
                     ((value(number) - deviation).max(0.0), (value(number) + deviation).min(2.0 * largest));
                 series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
             }
-            let role = if i == 0 { 0 } else { i + 1 }; // the second is the scene's own
+            let role = if i == 0 { 0 } else { of_another(i - 1) };
             series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots).coloured(role));
         }
         let ends = [0.5, 0.5 + found.numbers.len() as f64];
@@ -341,7 +344,7 @@ impl Design {
     /// The shapes of the last cycle before and after, with equal axes.
     fn cycle_figures(&self) -> Vec<Drawn> {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
-        let all = [self.shapes(before, 1), self.shapes(after, 0)];
+        let all = [self.shapes(before, GREY), self.shapes(after, 0)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
         let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
         let files = [("before.svg", format!("{what}, {BASELINE}")), ("after.svg", format!("{what}, {}", self.after()))];
@@ -611,12 +614,12 @@ impl Design {
             row.push(json!(verdict));
             row
         };
-        Table {
-            file: "joints.csv",
-            title: "Joints",
-            columns: columns.into_iter().map(str::to_string).collect(),
-            rows: rod.joints().enumerate().map(row).collect(),
+        let mut rows: Vec<Vec<Value>> = rod.joints().enumerate().map(row).collect();
+        if rows.iter().all(|row| row.last() == Some(&json!(""))) {
+            columns.pop();
+            rows.iter_mut().for_each(|row| drop(row.pop()));
         }
+        Table { file: "joints.csv", title: "Joints", columns: columns.into_iter().map(str::to_string).collect(), rows }
     }
 
     fn motion(&self, rod: &Rod) -> Option<(Animation, String)> {
@@ -640,6 +643,12 @@ impl Design {
     }
 }
 
+/// The colour of the `i`-th line that is neither of the design nor of the scene's own.
+fn of_another(i: usize) -> usize {
+    let others = SERIES - 2;
+    [1, 2, 3, 4, 5, 7][i % others] + SERIES * (i / others)
+}
+
 /// The caption of a figure.
 fn caption(file: &str) -> &'static str {
     match file {
@@ -647,7 +656,7 @@ fn caption(file: &str) -> &'static str {
             "The bending stiffness along the rod, over that of the scene, beside what it is compared with."
         }
         "body.svg" => {
-            "The straight rod from its side, before above and after below; the two axes have scales of their own. A stroke is as high, over the depth there, as the joint is stiff, over the stiffest."
+            "The straight rod from its side, above its middle before and below it after; the two axes have scales of their own. A stroke is as high, over the half depth there, as the joint is stiff, over the stiffest."
         }
         "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",

@@ -16,6 +16,7 @@ use super::search::FEASIBILITY_TOLERANCE;
 use super::table::DesignTable;
 use crate::fluid::laws::{CREEPING, Dependence, DragLaw, LAWS, cross_flow};
 use crate::jobs;
+use crate::number_format::in_sentence;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
 
@@ -235,19 +236,26 @@ impl Robustness {
                 format!("the limits do not hold in other simulations: {limit} with {simulation}")
             }
             (true, Some(_)) if let Some(limit) = &self.broken_before => format!(
-                "the original exceeds a limit ({limit}), and the design keeps all limits, in the other simulations too: that is the gain, along with {gain:+.2} % of the goal"
+                "the original exceeds a limit ({limit}), and the design keeps all limits, in the other simulations too: that is the gain, along with {} % of the goal",
+                in_sentence(gain, 3)
             ),
             (true, Some(least)) => {
                 format!(
-                    "the gain of {gain:.2} % survives: the least that the other simulations find is {least:.2} %, with {}",
+                    "the gain of {} % survives: the least that the other simulations find is {} %, with {}",
+                    in_sentence(gain, 3),
+                    in_sentence(least, 3),
                     self.least_in
                 )
             }
             (_, Some(_)) if gain <= 0.0 => "no gain: the design is no better than what was before".to_string(),
             (_, Some(least)) => {
-                format!("no gain: of {gain:+.2} % as designed {least:+.2} % is left with {}", self.least_in)
+                let [gain, least] = [gain, least].map(|percent| in_sentence(percent, 3));
+                format!("no gain: of {gain} % as designed {least} % is left with {}", self.least_in)
             }
-            (_, None) => format!("no gain: {gain:+.2} % as designed, but the simulation with {} fails", self.least_in),
+            (_, None) => {
+                let gain = in_sentence(gain, 3);
+                format!("no gain: {gain} % as designed, but the simulation with {} fails", self.least_in)
+            }
         }
     }
 }
@@ -314,7 +322,7 @@ mod tests {
         assert!(
             !beyond.survives
                 && beyond.words()
-                    == "the limits do not hold in other simulations: power at most 6 W, 166.00 % of it at t = 0.25 s with cross-flow"
+                    == "the limits do not hold in other simulations: power at most 6 W, 166.00 % of it at t = 0.2500 s with cross-flow"
         );
         // What breaks the limit is no measure.
         let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };

@@ -31,7 +31,7 @@ use crate::files::WrittenFiles;
 use crate::linear_stability::{REST_TOLERANCE, SteadyState, continue_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
-use crate::number_format::significant;
+use crate::number_format::in_sentence;
 use crate::report::{Claim, Folder, Owner};
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Problem, Trajectory};
@@ -208,7 +208,8 @@ impl Design {
                 let markers = data(1)?.unwrap_or_default();
                 let mut found = rest(&mut dynamics, &markers.positions[0], &table)?;
                 for (node, ei) in &found.missed {
-                    lines.push(format!("node {node} misses the shape: it would take EI = {ei:.4e} N m²"));
+                    lines
+                        .push(format!("node {node} misses the shape: it would take EI = {} N m²", in_sentence(*ei, 5)));
                 }
                 if !found.undecided.is_empty() {
                     let nodes = &found.undecided;
@@ -266,7 +267,9 @@ impl Design {
                         RobustnessChecks::of((document, &search.scenarios), &scene, &table, target.as_ref(), &profile);
                     evidence.checks = checks.make(&mut search.checkpoint);
                     if let Ok(scene) = scene_with(document, &table.numbers, &[], &profile) {
-                        lines.extend(ranges_left(&scene).into_iter().map(|note| format!("of the design: {note}")));
+                        // What puts the answer in question comes before it.
+                        let notes = ranges_left(&scene).into_iter().map(|note| format!("of the design: {note}"));
+                        lines.splice(0..0, notes);
                     }
                     let again = || Problem::of(&scene);
                     (evidence.front, evidence.unfinished) =
@@ -296,13 +299,11 @@ impl Design {
                 }
                 for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
-                        let gain = table.gain_percent(found.objective, value);
-                        let value = significant(value, 7);
+                        let gain = table.gain_in_words(found.objective, value, "");
+                        let value = in_sentence(value, 7);
                         lines.push(match (&compared.breaks, gain) {
                             (Some(limit), _) => format!("{}: {value}, but it breaks a limit: {limit}", compared.name),
-                            (None, Some(gain)) => {
-                                format!("{}: {value}; the design is {gain:+.2} % better", compared.name)
-                            }
+                            (None, Some(gain)) => format!("{}: {value}; the design is {gain}", compared.name),
                             (None, None) => format!("{}: {value}; the design is no better", compared.name),
                         });
                     }
@@ -312,12 +313,16 @@ impl Design {
             }
         };
         for check in &evidence.checks {
-            let gain = match (check.gain_percent, check.before) {
-                (Some(gain), _) if gain.abs() >= 0.005 => format!(", {gain:+.2} % better than before"),
-                (None, Some(before)) if check.designed.is_some() => format!(", before {}", significant(before, 7)),
+            let both = check.designed.zip(check.before);
+            let gain = both.and_then(|(value, before)| table.gain_in_words(value, before, " than before"));
+            let gain = match (gain, check.gain_percent, check.before) {
+                (Some(gain), ..) => format!(", {gain}"),
+                (None, None, Some(before)) if check.designed.is_some() => {
+                    format!(", before {}", in_sentence(before, 7))
+                }
                 _ => String::new(),
             };
-            let value = check.designed.map_or("fails".to_string(), |value| significant(value, 7));
+            let value = check.designed.map_or("fails".to_string(), |value| in_sentence(value, 7));
             let what = match table.goal {
                 Goal::Identify => " rms distance from the markers (m)",
                 Goal::StaticShape => " rms distance from the shape (m)",

@@ -10,6 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::cycle::derivatives;
 use crate::error::{Error, nearest};
 use crate::fluid::DENSITY;
+use crate::number_format::in_sentence;
 use crate::scene::value::{self, ExactlyTwo};
 use crate::scene::{Document, HeadKind, KeyError, Scene};
 use crate::sensitivity::Parameter;
@@ -17,6 +18,12 @@ use crate::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters}
 
 /// Bounds of what has none, over the scene's.
 pub const DEFAULT_BOUNDS: [f64; 2] = [0.01, 100.0];
+
+/// A gain below this is none, %.
+const LEAST_GAIN_PERCENT: f64 = 0.005;
+
+/// What is better or worse by this factor or more is said to be so by a factor.
+const LEAST_FACTOR: f64 = 2.0;
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -579,6 +586,14 @@ impl DesignTable {
         }
     }
 
+    /// How much better or worse `value` is than `other`, in words with `than` what; `None` where there is no difference, or none that
+    /// says something.
+    pub fn gain_in_words(&self, value: f64, other: f64, than: &str) -> Option<String> {
+        let gain = self.gain_percent(value, other)?;
+        let larger = (gain > 0.0) != self.smaller_is_better();
+        gain_in_words(gain, if larger { value / other } else { other / value }, than)
+    }
+
     /// True where a simulation is to come close to given positions.
     pub fn fits_positions(&self) -> bool {
         self.is_searched() && matches!(self.goal, Goal::Identify | Goal::TrackTip)
@@ -733,5 +748,31 @@ impl DesignTable {
             return Err(("design.amplitude_mean", format!("found {mean}; allowed: a positive number")));
         }
         Ok(())
+    }
+}
+
+/// A gain (%), or the factor that it is, above one, in words; `None` for next to none.
+fn gain_in_words(percent: f64, factor: f64, than: &str) -> Option<String> {
+    let what = if percent > 0.0 { "better" } else { "worse" };
+    let words = if factor >= LEAST_FACTOR {
+        format!("{what}{than} by a factor of {}", in_sentence(factor, 3))
+    } else {
+        format!("{} % {what}{than}", in_sentence(percent.abs(), 3))
+    };
+    (percent.abs() >= LEAST_GAIN_PERCENT).then_some(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_are_said_in_three_digits_and_large_ones_as_factors() {
+        let words = |percent, factor| gain_in_words(percent, factor, " than before");
+        assert_eq!(words(7.5159, 1.075).as_deref(), Some("7.52 % better than before"));
+        assert_eq!(words(-39.04, 1.64).as_deref(), Some("39 % worse than before"));
+        assert_eq!(words(1128.11, 12.2811).as_deref(), Some("better than before by a factor of 12.3"));
+        assert_eq!(words(99.9996, 225_000.0).as_deref(), Some("better than before by a factor of 2.25·10⁵"));
+        assert_eq!(words(1e-4, 1.000001), None);
     }
 }

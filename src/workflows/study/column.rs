@@ -8,12 +8,13 @@ use std::f64::consts::TAU;
 
 use serde_json::json;
 
-use super::rest_map::{Critical, MAX_NODES, RestMap, RestPoint, Scan, Scanned, even, left_out};
+use super::rest_map::{MAX_NODES, RestMap, RestPoint, Scan, Scanned, calm_again_in_words, even, left_out};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::stability::{StabilityOptions, geometric_sequence};
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::linear_stability::SteadyState;
+use crate::number_format::in_sentence;
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
 
@@ -72,44 +73,46 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
         Err(interrupted) => return Ok(interrupted),
     };
     let columns: Vec<(&Scan, &Scanned)> = scans.iter().map(|asked| &asked.scan).zip(&found).collect();
-    let [own, (_, undamped), map @ ..] = &columns[..] else { return Ok(StudyOutcome::Complete(Findings::default())) };
+    let [own, undamped, map @ ..] = &columns[..] else { return Ok(StudyOutcome::Complete(Findings::default())) };
     let mut findings = Findings { subject: "stability under loads", ..Findings::default() };
     let [low, high] = range;
-    let words = |of: &str, critical: Option<Critical>| match critical {
+    let words = |of: &str, (scan, found): (&Scan, &Scanned)| match found.critical {
         Some(critical) if critical.value == 0.0 => {
             format!("{of} the tail does not stay at rest without these loads either.")
         }
         Some(critical) => format!(
-            "{of} the tail stays at rest under up to {:.4} times its point loads; beyond, {}.",
+            "{of} the tail stays at rest under up to {:.4} times its point loads; {}.{}",
             critical.value,
-            critical.beyond()
+            critical.in_words(),
+            calm_again_in_words(&found.calm_again(&scan.values), " times them")
         ),
         None => format!("{of} the tail stays at rest under {low} to {high} times its point loads."),
     };
     if own_time.is_some_and(|time| time > 0.0) {
-        findings.answers.push(words("With the damping of its material", own.1.critical));
+        findings.answers.push(words("With the damping of its material", *own));
     }
-    findings.answers.push(words("Without damping of its material", undamped.critical));
+    findings.answers.push(words("Without damping of its material", *undamped));
     let known = map.iter().filter_map(|(scan, found)| Some((scan.place, found.critical?)));
     let weakest = known.min_by(|a, b| a.1.value.total_cmp(&b.1.value));
-    if let Some(((time, least), none)) = weakest.zip(undamped.critical)
+    if let Some(((time, least), none)) = weakest.zip(undamped.1.critical)
         && least.value < 0.99 * none.value
     {
         findings.answers.push(format!(
-            "With a damping time of {time:.3e} s it carries only {:.4} times them: damping lowers the limit by {:.0} %.",
+            "With a damping time of {} s it carries only {:.4} times them: damping lowers the limit by {:.0} %.",
+            in_sentence(time, 4),
             least.value,
             100.0 * (1.0 - least.value / none.value)
         ));
     }
     left_out(scene, coarse.rod.nodes.get(), &mut findings);
     findings.numbers.insert("unit_time_s".into(), json!(unit));
-    for (name, found) in [("", own.1), ("undamped_", undamped)] {
+    for (name, found) in [("", own.1), ("undamped_", undamped.1)] {
         let critical = found.critical;
         findings.numbers.insert(format!("{name}critical_factor"), json!(critical.map(|critical| critical.value)));
         let frequency = critical.map(|critical| critical.frequency / TAU);
         findings.numbers.insert(format!("{name}critical_frequency_hz"), json!(frequency));
     }
-    let bears = undamped.critical.map(|critical| critical.value);
+    let bears = undamped.1.critical.map(|critical| critical.value);
     let relative = |time: f64, _: f64| json!(time / unit);
     RestMap {
         name: &scene.name,

@@ -6,7 +6,9 @@ use std::f64::consts::TAU;
 use serde_json::json;
 
 use super::beam::{Beam, BeamInFlow};
-use super::rest_map::{MAX_NODES, RestMap, RestPoint, RestStability, Scan, Scanned, even, left_out};
+use super::rest_map::{
+    MAX_NODES, RestMap, RestPoint, RestStability, Scan, Scanned, calm_again_in_words, even, left_out,
+};
 use super::runner::{StudyOutcome, StudyRunner};
 use super::stability::{StabilityOptions, geometric_sequence};
 use crate::error::{Error, Result};
@@ -152,16 +154,18 @@ impl FlutterReport<'_> {
             Some(beam.critical(&flow, highest / tail.unit)? * tail.unit)
         };
         let (share, own_theory, critical) = (own.0.place, theory(own.0.place), own.1.critical);
+        let calm_again = own.1.calm_again(&own.0.values);
+        let again = calm_again_in_words(&calm_again, " m/s");
         findings.answers.push(match critical {
             Some(critical) if critical.value == 0.0 => format!(
-                "With the water's share {share:.4} in the inertia the tail does not stay at rest in still fluid already: {} of small motions about it.",
+                "With the water's share {share:.4} in the inertia the tail does not stay at rest in still fluid already: {} of small motions about it.{again}",
                 critical.outcome.category().label
             ),
             Some(critical) => format!(
-                "With the water's share {share:.4} in the inertia the tail stays at rest in flows of up to {:.4} m/s (u = {:.4}); beyond, {}.",
+                "With the water's share {share:.4} in the inertia the tail stays at rest in flows of up to {:.4} m/s (u = {:.4}); {}.{again}",
                 critical.value,
                 critical.value / tail.unit,
-                critical.beyond()
+                critical.in_words()
             ),
             None => format!(
                 "With the water's share {share:.4} in the inertia the tail stays at rest at all speeds that were looked at, the highest {highest:.4} m/s."
@@ -200,6 +204,7 @@ impl FlutterReport<'_> {
         findings.numbers.insert("mass_ratio".into(), json!(share));
         findings.numbers.insert("unit_speed_m_s".into(), json!(tail.unit));
         findings.numbers.insert("critical_speed_m_s".into(), json!(critical.map(|critical| critical.value)));
+        findings.numbers.insert("calm_again_m_s".into(), json!(calm_again));
         let frequency = critical.map(|critical| critical.frequency / TAU);
         findings.numbers.insert("critical_frequency_hz".into(), json!(frequency));
         findings.numbers.insert("critical_speed_by_theory_m_s".into(), json!(own_theory));

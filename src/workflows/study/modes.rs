@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::linear_stability::{NoSteadyState, SteadyState};
 use crate::modes::{Matrices, Mode, ModeKind, Modes, StableSteps, lowest_of_model};
+use crate::number_format::in_sentence;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::rod::Rod;
@@ -95,9 +96,9 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
                 }
             }
         };
-        findings.answers.push(format!("The actuation at {drive} Hz is {ratio:.3e} of that, {says}."));
+        findings.answers.push(format!("The actuation at {drive} Hz is {} times that, {says}.", in_sentence(ratio, 4)));
     }
-    let needed = RESOLVED / first.frequency;
+    let needed = in_sentence(RESOLVED / first.frequency, 3);
     let step = match scene.step_control() {
         StepControl::Fixed(step) => Some(step),
         StepControl::Adaptive(_) => None,
@@ -110,18 +111,20 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
                 n if n == found.len() => format!("all of these {n} modes"),
                 n => format!("the {n} lowest modes"),
             };
-            format!("The step of {step:e} s resolves {which} (ωΔt ≤ {RESOLVED}); the first needs {needed:.2e} s.")
+            let step = in_sentence(step, 7);
+            format!("The step of {step} s resolves {which} (ωΔt ≤ {RESOLVED}); the first needs {needed} s.")
         }
         None => format!(
-            "The steps are those that the tolerance asks for; one that resolves the first mode (ωΔt ≤ {RESOLVED}) has at most {needed:.2e} s."
+            "The steps are those that the tolerance asks for; one that resolves the first mode (ωΔt ≤ {RESOLVED}) has at most {needed} s."
         ),
     });
     let explicit = all.as_ref().and_then(|all| all.explicit_steps(rod.damping.as_ref()));
     match all.as_ref().zip(explicit) {
         Some((all, StableSteps { largest, limit, frequency })) => findings.answers.push(format!(
-            "The highest of all is {:.4e} Hz {with}: an explicit method needs steps below {largest:.4e} s (ωΔt ≤ {limit:.4} at {:.4e} Hz).",
-            all.highest() / TAU,
-            frequency / TAU,
+            "The highest of all is {} Hz {with}: an explicit method needs steps below {} s (ωΔt ≤ {limit:.4} at {} Hz).",
+            in_sentence(all.highest() / TAU, 5),
+            in_sentence(largest, 5),
+            in_sentence(frequency / TAU, 5),
         )),
         None => findings.answers.push(format!(
             "All frequencies, and with them the limit of explicit methods, are computed up to {MAX_NODES_FOR_SPECTRUM} nodes."
@@ -151,7 +154,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         x: "mode number".into(),
         y: "frequency (Hz)".into(),
         scale: Scale::LogLog,
-        series: frequencies(&found, all.as_ref(), drive, step.map(|step| 1.0 / (TAU * step))),
+        series: frequencies(&found, all.as_ref(), drive, step.map(|step| RESOLVED / (TAU * step))),
     };
     let caption = "The shapes of the lowest modes of bending along the rod, with their frequencies.";
     findings.figures.push(Figure::new("shapes.svg", caption, shapes.svg()));
@@ -192,10 +195,11 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         some.max_by(|a, b| a.growth.total_cmp(&b.growth))
     };
     let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok(()) };
+    let bend = in_sentence(bend, 3);
     let place = match (free, flow > 0.0) {
         (true, _) => "In the fluid, with which a free rod goes,".to_string(),
-        (false, true) => format!("In the flow of {flow:.4} m/s, at rest {bend:.2e} m from straight,"),
-        (false, false) => format!("In the fluid, at rest {bend:.2e} m from straight,"),
+        (false, true) => format!("In the flow of {flow:.4} m/s, at rest {bend} m from straight,"),
+        (false, false) => format!("In the fluid, at rest {bend} m from straight,"),
     };
     findings.answers.push(if leading.grows() {
         let how = if leading.frequency > 0.0 {
@@ -203,7 +207,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         } else {
             "diverges: a motion that does not swing".to_string()
         };
-        format!("{place} the rod {how} grows by {:.4e} 1/s.", leading.growth)
+        format!("{place} the rod {how} grows by {} 1/s.", in_sentence(leading.growth, 5))
     } else {
         match modes.iter().find(|mode| mode.frequency > 0.0) {
             Some(slowest) => format!(
@@ -295,7 +299,7 @@ fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
     (0..=shown).map(move |i| i * last / shown)
 }
 
-/// Frequencies (Hz) by mode number, with lines for the drive and for 1/Δt.
+/// Frequencies (Hz) by mode number, with lines for the drive and for the highest that the step resolves.
 fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Option<f64>) -> Vec<Series> {
     let curve = |axis: ModeKind| -> Vec<f64> {
         match (all, axis) {
@@ -314,6 +318,6 @@ fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Op
     }
     let level = |label: &str, value: f64| Series::new(label, vec![(1.0, value), (last, value)], Mark::Line);
     series.extend(drive.map(|drive| level("the drive", drive)));
-    series.extend(step.map(|step| level("ωΔt = 1", step)));
+    series.extend(step.map(|step| level(&format!("ωΔt = {RESOLVED}, resolved below"), step)));
     series
 }

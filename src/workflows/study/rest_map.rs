@@ -40,11 +40,11 @@ impl RestStability {
         // Of different lightness, so that they differ in grey print too.
         let (label, colour) = match self {
             Self::Stable => ("stays at rest", [158, 218, 190]),
-            Self::Flutter => ("flutter", [213, 94, 0]),
-            Self::Divergence => ("divergence", [86, 30, 110]),
+            Self::Flutter => ("flutter", [235, 125, 40]),
+            Self::Divergence => ("divergence", [125, 60, 160]),
             Self::NoRest => ("no rest found", [245, 245, 245]),
         };
-        Category { label, colour }
+        Category { label, colour, hatched: false }
     }
 }
 
@@ -110,12 +110,12 @@ pub(super) struct Critical {
 }
 
 impl Critical {
-    /// In words: what happens beyond it.
-    pub fn beyond(&self) -> String {
+    /// In words: what happens there.
+    pub fn in_words(&self) -> String {
         match self.outcome {
-            RestStability::Divergence => "small motions about that rest diverge".to_string(),
-            RestStability::NoRest => "no rest is found".to_string(),
-            _ => format!("small motions about that rest flutter, at {:.4} Hz", self.frequency / TAU),
+            RestStability::Divergence => "there small motions about that rest first diverge".to_string(),
+            RestStability::NoRest => "there first no rest is found".to_string(),
+            _ => format!("there small motions about that rest first flutter, at {:.4} Hz", self.frequency / TAU),
         }
     }
 }
@@ -185,6 +185,32 @@ impl Scan {
             Critical { value: 0.5 * (below + above), outcome: then.outcome, frequency: then.leading[1] }
         });
         Scanned { points, critical }
+    }
+}
+
+impl Scanned {
+    /// The first and the last of `values`, at which it was evaluated, of each window beyond the critical one in which the rest is
+    /// stable again.
+    pub fn calm_again(&self, values: &[f64]) -> Vec<[f64; 2]> {
+        let critical = self.critical.map_or(f64::INFINITY, |critical| critical.value);
+        let beyond: Vec<_> = values.iter().zip(&self.points).filter(|(value, _)| **value > critical).collect();
+        let alike = beyond.chunk_by(|a, b| a.1.outcome == b.1.outcome);
+        let stable = alike.filter(|window| window[0].1.outcome == RestStability::Stable);
+        stable.map(|window| [*window[0].0, *window[window.len() - 1].0]).collect()
+    }
+}
+
+/// The windows of [`Scanned::calm_again`] in words, with the unit of their ends; empty if there are none.
+pub(super) fn calm_again_in_words(windows: &[[f64; 2]], unit: &str) -> String {
+    let window = |[from, to]: &[f64; 2]| match from == to {
+        true => format!("at {from:.4}{unit}"),
+        false => format!("from {from:.4} to {to:.4}{unit}"),
+    };
+    let all: Vec<String> = windows.iter().map(window).collect();
+    if all.is_empty() {
+        String::new()
+    } else {
+        format!(" Of what was looked at beyond, it is calm again {}.", all.join(" and "))
     }
 }
 
@@ -371,5 +397,26 @@ impl RestMap<'_> {
                 .to_vec(),
             rows: rows.collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_in_which_a_rest_is_calm_again_are_named() {
+        use RestStability::{Divergence, Flutter, Stable};
+        let point = |outcome| RestPoint { outcome, ..RestPoint::NONE };
+        let outcomes = [Stable, Flutter, Stable, Stable, Divergence, Flutter, Stable];
+        let critical = Critical { value: 1.5, outcome: Flutter, frequency: TAU };
+        let mut found = Scanned { points: outcomes.map(point).to_vec(), critical: Some(critical) };
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+        let windows = found.calm_again(&values);
+        assert_eq!(windows, [[3.0, 4.0], [7.0, 7.0]]);
+        let words = calm_again_in_words(&windows, " m/s");
+        assert!(words.ends_with("it is calm again from 3.0000 to 4.0000 m/s and at 7.0000 m/s."), "{words}");
+        found.critical = None;
+        assert_eq!(calm_again_in_words(&found.calm_again(&values), ""), "");
     }
 }

@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::integrator::StepControl;
 use crate::jobs;
 use crate::modes::{Modes, StableSteps};
+use crate::number_format::in_sentence;
 use crate::report::Figure;
 use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Findings, Table};
@@ -166,16 +167,16 @@ impl StabilityOutcome {
     const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
-        // Of different lightness, so that they differ in grey print too.
+        // Of different lightness, so that they differ in grey print too, and none as dark as a dark page.
         let (label, colour) = match self {
-            Self::Accurate => ("accurate", [0, 158, 115]),
-            Self::Wrong => ("stable but wrong", [240, 228, 66]),
-            Self::Unjudged => ("stable, no reference", [200, 200, 200]),
-            Self::Growing => ("growing energy", [150, 40, 0]),
-            Self::Newton => ("Newton failed", [30, 30, 30]),
-            Self::Fold => ("fold-over", [225, 170, 205]),
+            Self::Accurate => ("accurate", [20, 172, 125]),
+            Self::Wrong => ("stable but wrong", [252, 236, 110]),
+            Self::Unjudged => ("stable, no reference", [192, 192, 192]),
+            Self::Growing => ("growing energy", [185, 45, 10]),
+            Self::Newton => ("Newton failed", [60, 60, 60]),
+            Self::Fold => ("fold-over", [212, 126, 168]),
         };
-        Category { label, colour }
+        Category { label, colour, hatched: self == Self::Newton }
     }
 
     fn of(run: &StudyRun, reference: Option<&StudyRun>, accurate: f64) -> Self {
@@ -388,7 +389,7 @@ impl StabilityReport<'_> {
             counts.iter().min().copied().zip(counts.iter().max().copied())
         };
         let range = |(low, high): (usize, usize)| {
-            let step = |count: usize| count.checked_sub(1).map(|i| format!("{:.2e} s", self.steps[i]));
+            let step = |count: usize| count.checked_sub(1).map(|i| format!("{} s", in_sentence(self.steps[i], 3)));
             match (step(low), step(high)) {
                 (_, None) => "at none of these steps".to_string(),
                 (None, Some(high)) => format!("up to {high} at best, and at none of these steps at worst"),
@@ -408,9 +409,11 @@ impl StabilityReport<'_> {
         }
         let beyond = if ways.is_empty() { String::new() } else { format!("; beyond: {}", ways.join(", ")) };
         let theory = match (boundary.first(), boundary.last()) {
-            (Some(first), Some(last)) if first.1 == last.1 => format!(" Linear theory's limit is {:.3e} s.", last.1),
+            (Some(first), Some(last)) if first.1 == last.1 => {
+                format!(" Linear theory's limit is {} s.", in_sentence(last.1, 4))
+            }
             (Some(first), Some(last)) => {
-                format!(" Linear theory's limit goes from {:.3e} to {:.3e} s.", first.1, last.1)
+                format!(" Linear theory's limit goes from {} to {} s.", in_sentence(first.1, 4), in_sentence(last.1, 4))
             }
             _ => String::new(),
         };
@@ -450,5 +453,21 @@ impl StabilityReport<'_> {
             .to_vec(),
             rows: rows.collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outcomes_differ_in_grey_print_and_are_seen_on_dark_pages() {
+        let grey = |[r, g, b]: [u8; 3]| 0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b);
+        let plain =
+            StabilityOutcome::ALL.map(StabilityOutcome::category).into_iter().filter(|category| !category.hatched);
+        let mut greys: Vec<f64> = plain.map(|category| grey(category.colour)).collect();
+        greys.sort_by(f64::total_cmp);
+        // Measured: 34 … 38 apart, from 83 on. A dark page has 26.
+        assert!(greys[0] > 80.0 && greys.windows(2).all(|pair| pair[1] - pair[0] > 30.0), "{greys:?}");
     }
 }

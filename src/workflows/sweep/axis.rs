@@ -380,7 +380,7 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, KeyError> {
             let level = |i: usize| match between(low, high, scale, i as f64 / (count - 1) as f64) {
                 _ if i == count - 1 => to.clone(),
                 x if whole && (x - x.round()).abs() <= WHOLE_TOLERANCE * x.abs() => Value::Integer(x.round() as i64),
-                x => Value::Float(x),
+                x => Value::Float(rounded(x, low.abs().max(high.abs()))),
             };
             Ok(AxisLevels::Listed { values: (0..count).map(level).collect(), scale })
         }
@@ -393,6 +393,13 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, KeyError> {
         }
         _ => Err(fault(value.to_string(), ALLOWED)),
     }
+}
+
+/// The decimal number of twelve digits that a level is meant to be, if it is off it only by the rounding of a range up to `size`; else
+/// the level as it is.
+fn rounded(x: f64, size: f64) -> f64 {
+    let short = format!("{x:.11e}").parse().unwrap_or(x);
+    if (short - x).abs() <= 4.0 * f64::EPSILON * size { short } else { x }
 }
 
 /// The point at fraction x between `low` and `high`; exactly `low` at 0.

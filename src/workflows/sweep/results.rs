@@ -1,7 +1,7 @@
 //! Results of a sweep: reads its journals, and writes its table (CSV, Parquet), figures and report.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde::de::{DeserializeOwned, MapAccess, Visitor};
@@ -23,6 +23,9 @@ use crate::report::{Figure, Folder};
 /// From this number of cases on, the table is written as Parquet too.
 #[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
+
+/// Digits that tell any two numbers apart.
+const MAX_DIGITS: usize = 17;
 
 /// Results that are still in memory, so that they need not be read from the journal. Their number is limited.
 #[derive(Debug, Default)]
@@ -225,7 +228,7 @@ impl<'a> SweepResults<'a> {
         let sweep = self.sweep;
         let axis = |axis: &SweepAxis| CaseAxis {
             name: axis.name.clone(),
-            labels: axis.labels.iter().map(label).collect(),
+            labels: if axis.sampled { axis.labels.iter().map(label).collect() } else { shown(&axis.labels) },
             numbers: axis.labels.iter().map(number).collect(),
             sampled: axis.sampled,
             logarithmic: axis.logarithmic,
@@ -307,6 +310,25 @@ fn label(value: &toml::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_string)
 }
 
+/// Digits of a level on the page, where so many tell it from the others.
+const LEVEL_DIGITS: usize = 5;
+
+/// The labels of levels for people: long numbers in as few digits as tell them apart.
+fn shown(levels: &[toml::Value]) -> Vec<String> {
+    let long = 3 + LEVEL_DIGITS;
+    let of = |digits: usize| {
+        let one = |level: &toml::Value| match level {
+            toml::Value::Float(x) if label(level).len() > long => {
+                label(&toml::Value::Float(format!("{x:.*e}", digits - 1).parse().unwrap_or(*x)))
+            }
+            _ => label(level),
+        };
+        levels.iter().map(one).collect::<Vec<_>>()
+    };
+    let apart = |labels: &Vec<String>| labels.iter().collect::<BTreeSet<_>>().len() == labels.len();
+    (LEVEL_DIGITS..MAX_DIGITS).map(of).find(apart).unwrap_or_else(|| of(MAX_DIGITS))
+}
+
 /// A value of a scene for a table cell: numbers, strings and booleans as they are, others as TOML.
 fn json(value: &toml::Value) -> Value {
     match value {
@@ -314,5 +336,18 @@ fn json(value: &toml::Value) -> Value {
         toml::Value::Float(x) => (*x).into(),
         toml::Value::Boolean(x) => (*x).into(),
         other => label(other).into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_shown_in_as_few_digits_as_tell_them_apart() {
+        let floats = |values: &[f64]| shown(&values.iter().map(|x| toml::Value::Float(*x)).collect::<Vec<_>>());
+        assert_eq!(floats(&[0.1, 0.1 + 0.2, 0.1 + 0.8 / 3.0]), ["0.1", "0.3", "0.36667"]);
+        assert_eq!(floats(&[1.0000001, 1.0000002]), ["1.0000001", "1.0000002"]);
+        assert_eq!(shown(&["a long label of a level".into(), 3.into()]), ["a long label of a level", "3"]);
     }
 }

@@ -4,10 +4,10 @@ use serde_json::json;
 
 use super::plan::PlannedRun;
 use super::quantities::{ComparedQuantity, describe_errors, quantities};
-use super::reference::{MIN_ERROR_OVER_REFERENCE, RUN_OPTIONS, Reference, RunResults};
+use super::reference::{MIN_ERROR_OVER_REFERENCE, RUN_OPTIONS, Reference, RunResults, digits_of};
 use crate::error::Result;
 use crate::integrator::StepControl;
-use crate::number_format::{percent, significant, two_digits};
+use crate::number_format::{in_sentence, percent, significant, two_digits};
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
 use crate::study::study_run::{SimulationMethod, StudyRun};
@@ -162,9 +162,9 @@ impl AccuracyReport<'_> {
             let errors = reference.errors;
             findings.answers.push(format!(
                 "Reference on {nodes} nodes: {}, energy put in {} J; two independent references agree to {}.",
-                reference.result.first_in_words(self.is_held()),
-                significant(reference.result.work, 7),
-                describe_errors(self.quantities(), errors.map(|e| format!("{e:.1e}")))
+                reference.result.first_in_words(self.is_held(), errors[0]),
+                significant(reference.result.work, digits_of(errors[2])),
+                describe_errors(self.quantities(), errors.map(|e| in_sentence(e, 2)))
             ));
             let mut numbers = json!({ "energy_put_in_j": reference.result.work });
             for (column, value) in self.quantities()[0].columns.iter().zip(reference.result.first) {
@@ -372,18 +372,18 @@ impl AccuracyReport<'_> {
     fn meshes_in_words(&self, limit: Option<&(RunResults, [f64; 3], f64)>, findings: &mut Findings) {
         let Some((limit, uncertain, order)) = limit else { return };
         findings.answers.push(format!(
-            "In the limit of fine meshes: {} (±{:.1e} relative, extrapolated; its error falls as N^-{order:.2}).",
-            limit.first_in_words(self.is_held()),
-            uncertain[0]
+            "In the limit of fine meshes: {} (±{}, extrapolated; its error falls as N^-{order:.2}).",
+            limit.first_in_words(self.is_held(), uncertain[0]),
+            percent(uncertain[0])
         ));
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
             let errors = reference.result.errors(limit);
             let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (errors[0] / target).powf(1.0 / order);
             findings.answers.push(format!(
-                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
-                describe_errors(self.quantities(), errors.map(|e| format!("{:.3} %", 100.0 * e))),
-                needed(1e-2),
-                needed(1e-4)
+                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {} nodes, 0.01 % about {}.",
+                describe_errors(self.quantities(), errors.map(percent)),
+                two_digits(needed(1e-2)),
+                two_digits(needed(1e-4))
             ));
         }
     }

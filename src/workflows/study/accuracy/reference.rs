@@ -33,6 +33,11 @@ pub struct RunResults {
     pub largest_work: f64,
 }
 
+/// Digits of a number that has this relative error: those that are known, and one more.
+pub fn digits_of(error: f64) -> usize {
+    (1.0 - error.log10()).ceil().clamp(1.0, 10.0) as usize
+}
+
 impl RunResults {
     pub fn of(run: &StudyRun) -> Self {
         Self {
@@ -64,10 +69,9 @@ impl RunResults {
         (self.first[0] - other.first[0]).hypot(self.first[1] - other.first[1])
     }
 
-    /// The first quantity as text.
-    pub fn first_in_words(&self, held: bool) -> String {
-        let [x, y] = self.first;
-        let [x, y] = [x, y].map(|value| significant(value, 10));
+    /// The first quantity as text, in the digits that its relative `error` leaves.
+    pub fn first_in_words(&self, held: bool, error: f64) -> String {
+        let [x, y] = self.first.map(|value| significant(value, digits_of(error)));
         if held { format!("mean head force ({x}, {y}) N") } else { format!("displacement {x} m") }
     }
 
@@ -108,5 +112,15 @@ impl Reference {
         let [own, others] = [first.errors(&second), other.errors(&second)];
         let errors = std::array::from_fn(|i| f64::max(own[i], others[i]));
         Some(Self { result: second, errors })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_has_the_digits_that_are_known_and_one_more() {
+        assert_eq!([0.3, 1.2e-2, 1e-9, 0.0, 2.0].map(digits_of), [2, 3, 10, 10, 1]);
     }
 }

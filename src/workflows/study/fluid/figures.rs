@@ -10,28 +10,44 @@ use crate::report::{Animation, Findings, Frame};
 const LANE_WIDTH: f64 = 1.15;
 const MIN_LANE_WIDTH: f64 = 0.2;
 
+fn has_moved(row: &FluidModelRow<'_>) -> bool {
+    row.swim.frames.len() > 1
+}
+
+/// The models as the animation has them: the reference first, and last those that did not move.
+fn in_order<'a, 'b>(rows: &'a [FluidModelRow<'b>]) -> Vec<&'a FluidModelRow<'b>> {
+    let mut order: Vec<_> = rows.iter().collect();
+    order.sort_by_key(|row| (!has_moved(row), !row.is_reference));
+    order
+}
+
 impl FluidReport<'_> {
     pub(super) fn charts(&self, rows: &[FluidModelRow<'_>], findings: &mut Findings) {
         let Some(reference) = rows.iter().find(|row| row.is_reference) else { return };
+        // As in the animation.
+        let order: Vec<String> = in_order(rows).iter().map(|row| row.model.to_string()).collect();
+        let colour = |name: &str| match order.iter().position(|other| other == name) {
+            None | Some(0) => 0,
+            Some(i) => Animation::series_of_companion(i - 1),
+        };
+        let dot = |name: String, at: (f64, f64)| {
+            let colour = colour(&name);
+            Series::new(name, vec![at], Mark::Dots).coloured(colour)
+        };
         let uncertain = reference.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         for (i, what) in [self.motion(), "power"].into_iter().enumerate() {
             let shown = rows.iter().filter_map(|row| {
                 let error = row.differences?[i].abs();
                 (!row.is_reference && error > 0.0).then(|| (row.model.to_string(), row.swim.run.processor_s, error))
             });
-            let mut series: Vec<Series> =
-                shown.map(|(name, cost, error)| Series::new(name, vec![(cost, error)], Mark::Dots)).collect();
+            let mut series: Vec<Series> = shown.map(|(name, cost, error)| dot(name, (cost, error))).collect();
             if series.is_empty() {
                 continue;
             }
             if let Some(level) = uncertain.map(|both| both[i]) {
                 let costs = || rows.iter().map(|row| row.swim.run.processor_s).filter(|cost| *cost > 0.0);
                 let (low, high) = (0.7 * costs().fold(f64::INFINITY, f64::min), 1.4 * costs().fold(0.0, f64::max));
-                series.push(Series::new(
-                    reference.model.to_string(),
-                    vec![(reference.swim.run.processor_s, level)],
-                    Mark::Dots,
-                ));
+                series.push(dot(reference.model.to_string(), (reference.swim.run.processor_s, level)));
                 let name = format!("published uncertainty ±{}", percent(level));
                 let points = vec![(low, level), (high, level), (high, level)];
                 series.push(Series::new(name, points, Mark::Level));
@@ -110,8 +126,8 @@ impl FluidReport<'_> {
 
     /// An animation of all completed runs, each on its own lane.
     pub(super) fn motions(rows: &[FluidModelRow<'_>]) -> Option<Box<(Animation, String)>> {
-        let mut swam: Vec<&FluidModelRow<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
-        swam.sort_by_key(|row| !row.is_reference);
+        let mut swam = in_order(rows);
+        swam.retain(|row| has_moved(row));
         let frames = swam.iter().map(|row| row.swim.frames.len()).min()?;
         let heights = |row: &&&FluidModelRow<'_>| {
             let ys = || row.swim.frames.iter().flat_map(|frame| &frame.points).map(|point| point[1]);
