@@ -304,6 +304,11 @@ impl Stepper {
         &self.dynamics.model
     }
 
+    /// What a host should know of its scene before it moves the rod, see [`Scene::fluid_note`].
+    pub fn fluid_note(&self) -> Option<String> {
+        self.source_scene.as_ref()?.fluid_note()
+    }
+
     /// The kind of model that the run of a scene uses, and why.
     pub fn choice(&self) -> Option<&ModelChoice> {
         self.choice.as_ref()

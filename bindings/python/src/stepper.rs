@@ -165,6 +165,11 @@ pub fn snapshot(py: Python<'_>, bytes: &[u8], scene: String) -> PyResult<Snapsho
 /// scene : Scene, str, os.PathLike or dict
 ///     The scene, or what :func:`caudal.load` makes one from.
 ///
+/// Warns
+/// -----
+/// RuntimeWarning
+///     Where ``auto`` chose the fluid for a rod at rest, because nothing of the scene moves it.
+///
 /// Examples
 /// --------
 /// >>> import caudal
@@ -184,6 +189,11 @@ pub struct Stepper {
     stepper: Mutex<Option<Box<caudal::stepper::Stepper>>>,
     /// Raised by another thread to end a step that is under way.
     stopped: AtomicBool,
+}
+
+/// Warns the caller.
+fn warn(py: Python<'_>, text: String) -> PyResult<()> {
+    PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &CString::new(text).unwrap_or_default(), 1)
 }
 
 /// The stepper of a locked place.
@@ -218,6 +228,9 @@ impl Stepper {
         };
         let content = &scene.get().scene;
         let stepper = py.detach(|| caudal::stepper::Stepper::of(content)).or_raise(py)?;
+        if let Some(note) = stepper.fluid_note() {
+            warn(py, note)?;
+        }
         let stepper = Mutex::new(Some(Box::new(stepper)));
         Ok(Self { scene: scene.unbind(), stepper, stopped: AtomicBool::new(false) })
     }
@@ -280,8 +293,7 @@ impl Stepper {
         }
         let Some(jump) = stepper.take_head_jump() else { return Ok(()) };
         drop(open);
-        let text = CString::new(jump.to_string()).unwrap_or_default();
-        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)
+        warn(py, jump.to_string())
     }
 
     /// Whether steps under way, in other threads, and further ones end soon after they begin: Python tells its main thread alone of Ctrl-C.
