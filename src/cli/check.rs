@@ -10,12 +10,12 @@ use serde_json::json;
 use super::{SceneArguments, output_folder, print, print_unless_quiet, refuse};
 
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
-    let (_, scene, stepper) = arguments.prepare()?;
+    let (document, scene, stepper) = arguments.prepare()?;
     let assessment = Assessment::of(&scene, &stepper)?;
     let facts =
         [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
             .concat();
-    let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err();
+    let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err().map(|error| document.located(error));
     if json {
         let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();
         let content = json!({

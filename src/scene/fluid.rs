@@ -641,7 +641,10 @@ impl Scene {
     pub fn fluid_note(&self) -> Option<String> {
         let choice = self.fluid_choice.as_ref().filter(|choice| choice.at_rest)?;
         let [asked, remedy] = match self.leaves_fluid_to_program() {
-            [true, true] => ["drag.law = \"auto\" and reactive = \"auto\" judge", "name drag.law (\"cross-flow\" with [reactive] for water)"],
+            [true, true] => [
+                "drag.law = \"auto\" and reactive = \"auto\" judge",
+                "name drag.law (\"cross-flow\" with [reactive] for water)",
+            ],
             [true, false] => ["drag.law = \"auto\" judges", "name drag.law (\"cross-flow\" for water)"],
             _ => ["reactive = \"auto\" judges", "write [reactive] (for water), or leave it out"],
         };
@@ -676,7 +679,9 @@ impl Scene {
                 let rod = self.rod_on(NODES[0] as usize);
                 let (law, reactive) = self.fluid_model(&rod);
                 let left_out = if reactive && reactive_left { self.beyond_added_mass(&rod) } else { None };
-                let of_water = left_out.as_ref().map_or(String::new(), |beyond| format!("; without the water's inertia, because {beyond}"));
+                let of_water = left_out
+                    .as_ref()
+                    .map_or(String::new(), |beyond| format!("; without the water's inertia, because {beyond}"));
                 let reason = format!("no estimates: {reason}{of_water}");
                 self.fluid_choice = Some(FluidChoice::without_estimates(law, reactive && left_out.is_none(), reason));
                 return;

@@ -918,7 +918,7 @@ impl InputChange<'_> {
             return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
         }
         let refused = if order == 0 {
-            variable.refused(values)
+            variable.refused(values).or_else(|| self.refused_length(&dynamics.model))
         } else {
             let refused = |x: &f64| match dynamics.refused_derivative(variable.name, order, *x) {
                 None if x.is_finite() => None,
@@ -930,6 +930,15 @@ impl InputChange<'_> {
             Some((value, allowed)) => Err(Error::BadValue { name: variable.name, value, allowed }),
             None => Ok(()),
         }
+    }
+
+    /// What a host adds to the length of a winch's cable that leaves nothing of it at any time, and what is allowed.
+    fn refused_length(&self, model: &Model) -> Option<(f64, &'static str)> {
+        let tendon = variable::WINCHES.iter().position(|name| *name == self.variable.name)?;
+        let [_, longest] = model.tendons.get(tendon)?.winch()?.length.range();
+        let added = *self.values.first()?;
+        let allowed = "a number with which the length of the cable, the scene's and this, is above 0";
+        (longest + added <= 0.0).then_some((added, allowed))
     }
 
     /// Applies it at time `t` (s) to the entries from index `first` on.
