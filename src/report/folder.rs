@@ -544,13 +544,11 @@ impl FolderWriter<'_> {
 impl Folder {
     /// Removes films and pictures of the results that were here before, if these had another content.
     fn remove_outdated_exports(&mut self) {
-        let Owner { name, source, fingerprint, .. } = &self.owner;
-        let changed = self.manifest.owner.as_ref().is_some_and(|before| before.fingerprint != *fingerprint);
+        let before = self.manifest.owner.as_ref().filter(|before| before.fingerprint != self.owner.fingerprint);
+        let Some(Owner { fingerprint, .. }) = before.cloned() else { return };
         let here = self.path.canonicalize().ok();
-        let is_outdated = |Export { of, .. }: &Export| {
-            let of_scene = (&of.name, &of.source) == (name, source) && of.fingerprint != *fingerprint;
-            of_scene || changed && here.as_ref() == Some(&of.source)
-        };
+        let is_outdated =
+            |Export { of, .. }: &Export| of.fingerprint == fingerprint || here.as_ref() == Some(&of.source);
         let exports = std::mem::take(&mut self.manifest.exports);
         let (outdated, others): (Vec<_>, Vec<_>) = exports.into_iter().partition(is_outdated);
         self.remove(outdated.iter().flat_map(|export| &export.files));
