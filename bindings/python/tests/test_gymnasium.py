@@ -60,8 +60,24 @@ def test_actions_are_inputs_in_groups_and_mistakes_are_named():
     options = dict(observations=["x_com_m"], reward=lambda before, after: 0.0, period_s=0.1)
     with pytest.raises(ValueError, match="no input; allowed: .*natural_curvature_1_m"):
         caudal.gymnasium.TailEnv("models/glycerol.toml", actions={"x_com_m": (0, 1)}, **options)
-    with pytest.raises(ValueError, match="no variable `curvature`"):
+    with pytest.raises(ValueError, match="actions: there is no variable `curvature` in this scene; did you mean `curvature_1_m`"):
         caudal.gymnasium.TailEnv("models/glycerol.toml", actions={"curvature": (0, 1)}, **options)
+    with pytest.raises(ValueError, match="observations: .*`head_force_x_n`.*it needs a held head"):
+        seen = {**options, "observations": ["head_force_x_n"]}
+        caudal.gymnasium.TailEnv("models/glycerol.toml", actions={"natural_curvature_1_m": (0, 1)}, **seen)
+    for wrong in (np.array([1j, 0.0, 0.0]), ["0", "0", "0"], [None] * 3):
+        with pytest.raises(TypeError, match="action: found an array of the shape"):
+            environment.step(wrong)
+
+
+def test_options_of_a_reset_that_there_are_not_are_refused():
+    module = example()
+    with pytest.raises(ValueError, match="options: found 'goal'; allowed: none"):
+        module.make_environment().reset(options={"goal": 1})
+    tails = module.make_environments(2)
+    with pytest.raises(ValueError, match="options: found 'mask'; allowed: 'reset_mask'"):
+        tails.reset(options={"mask": np.array([True, False])})
+    tails.close()
 
 
 def test_a_picture_is_drawn_where_it_is_asked_for():
