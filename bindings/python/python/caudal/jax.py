@@ -51,7 +51,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
 
     def real(name: str, value: Any) -> Any:
         array = jnp.asarray(value)
-        if array.dtype.kind not in "fiub" and not jnp.issubdtype(array.dtype, jnp.floating):
+        if jnp.iscomplexobj(array):
             raise TypeError(f"{name}: found the type {array.dtype}; allowed: a number, or an array of numbers")
         return array.astype(float)
 
