@@ -1,7 +1,7 @@
 //! Values between Python and the library.
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyTuple};
 
@@ -38,7 +38,7 @@ impl<'py> Numbers<'py> {
                 }
                 let wrong = |_| {
                     let allowed = "allowed: a number, or numbers in one dimension";
-                    PyValueError::new_err(format!("{argument}: found the shape {shape}; {allowed}"))
+                    PyTypeError::new_err(format!("{argument}: found the shape {shape}; {allowed}"))
                 };
                 array.cast_into().map_err(wrong)?
             }

@@ -155,7 +155,7 @@ def test_inputs_take_numbers_lists_and_arrays_of_any_memory():
         (np.full(count, np.nan), caudal.errors.BadValueError),
         (np.inf, caudal.errors.BadValueError),
         (np.zeros((count, 1)), TypeError),
-        ("many", ValueError),
+        ("many", TypeError),
         (None, (TypeError, ValueError)),
     ]:
         with pytest.raises(kind):
@@ -350,19 +350,20 @@ def test_the_package_carries_what_an_fmu_needs(fmi, tmp_path):
 def test_what_are_no_real_numbers_is_refused_by_its_argument():
     tail = caudal.Stepper("models/glycerol.toml")
     before = tail.get("natural_curvature_1_m")
-    for wrong in [1j, "1e3", None, [None] * 9, ["1"] * 9, [1j] * 9, np.full(9, 1 + 1j), np.full(9, None), object()]:
+    count = before.size
+    for wrong in [1j, "1e3", None, object(), [None] * count, ["1"] * count, [1j] * count, np.full(count, 1 + 1j), np.full(count, None)]:
         with pytest.raises(TypeError, match="^value: found .*; allowed: a number, or an array of numbers"):
             tail.set("natural_curvature_1_m", wrong)
         with pytest.raises(TypeError, match="^natural_curvature_1_m: found "):
             tail.set_all({"viscosity_pa_s": 2.0, "natural_curvature_1_m": wrong})
-    with pytest.raises(ValueError, match=r"value: found the shape \(9, 2\); allowed: a number, or numbers in one dimension"):
-        tail.set("natural_curvature_1_m", np.zeros((9, 2)))
+    with pytest.raises(TypeError, match=r"value: found the shape \(7, 2\); allowed: a number, or numbers in one dimension"):
+        tail.set("natural_curvature_1_m", np.zeros((7, 2)))
     with pytest.raises(ValueError, match="value: found lists of different lengths"):
         tail.set("natural_curvature_1_m", [[1.0], [1.0, 2.0]])
     np.testing.assert_array_equal(tail.get("natural_curvature_1_m"), before)
-    for right in [1, np.float32(1.0), np.ones(9, dtype=int), [1] * 9, (1.0,) * 9]:
+    for right in [1, np.float32(1.0), np.ones(count, dtype=int), [1] * count, (1.0,) * count]:
         tail.set("natural_curvature_1_m", right)
-        assert set(tail.get("natural_curvature_1_m")[1:-1]) == {1.0}
+        assert set(tail.get("natural_curvature_1_m")) == {1.0}
     with pytest.raises(caudal.errors.UnknownVariableError, match="did you mean `tip_y_m`"):
         tail.get("TIP_Y_M")
 
