@@ -721,6 +721,7 @@ impl Assessment {
         let rod = &stepper.model().rod;
         let step = scene.typical_step();
         let warnings = &mut self.warnings;
+        warnings.extend(scene.fluid_note());
         if stepper.model().forces.iter().any(|force| force.name() == laws::stokes_like::LAW.name) {
             let range = laws::stokes_like::LAW.validity.range;
             let creeping = self.reynolds.is_none_or(|reynolds| reynolds <= CREEPING);

@@ -11,12 +11,12 @@ use super::run::first_loads;
 use super::{SceneArguments, output_folder, print, print_unless_quiet, refuse};
 
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
-    let (_, scene, stepper) = arguments.prepare()?;
+    let (document, scene, stepper) = arguments.prepare()?;
     let assessment = Assessment::of(&scene, &stepper)?;
     let mut facts =
         [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
             .concat();
-    let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err();
+    let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err().map(|error| document.located(error));
     facts.extend(first_loads(&scene, stepper).map(|text| AssessmentLine { name: "loads", text }));
     if json {
         let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();

@@ -56,10 +56,10 @@ pub struct NewArguments {
     #[arg(long, value_enum)]
     fluid: Option<TemplateFluid>,
     /// Its length, m [default: 0.2]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
     length: Option<f64>,
     /// How often it beats, Hz [default: 2]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     frequency: Option<f64>,
     /// Replace a file of that name
     #[arg(long)]

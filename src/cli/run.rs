@@ -46,7 +46,7 @@ pub fn run(
     let folder = out.unwrap_or_else(|| output_folder(&scene));
     let mut output = match RunOutput::create(&folder, &scene, &stepper, Claim::forced(force)) {
         Ok(output) => output,
-        Err(error) => return Ok(refuse(&error)),
+        Err(error) => return Ok(refuse(&document.located(error))),
     };
     for warning in &warnings {
         print_unless_quiet(&format!("note: {warning}"));

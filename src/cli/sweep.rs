@@ -1,5 +1,6 @@
 //! `caudal sweep`: runs, resumes, shards and merges sweeps.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
@@ -23,8 +24,8 @@ pub struct SweepArguments {
     #[command(flatten)]
     sweep: Option<SweepSource>,
     /// Threads [default: one per core]
-    #[arg(long, value_name = "N")]
-    jobs: Option<std::num::NonZeroUsize>,
+    #[arg(long, value_name = "N", value_parser = thread_count)]
+    jobs: Option<NonZeroUsize>,
     /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` puts the parts together
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
@@ -34,6 +35,11 @@ pub struct SweepArguments {
     /// List and check the cases, run none
     #[arg(long)]
     dry_run: bool,
+}
+
+/// A number of threads.
+fn thread_count(text: &str) -> std::result::Result<NonZeroUsize, String> {
+    text.parse().map_err(|_| "allowed: a whole number, 1 or more".to_string())
 }
 
 #[derive(Debug, Subcommand)]

@@ -362,6 +362,8 @@ pub struct FluidChoice {
     pub errors: Option<[f64; 2]>,
     /// Published uncertainty of the most accurate law, in motion and power, if there are estimates and it is known.
     pub uncertainty: Option<[f64; 2]>,
+    /// True if the estimates are of a rod at rest: nothing of the scene moves it, and a host that does is unknown to them.
+    pub at_rest: bool,
 }
 
 /// The largest error of a simpler law, as a fraction of the uncertainty of the most accurate one.
@@ -370,7 +372,7 @@ pub const UNCERTAINTY_FRACTION: f64 = 0.25;
 impl FluidChoice {
     /// A choice without estimates, for that reason.
     pub fn without_estimates(law: Option<&'static DragLaw>, reactive: bool, reason: String) -> Self {
-        Self { law, reactive, reason, errors: None, uncertainty: None }
+        Self { law, reactive, reason, errors: None, uncertainty: None, at_rest: false }
     }
 
     /// The cheapest `allowed` law whose error is small compared with the uncertainty of the most accurate one. It includes added mass if
@@ -424,6 +426,7 @@ impl FluidChoice {
             reason,
             errors: (estimates.laws.len() > 1).then_some(taken.errors),
             uncertainty: highest.uncertainty.filter(|both| both.iter().all(|part| part.is_finite())),
+            at_rest: estimates.regime.counted_speed() == 0.0,
         })
     }
 

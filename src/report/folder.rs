@@ -533,6 +533,7 @@ impl FolderWriter<'_> {
             let written: BTreeSet<String> = kept.files.iter().filter_map(name).chain(earlier).collect();
             folder.remove(folder.manifest.files.difference(&written));
             folder.manifest.files = written;
+            folder.remove_outdated_exports();
             folder.manifest.owner = Some(folder.owner.clone());
             let _ = folder.save(); // that of before lists what is there, and more
         }
@@ -541,6 +542,19 @@ impl FolderWriter<'_> {
 }
 
 impl Folder {
+    /// Removes films and pictures of the results that were here before, if these had another content.
+    fn remove_outdated_exports(&mut self) {
+        let before = self.manifest.owner.as_ref().filter(|before| before.fingerprint != self.owner.fingerprint);
+        let Some(Owner { fingerprint, .. }) = before.cloned() else { return };
+        let here = self.path.canonicalize().ok();
+        let is_outdated =
+            |Export { of, .. }: &Export| of.fingerprint == fingerprint || here.as_ref() == Some(&of.source);
+        let exports = std::mem::take(&mut self.manifest.exports);
+        let (outdated, others): (Vec<_>, Vec<_>) = exports.into_iter().partition(is_outdated);
+        self.remove(outdated.iter().flat_map(|export| &export.files));
+        self.manifest.exports = others;
+    }
+
     /// Lists files as results or exports, unless they are listed.
     fn enter(&mut self, names: &[&str], exports: bool) -> Result<()> {
         let Manifest { files, exports: exported, .. } = &self.manifest;

@@ -54,6 +54,11 @@ pub(crate) fn rephrase(key: String, message: &str, source: Option<&str>) -> (Str
         let near = nearest(name, names.split('`').skip(1).step_by(2));
         return (key, unknown_key(&listed(names), near));
     }
+    if let Some(name) =
+        message.strip_prefix("unknown field `").and_then(|rest| rest.strip_suffix("`, there are no fields"))
+    {
+        return (key, format!("found `{name}`; allowed: nothing, there are no options"));
+    }
     if let Some(name) = message.strip_prefix("missing field `") {
         let name = name.trim_end_matches('`');
         let key = if key.is_empty() { name.to_string() } else { format!("{key}.{name}") };

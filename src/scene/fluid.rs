@@ -636,6 +636,24 @@ impl Scene {
         self.fluid_choice.as_ref()
     }
 
+    /// What a host should know before it moves the rod: that the program chose the fluid for a rod at rest, because nothing of the scene
+    /// moves it. Every face says it: `check` and the notes of a run, Python as a warning, the FMU in its log, C by `caudal_note`.
+    pub fn fluid_note(&self) -> Option<String> {
+        let choice = self.fluid_choice.as_ref().filter(|choice| choice.at_rest)?;
+        let [asked, remedy] = match self.leaves_fluid_to_program() {
+            [true, true] => [
+                "drag.law = \"auto\" and reactive = \"auto\" judge",
+                "name drag.law (\"cross-flow\" with [reactive] for water)",
+            ],
+            [true, false] => ["drag.law = \"auto\" judges", "name drag.law (\"cross-flow\" for water)"],
+            _ => ["reactive = \"auto\" judges", "write [reactive] (for water), or leave it out"],
+        };
+        Some(format!(
+            "{asked} by the scene's own motion, and nothing of the scene moves this rod: {} is that of a rod at rest, and stays whatever a host does; {remedy}, or give the scene a typical motion",
+            choice.name()
+        ))
+    }
+
     /// The choice of the fluid, by estimates or by its Reynolds number.
     pub(super) fn fluid_choice_or_fixed(&self) -> Option<FluidChoice> {
         self.fluid_choice.clone().or_else(|| {
@@ -658,9 +676,14 @@ impl Scene {
         let estimates = match self.fluid_estimates() {
             Ok(estimates) => estimates,
             Err(reason) => {
-                let (law, reactive) = self.fluid_model(&self.rod_on(NODES[0] as usize));
-                let reason = format!("no estimates: {reason}");
-                self.fluid_choice = Some(FluidChoice::without_estimates(law, reactive, reason));
+                let rod = self.rod_on(NODES[0] as usize);
+                let (law, reactive) = self.fluid_model(&rod);
+                let left_out = if reactive && reactive_left { self.beyond_added_mass(&rod) } else { None };
+                let of_water = left_out
+                    .as_ref()
+                    .map_or(String::new(), |beyond| format!("; without the water's inertia, because {beyond}"));
+                let reason = format!("no estimates: {reason}{of_water}");
+                self.fluid_choice = Some(FluidChoice::without_estimates(law, reactive && left_out.is_none(), reason));
                 return;
             }
         };
@@ -682,10 +705,22 @@ impl Scene {
         }
     }
 
+    /// Why the water's inertia is better left out around `rod`, if so: its boundary layer would be thicker than the rod.
+    fn beyond_added_mass(&self, rod: &Rod) -> Option<String> {
+        let at_rest = |fluid| TransverseMotion { speed: 0.0, per_depth: 0.0, along: 0.0, body: 0.0, fluid };
+        let across = match self.regime() {
+            Ok(regime) => regime.across,
+            Err(_) => at_rest(self.fluid().ok()?.0),
+        };
+        let number = reactive::COUNTS.value_outside(&self.motion(rod, across))?;
+        Some(format!("{} is {number:.3e} (allowed: {})", reactive::COUNTS.number.words(), reactive::COUNTS.limits()))
+    }
+
     /// Notes about those of `forces` on its `rod` that a motion takes out of their range of validity.
     pub fn range_notes(&self, forces: &Forces, rod: &Rod, across: TransverseMotion) -> Vec<String> {
         let mut left = warnings::out_of_range(forces, &self.motion(rod, across), |law| self.without(law));
-        if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
+        let is_estimated = self.fluid_choice.as_ref().is_some_and(|choice| choice.errors.is_some());
+        if is_estimated && self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));
             of_water.for_each(|note| {
                 *note += "; reactive = \"auto\" includes it nevertheless, because leaving it out causes a larger error"

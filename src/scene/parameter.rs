@@ -384,6 +384,7 @@ impl Scene {
             scene
         });
         let tables = [
+            ("rod.nodes", a.rod.nodes == b.rod.nodes),
             ("rod", a.rod == b.rod),
             ("actuation", a.actuation == b.actuation),
             ("tendons", a.tendons == b.tendons && a.contents == b.contents),
@@ -399,7 +400,7 @@ impl Scene {
         tables.iter().find(|(_, same)| !same).map(|(table, _)| table.to_string())
     }
 
-    /// Sets every [tunable](ScalarParameter::is_tunable) value that there is to `one`.
+    /// Sets every [tunable](ScalarParameter::is_tunable) value that there is to `one`, and factors of drag that have defaults too.
     fn set_tunable(&mut self, one: Positive) {
         fn set<T>(value: &mut Option<T>, one: T) {
             if value.is_some() {
@@ -432,7 +433,8 @@ impl Scene {
                 &mut drag.turbulent_friction,
                 &mut drag.head_weight,
             ];
-            factors.into_iter().for_each(|value| set(value, factor));
+            // Left out, they have their defaults.
+            factors.into_iter().for_each(|value| *value = Some(factor));
         }
         if let Some(reactive) = &mut self.reactive {
             reactive.shedding = Share::constant(1.0);

@@ -1,6 +1,7 @@
 //! Parameters that a simulation can be differentiated by, and their effect on the equations.
 
 use std::f64::consts::TAU;
+use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -35,6 +36,24 @@ pub enum Parameter {
     OfScene(usize),
     /// A direction in the parameters of joints, by its index in [`Problem::directions`](super::Problem::directions).
     Along(usize),
+}
+
+impl fmt::Display for Parameter {
+    /// As [`parameters`](super::simulation::parameters) name it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stiffness(k) => write!(f, "joint_stiffness_n_m2 at node {k}"),
+            Self::NaturalCurvature(k) => write!(f, "natural_curvature_1_m at node {k}"),
+            Self::WaveAmplitude(k) => write!(f, "joint_amplitude_factor at node {k}"),
+            Self::WavePhase(k) => write!(f, "joint_phase_rad at node {k}"),
+            Self::Amplitude => f.write_str("the amplitude of the actuation"),
+            Self::Frequency => f.write_str("actuation.frequency_hz"),
+            Self::Phase => f.write_str("actuation_phase_rad"),
+            Self::OfForces(key) => f.write_str(key),
+            Self::OfScene(i) => write!(f, "finite difference {i} of the scene"),
+            Self::Along(i) => write!(f, "direction {i} in the parameters of joints"),
+        }
+    }
 }
 
 /// A direction in the parameters of joints, such as those that move with one knot: the derivative along it is the sum of `weights` times
@@ -217,7 +236,7 @@ impl Parameter {
     /// differences.
     pub(super) fn check(self, model: &Model, count: usize, directions: &[JointDirection]) -> Result<()> {
         let refuse =
-            |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self:?}: {problem}") });
+            |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self}: {problem}") });
         let joints = model.rod.joints();
         match self {
             Self::Stiffness(k) | Self::NaturalCurvature(k) | Self::WaveAmplitude(k) | Self::WavePhase(k)

@@ -221,9 +221,9 @@ pub fn finite_differences(
     let layers = own.model()?.layers;
     let of = |i: usize| {
         let number = &numbers[i];
-        // How all numbers change with this one.
-        let mut direction = vec![0.0; numbers.len()];
-        direction[i] = 1.0;
+        // How all numbers change with this one, which may be there twice.
+        let is_same = |other: &SceneParameter| other.key == number.key && other.place == number.place;
+        let mut direction: Vec<f64> = numbers.iter().map(|other| if is_same(other) { 1.0 } else { 0.0 }).collect();
         if let (Some(layers), FLOW) = (&layers, &*number.key) {
             let normal: [f64; 2] = layers.normal.into();
             let axis = |j: usize| numbers[j].place.first().copied().unwrap_or_default();

@@ -60,6 +60,13 @@ enum WithRespectTo {
     Velocity(usize),
 }
 
+impl WithRespectTo {
+    /// True if it is of the scene's actuation.
+    fn is_of_wave(self) -> bool {
+        matches!(self, Self::Amplitude | Self::PhaseProfile | Self::Phase)
+    }
+}
+
 /// Name, unit and meaning of the parameters that are not keys of the scene.
 const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
     (WithRespectTo::Stiffness, "joint_stiffness_n_m2", "N m^2", "bending stiffness of the joints"),
@@ -144,6 +151,8 @@ struct DifferentiableParameters {
     /// The numbers of every key.
     keys: Vec<Vec<SceneParameter>>,
     driven: bool,
+    /// The drive has a limit or a lag: its wave may be given, but has no derivatives.
+    filtered: bool,
 }
 
 impl DifferentiableParameters {
@@ -151,20 +160,19 @@ impl DifferentiableParameters {
         let model = scene.model()?;
         let numbers = SceneParameters::of(scene, &model);
         let keys = numbers.keys().into_iter().map(|key| numbers.of_key(key)).collect();
-        Ok(Self { keys, driven: model.actuation.is_some() })
+        Ok(Self { keys, driven: model.actuation.is_some(), filtered: model.filters_drive() })
     }
 
     fn names(&self) -> Vec<&str> {
         let keys = self.keys.iter().map(|numbers| &*numbers[0].key);
-        let named = NODE_PARAMETERS.iter().map(|named| named.1).filter(|name| self.named(name).is_some());
-        keys.chain(named).collect()
+        let named = NODE_PARAMETERS.iter().filter(|(by, ..)| !by.is_of_wave() || self.driven && !self.filtered);
+        keys.chain(named.map(|named| named.1)).collect()
     }
 
     /// The parameter `name`, with unit and meaning.
     fn named(&self, name: &str) -> Option<(WithRespectTo, &'static str, String)> {
         if let Some((by, _, unit, meaning)) = NODE_PARAMETERS.iter().find(|(_, own, ..)| *own == name) {
-            let wave = matches!(by, WithRespectTo::Amplitude | WithRespectTo::PhaseProfile | WithRespectTo::Phase);
-            return (self.driven || !wave).then(|| (*by, *unit, meaning.to_string()));
+            return (self.driven || !by.is_of_wave()).then(|| (*by, *unit, meaning.to_string()));
         }
         let i = self.keys.iter().position(|numbers| numbers[0].key == name)?;
         let numbers = &self.keys[i];
@@ -248,6 +256,8 @@ pub struct Simulation {
     /// Names of the parameters given over time.
     over_time: Vec<String>,
     simulated: Option<(Trajectory, Sensitivities)>,
+    /// A mean over cycles was asked for.
+    has_mean: bool,
 }
 
 impl Simulation {
@@ -293,6 +303,7 @@ impl Simulation {
             phase: 0.0,
             over_time: Vec::new(),
             simulated: None,
+            has_mean: false,
         };
         own.take_values(values)?;
         for name in outputs {
@@ -461,7 +472,8 @@ impl Simulation {
         Ok(self.reads.iter().map(|(name, what)| (&**name, read(*what))).collect())
     }
 
-    /// Notes of a run of the scene: model, steps or energy balance that are out of range.
+    /// Notes of a run of the scene: model, steps or energy balance that are out of range; and cycles that are not periodic, if a mean over
+    /// them was asked for.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::assessment::Assessment).
@@ -470,14 +482,23 @@ impl Simulation {
         let warnings =
             crate::assessment::Assessment::of_run(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
         let (metrics, end) = self.problem.simulate_metrics()?;
-        Ok(crate::diagnostics::notes(
-            &self.scene,
-            self.problem.model(),
-            &metrics,
-            &end,
-            self.scene.step_control(),
-            &warnings,
-        ))
+        let step_control = self.scene.step_control();
+        let mut notes =
+            crate::diagnostics::notes(&self.scene, self.problem.model(), &metrics, &end, step_control, &warnings);
+        if self.has_mean {
+            let (_, cycles, _) = self.problem.simulate_cycles()?;
+            let averages = cycles.averages(&self.problem.dynamics);
+            notes.extend(match averages.difference {
+                Some(difference) if difference.is_periodic() => None,
+                Some(difference) => {
+                    Some(format!("not periodic yet: {difference} from cycle to cycle, and the means are over these"))
+                }
+                None => Some(
+                    "the means are over a single cycle, which does not tell whether the motion is periodic".to_string(),
+                ),
+            });
+        }
+        Ok(notes)
     }
 
     /// The parameters with these names.
@@ -640,6 +661,7 @@ impl Simulation {
             let (key, reason) = (measure.key, self.problem.no_mean(&measure)?);
             return Err(refusal(format!("this run has no {key}: {reason}")));
         };
+        self.has_mean = true;
         let mut parts = slopes.into_iter();
         Ok((value, by.into_iter().map(|by| self.take(by, &mut parts)).collect()))
     }

@@ -304,6 +304,11 @@ impl Stepper {
         &self.dynamics.model
     }
 
+    /// What a host should know of its scene before it moves the rod, see [`Scene::fluid_note`].
+    pub fn fluid_note(&self) -> Option<String> {
+        self.source_scene.as_ref()?.fluid_note()
+    }
+
     /// The kind of model that the run of a scene uses, and why.
     pub fn choice(&self) -> Option<&ModelChoice> {
         self.choice.as_ref()
@@ -913,7 +918,7 @@ impl InputChange<'_> {
             return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
         }
         let refused = if order == 0 {
-            variable.refused(values)
+            variable.refused(values).or_else(|| self.refused_length(&dynamics.model))
         } else {
             let refused = |x: &f64| match dynamics.refused_derivative(variable.name, order, *x) {
                 None if x.is_finite() => None,
@@ -925,6 +930,15 @@ impl InputChange<'_> {
             Some((value, allowed)) => Err(Error::BadValue { name: variable.name, value, allowed }),
             None => Ok(()),
         }
+    }
+
+    /// What a host adds to the length of a winch's cable that leaves nothing of it at any time, and what is allowed.
+    fn refused_length(&self, model: &Model) -> Option<(f64, &'static str)> {
+        let tendon = variable::WINCHES.iter().position(|name| *name == self.variable.name)?;
+        let [_, longest] = model.tendons.get(tendon)?.winch()?.length.range();
+        let added = *self.values.first()?;
+        let allowed = "a number with which the length of the cable, the scene's and this, is above 0";
+        (longest + added <= 0.0).then_some((added, allowed))
     }
 
     /// Applies it at time `t` (s) to the entries from index `first` on.

@@ -271,7 +271,7 @@ const TENSIONS: [DirectFeedthrough; MAX_TENDONS] = [
     always("tendon_4_added_tension_n", FeedthroughEntries::All),
 ];
 /// What a host adds to the lengths that winches give the tendons.
-const WINCHES: [&str; MAX_TENDONS] =
+pub(crate) const WINCHES: [&str; MAX_TENDONS] =
     ["tendon_1_added_length_m", "tendon_2_added_length_m", "tendon_3_added_length_m", "tendon_4_added_length_m"];
 const TENSION_1: &[DirectFeedthrough] = TENSIONS.split_at(1).0;
 const TENSION_2: &[DirectFeedthrough] = TENSIONS.split_at(1).1.split_at(1).0;

@@ -571,3 +571,28 @@ fn an_fmu_of_nodes_that_there_are_not_is_wrong_input() {
     assert!(refused.status.code() == Some(2), "{}", text(&refused.stderr));
     assert!(text(&refused.stderr).contains("node 99: the rod has the nodes 0 to"), "{}", text(&refused.stderr));
 }
+
+#[test]
+fn wrong_options_are_named_as_they_were_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("new.toml");
+    for (arguments, expected) in [
+        (&["new", file.to_str().unwrap(), "--length", "-1"][..], "--length: found -1; allowed: "),
+        (&["new", file.to_str().unwrap(), "--frequency", "-2.5"], "--frequency: found -2.5; allowed: "),
+        (&["sweep", "models/sweep-muscles.toml", "--jobs", "0"], "allowed: a whole number, 1 or more"),
+        (
+            &["run", "models/silicone-tail.toml", "--set", "record.variables=[\"joint_moment\"]"],
+            "--set record.variables=[\"joint_moment\"]: record.variables: ",
+        ),
+        (
+            &["check", "models/silicone-tail.toml", "--set", "record.variables=[\"joint_moment\"]"],
+            "--set record.variables=[\"joint_moment\"]: record.variables: ",
+        ),
+        (&["run", "models/silicone-tail.toml", "--set", "record.variables=[\"TIP_Y_M\"]"], "did you mean `tip_y_m`?"),
+    ] {
+        let output = caudal(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(expected), "{arguments:?}: {}", text(&output.stderr));
+    }
+    assert!(!file.exists());
+}

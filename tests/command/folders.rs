@@ -336,3 +336,29 @@ fn a_folder_that_was_there_stays_when_what_should_go_into_it_fails() {
         }
     }
 }
+
+#[cfg(feature = "pictures")]
+#[test]
+fn films_and_pictures_of_other_results_go_with_them() {
+    let folder = scenes();
+    let here = folder.path().join("out/eel");
+    let made = |name: &str| here.join(name).exists();
+    let must = |arguments: &str| {
+        let output = caudal(folder.path(), arguments);
+        assert!(output.status.success(), "{arguments}: {}", errors(&output));
+    };
+    must("run eel.toml");
+    must("export out/eel --gif --png");
+    assert!(made("eel.gif") && files(&here).keys().any(|name| name.ends_with(".png")));
+    must("run eel.toml");
+    assert!(made("eel.gif"), "of the same run it is right");
+    must("run eel.toml --set actuation.kappa_amp=2.0");
+    let left: Vec<String> =
+        files(&here).into_keys().filter(|name| name.ends_with(".gif") || name.ends_with(".png")).collect();
+    assert_eq!(left, [""; 0]);
+    assert!(!listed(&here).iter().any(|name| name.ends_with(".gif")));
+    // What was exported of another scene stays.
+    must("export worm.toml --gif --out out/eel");
+    must("run eel.toml");
+    assert!(made("worm.gif"));
+}

@@ -316,3 +316,59 @@ fn a_mean_that_a_run_has_not_is_refused_with_the_reason() {
         assert!(error.contains(&format!("this run has no {measure}: ")) && error.contains(reason), "{error}");
     }
 }
+
+#[test]
+fn a_key_that_is_named_twice_has_its_derivative_twice() {
+    let changes = ["medium.flow_m_s=[0.1, 0.05]", "rod.stiffness_profile=[[0.0, 1.0], [1.0, 0.5]]"];
+    let own = caudal::sensitivity::simulation::parameters(&document(&changes).scene().unwrap()).unwrap();
+    // First states count as given where they are named, whatever else is.
+    let keys: Vec<&str> = own
+        .iter()
+        .map(|own| &*own.name)
+        .filter(|name| !name.ends_with("_m") && !name.ends_with("_s"))
+        .chain(["rod.length_m", "medium.flow_m_s"])
+        .collect();
+    for output in ["tip_y_m", "actuation_work_j"] {
+        let (_, once) = value_and_grad(&document(&changes), output, &keys).unwrap();
+        for (key, once) in keys.iter().zip(&once) {
+            let (_, twice) = value_and_grad(&document(&changes), output, &[key, "rod.density_kg_m3", key]).unwrap();
+            for slope in [&twice[0], &twice[2]] {
+                assert_eq!(slope.shape, once.shape);
+                let size = once.values.iter().fold(1e-300, |most: f64, slope| most.max(slope.abs()));
+                let off = slope.values.iter().zip(&once.values).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
+                assert!(off <= 1e-9 * size, "{output} by {key}: {:?} for {:?}", slope.values, once.values);
+            }
+        }
+    }
+    println!("{keys:?}");
+    assert!(keys.len() > 10);
+}
+
+#[test]
+fn a_mean_says_that_its_cycles_are_not_periodic() {
+    let mean = |duration: &str| {
+        let mut simulation = Simulation::of(&document(&[duration]), &[], &[]).unwrap();
+        assert!(!simulation.notes().unwrap().iter().any(|note| note.contains("period")), "no mean was asked for");
+        simulation.value_and_grad("cycle_speed_m_s", &["actuation.kappa_amp"]).unwrap();
+        simulation.notes().unwrap()
+    };
+    let (one, few) = (mean("solver.duration_s=0.7"), mean("solver.duration_s=2.8"));
+    println!("{one:?}\n{few:?}");
+    assert!(one.iter().any(|note| note.contains("a single cycle")), "{one:?}");
+    assert!(few.iter().any(|note| note.starts_with("not periodic yet: ")), "{few:?}");
+}
+
+#[test]
+fn what_a_lagging_drive_has_no_derivatives_by_is_not_listed_and_refused_by_its_name() {
+    let lagging = document(&["actuation.lag_s=0.05"]);
+    let listed = caudal::sensitivity::simulation::parameters(&lagging.scene().unwrap()).unwrap();
+    for name in ["joint_amplitude_factor", "joint_phase_rad", "actuation_phase_rad"] {
+        assert!(!listed.iter().any(|own| own.name == name), "{name}");
+        let error = value_and_grad(&lagging, "tip_y_m", &[name]).unwrap_err().to_string();
+        assert!(error.contains(&format!("no derivative by {name}")) && error.contains("actuation.lag_s"), "{error}");
+    }
+    for own in &listed {
+        let single = own.value.shape.is_empty();
+        assert!(!single || value_and_grad(&lagging, "tip_y_m", &[&own.name]).is_ok(), "{}", own.name);
+    }
+}

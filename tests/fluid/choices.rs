@@ -1030,3 +1030,60 @@ fn a_free_rod_that_starts_at_rest_has_an_estimate_without_inertia() {
     println!("{:?}", estimates.overdamped);
     assert!(estimates.overdamped.is_ok(), "{:?}", estimates.overdamped);
 }
+
+#[test]
+fn auto_says_where_it_judged_a_rod_at_rest() {
+    let free = format!("reactive = \"auto\"\n{TAIL}");
+    let still = "head.kind=clamped";
+    let wave =
+        "actuation={kind=\"travelling-wave\", kappa_amp=0.0, frequency_hz=1.0, wavelength_m=0.1, envelope=[0.2, 0.8]}";
+    let host = "head.kind=driven";
+    for changes in [&[][..], &[still], &[host], &[wave], &[still, "drag.law=cross-flow"]] {
+        let scene = scene_of(&free, changes);
+        let stepper = Stepper::of(&scene).unwrap();
+        let note = scene.fluid_note().unwrap();
+        println!("{note}");
+        assert!(note.contains("nothing of the scene moves this rod") && note.contains("[reactive]"), "{note}");
+        assert_eq!(stepper.fluid_note().as_ref(), Some(&note));
+        assert!(warnings(&scene).contains(&note), "{:?}", warnings(&scene));
+        // Kept where numbers vary, as derivatives do.
+        assert_eq!(scene.with_fluid_of(&scene).fluid_note(), Some(note));
+    }
+    let no_auto = TAIL.replace("\"auto\"", "\"cross-flow\"");
+    let (heaving, sinking) = (
+        "head={kind=\"driven\", position_m=[0.0, {amplitude=1e-4, frequency_hz=2.0}]}",
+        "loads.gravity_m_s2=[0.0, -9.81]",
+    );
+    for (text, changes) in [
+        (&*no_auto, &[still][..]),
+        (&free, &[still, "medium.flow_m_s=[0.1, 0.0]"]),
+        (&free, &[heaving]),
+        (&free, &[sinking, "loads.buoyancy=true", "rod.density_kg_m3=1100.0"]),
+    ] {
+        let scene = scene_of(text, changes);
+        assert_eq!((scene.fluid_note(), Stepper::of(&scene).unwrap().fluid_note()), (None, None), "{changes:?}");
+        assert!(!warnings(&scene).iter().any(|note| note.contains("nothing of the scene moves")), "{changes:?}");
+    }
+}
+
+#[test]
+fn without_estimates_the_water_is_left_out_where_viscosity_takes_along_more() {
+    let text = format!("reactive = \"auto\"\n{}", TAIL.replace("law = \"auto\"", "law = \"cross-flow\""));
+    // So little that steady drag knows nothing of it.
+    let head = "head={kind=\"driven\", position_m=[0.0, {amplitude=1e-4, frequency_hz=2.0}]}";
+    let mut without_estimates = Vec::new();
+    for (viscosity, taken) in [(1e-4, true), (1e-3, true), (3e-2, false), (0.3, false)] {
+        let scene = scene_of(&text, &[head, &format!("medium.viscosity_pa_s={viscosity}")]);
+        let (stokes, choice) = (scene.regime().unwrap().stokes.unwrap(), scene.fluid_choice().unwrap());
+        println!("β = {stokes}: {} {}", choice.name(), choice.reason);
+        println!("{:?}", warnings(&scene));
+        if !choice.reason.starts_with("no estimates: ") {
+            continue;
+        }
+        without_estimates.push(taken);
+        assert_eq!((choice.reactive, scene.reactive_on().is_some()), (taken, taken), "{stokes}");
+        assert_eq!(choice.reason.contains("without the water's inertia, because fD²/ν is"), !taken, "{choice:?}");
+        assert!(!warnings(&scene).iter().any(|note| note.contains("causes a larger error")), "nothing was estimated");
+    }
+    assert!(without_estimates.contains(&false), "{without_estimates:?}");
+}

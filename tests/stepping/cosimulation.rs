@@ -380,7 +380,7 @@ fn stiffness_and_drag_change_between_steps_while_the_motion_and_the_balance_stay
     // A scene that differs in anything else is refused by its key, and changes nothing.
     let now = stepper.save();
     let others = [
-        ("rod.nodes=17", "rod"),
+        ("rod.nodes=17", "rod.nodes"),
         ("rod.length_m=0.9", "rod.length_m"),
         ("head.angle_rad={ amplitude = 0.3, frequency_hz = 1.0 }", "head"),
         ("drag.head_weight=2.0\ndrag.head_length_m=0.01", "drag"),
@@ -395,6 +395,35 @@ fn stiffness_and_drag_change_between_steps_while_the_motion_and_the_balance_stay
         assert!(error.contains(&format!(": {key}: differs")), "{change}: {error}");
         assert!(stepper.save() == now, "{change}");
     }
+    // A factor that one of them leaves to its default is a factor as any other.
+    let of = |changes: &[&str]| {
+        let own = ["rod.nodes=9", "drag.law=cross-flow"];
+        common::scene_of(include_str!("../../models/driven-head.toml"), &[&own, changes].concat())
+    };
+    let (plain, rough) = (of(&[]), of(&["drag.form_drag=1.5"]));
+    for (from, to) in [(&plain, &rough), (&rough, &plain)] {
+        let mut stepper = Stepper::of(from).unwrap();
+        stepper.do_step(0.1).unwrap();
+        let (before, state) = (stepper.get_scalar("viscous_power_w").unwrap(), stepper.state().clone());
+        stepper.change_parameters(to).unwrap();
+        assert_eq!(*stepper.state(), state);
+        let after = stepper.get_scalar("viscous_power_w").unwrap();
+        assert!((after.abs() > before.abs()) == (to == &rough), "{before} then {after}");
+    }
+}
+
+#[test]
+fn a_winch_that_a_host_gives_no_cable_is_refused_by_its_name() {
+    let winch = "tendons=[{ offset_m = 0.002, stiffness_n_m = 50.0 }]";
+    let mut stepper = tail(&[winch]);
+    let length = stepper.model().rod.length;
+    stepper.set("tendon_1_added_length_m", &[-0.01 * length]).unwrap();
+    for added in [-length, -2.0 * length] {
+        let error = stepper.set("tendon_1_added_length_m", &[added]).unwrap_err().to_string();
+        assert!(error.contains("tendon_1_added_length_m") && error.contains("length of the cable"), "{error}");
+    }
+    assert_eq!(stepper.get_scalar("tendon_1_added_length_m").unwrap(), -0.01 * length);
+    stepper.do_step(0.01).unwrap();
 }
 
 #[test]

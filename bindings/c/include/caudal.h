@@ -79,8 +79,9 @@ double caudal_time(const caudal_simulation *simulation);
 // Moves on by `h` (s) to exactly t + h.
 caudal_status caudal_do_step(caudal_simulation *simulation, double h);
 
-// What the steps since the last call of this have to say, although they were made: that the pose or the velocity of the head which the
-// host gave jumped. Empty where there is nothing to say, and for null; valid until the next call of this with the same simulation.
+// What the start and the steps since the last call of this have to say, although they were made: that `auto` chose the fluid for a rod at
+// rest, because nothing of the scene moves it; that the pose or the velocity of the head which the host gave jumped. Empty where there is
+// nothing to say, and for null; valid until the next call of this with the same simulation.
 const char *caudal_note(caudal_simulation *simulation);
 
 // The number of variables; 0 for null. They are counted from 0.

@@ -69,6 +69,8 @@ pub struct caudal_simulation {
     stepper: Stepper,
     variables: Vec<&'static Variable>,
     texts: Vec<[CString; 3]>,
+    /// What its scene has to say before the first step.
+    fluid_note: Option<String>,
     note: CString,
     broken: bool,
 }
@@ -214,6 +216,7 @@ pub unsafe extern "C" fn caudal_load(
             document.set(text(*assignment, "override")?)?;
         }
         let stepper = Stepper::of(&document.scene()?)?;
+        let fluid_note = stepper.fluid_note();
         let variables = stepper.variables().to_vec();
         let owned = |text: &str| CString::new(text).unwrap_or_default();
         let texts = variables.iter().map(|variable| [variable.name, variable.unit, variable.description].map(owned));
@@ -224,6 +227,7 @@ pub unsafe extern "C" fn caudal_load(
                 stepper,
                 variables,
                 texts,
+                fluid_note,
                 note: CString::default(),
                 broken: false,
             })),
@@ -257,8 +261,9 @@ pub unsafe extern "C" fn caudal_do_step(simulation: *mut caudal_simulation, h: f
     unsafe { on(simulation, |simulation| Ok(simulation.stepper.do_step(h)?)) }
 }
 
-/// What the steps since the last call of this have to say, although they were made: that the pose or the velocity of the head which the
-/// host gave jumped. Empty where there is nothing to say, and for null; valid until the next call of this with the same simulation.
+/// What the start and the steps since the last call of this have to say, although they were made: that `auto` chose the fluid for a rod at
+/// rest, because nothing of the scene moves it; that the pose or the velocity of the head which the host gave jumped. Empty where there is
+/// nothing to say, and for null; valid until the next call of this with the same simulation.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_note(simulation: *mut caudal_simulation) -> *const c_char {
     let mut note = c"".as_ptr();
@@ -266,7 +271,8 @@ pub unsafe extern "C" fn caudal_note(simulation: *mut caudal_simulation) -> *con
     let _ = unsafe {
         on(simulation, |simulation| {
             let jump = simulation.stepper.take_head_jump().map(|jump| jump.to_string());
-            simulation.note = CString::new(jump.unwrap_or_default()).unwrap_or_default();
+            let notes: Vec<String> = simulation.fluid_note.take().into_iter().chain(jump).collect();
+            simulation.note = CString::new(notes.join("\n")).unwrap_or_default();
             note = simulation.note.as_ptr();
             Ok(())
         })

@@ -1,4 +1,5 @@
-/* What a host asks at the edges: rates of inputs, a step too short to move, a head that jumps, and calls from a thread that ends. */
+/* What a host asks at the edges: rates of inputs, a step too short to move, a head that jumps,
+ * a scene that nothing moves, and calls from a thread that ends. */
 #include "caudal.h"
 #include <math.h>
 #include <pthread.h>
@@ -50,6 +51,11 @@ int main(int count, char **arguments) {
     fine &= caudal_set(tail, head, &far, 1) == CAUDAL_OK && caudal_do_step(tail, 1e-2) == CAUDAL_OK;
     fine &= is("note of a jump", strstr(caudal_note(tail), "position x given for the head") != NULL, 1);
     fine &= is("note that was read", caudal_note(tail)[0], '\0') && is("note of nothing", caudal_note(NULL)[0], '\0');
+    caudal_free(tail);
+    const char *still[] = {"drag.law=auto", "head.kind=clamped"};
+    fine &= caudal_load(arguments[1], still, 2, &tail) == CAUDAL_OK;
+    fine &= is("note of a rod at rest", strstr(caudal_note(tail), "nothing of the scene moves this rod") != NULL, 1);
+    fine &= is("that note again", caudal_note(tail)[0], '\0');
     caudal_free(tail);
     pthread_t thread;
     pthread_key_create(&key, at_end);

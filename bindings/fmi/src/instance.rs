@@ -304,7 +304,10 @@ impl Instance {
     }
 
     pub fn exit_initialization(&mut self) -> FmiResult {
-        self.ready()?;
+        let note = self.ready()?.fluid_note();
+        if let Some(note) = note {
+            self.log_message(Status::Warning, &note);
+        }
         self.mode = InstanceMode::Step;
         Ok(())
     }

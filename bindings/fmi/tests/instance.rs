@@ -635,3 +635,26 @@ fn every_parameter_that_is_told_tunable_changes_within_a_run_and_no_other_does()
     }
     assert!(tried[0] > 20 && tried[1] >= 4, "{tried:?}");
 }
+
+#[test]
+fn the_log_says_that_auto_chose_the_fluid_of_a_rod_at_rest() {
+    let still = document("driven-head", &["rod.nodes=9", "drag.law=auto", "head.kind=clamped"]);
+    let named = document("driven-head", &["rod.nodes=9", "drag.law=cross-flow", "head.kind=clamped"]);
+    for (document, warned) in [(still, true), (named, false)] {
+        let fmu = Unpacked::of(&document, Standard::Fmi3);
+        let fmi = Fmi3::of(&fmu);
+        let resources = CString::new(format!("{}/", fmu.resources.display())).unwrap();
+        common::MESSAGES.lock().unwrap().clear();
+        let instance = unsafe {
+            let (name, none, log) = (c"still".as_ptr(), null_mut(), Some(common::log3 as _));
+            (fmi.instantiate)(name, fmu.token.as_ptr(), resources.as_ptr(), 0, 1, 0, 0, null(), 0, none, log, None)
+        };
+        fmi.initialize(instance);
+        let said = common::MESSAGES.lock().unwrap().clone();
+        let found = said.iter().any(|said| {
+            said.starts_with("1 logStatusWarning: ") && said.contains("nothing of the scene moves this rod")
+        });
+        assert_eq!(found, warned, "{said:?}");
+        unsafe { (fmi.free)(instance) };
+    }
+}

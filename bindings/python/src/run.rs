@@ -41,9 +41,11 @@ pub fn run<'py>(
         Ok((stepper, warnings))
     });
     let (mut stepper, warnings) = prepared.or_raise(py)?;
-    let mut trajectory = TrajectoryTable::start(scene, &stepper, record.as_deref()).or_raise(py)?;
+    let located = |error| document.located(error);
+    let mut trajectory = TrajectoryTable::start(scene, &stepper, record.as_deref()).map_err(located).or_raise(py)?;
     let claim = Claim::forced(force);
-    let mut output = out.map(|folder| RunOutput::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
+    let create = |folder: PathBuf| RunOutput::create(&folder, scene, &stepper, claim).map_err(located);
+    let mut output = out.map(create).transpose().or_raise(py)?;
     let duration = scene.solver.duration_s.get();
     let tell = |py: Python<'_>, time: f64| match &progress {
         None => Ok(ControlFlow::Continue(())),

@@ -11,7 +11,7 @@ use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError, PyRuntimeWarning, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyFloat, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyFloat, PyString, PyTuple};
 
 use crate::attention::Attention;
 use crate::error::{OrRaise, exception};
@@ -165,6 +165,11 @@ pub fn snapshot(py: Python<'_>, bytes: &[u8], scene: String) -> PyResult<Snapsho
 /// scene : Scene, str, os.PathLike or dict
 ///     The scene, or what :func:`caudal.load` makes one from.
 ///
+/// Warns
+/// -----
+/// RuntimeWarning
+///     Where ``auto`` chose the fluid for a rod at rest, because nothing of the scene moves it.
+///
 /// Examples
 /// --------
 /// >>> import caudal
@@ -184,6 +189,23 @@ pub struct Stepper {
     stepper: Mutex<Option<Box<caudal::stepper::Stepper>>>,
     /// Raised by another thread to end a step that is under way.
     stopped: AtomicBool,
+}
+
+/// The error of an argument of another type.
+fn wrong(argument: &str, found: &Bound<'_, PyAny>, allowed: &str) -> PyErr {
+    let found = found.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string());
+    PyTypeError::new_err(format!("{argument}: found {found}; allowed: {allowed}"))
+}
+
+/// The variable of this name.
+fn find(stepper: &caudal::stepper::Stepper, name: &Bound<'_, PyAny>) -> PyResult<&'static caudal::variable::Variable> {
+    let text = name.cast::<PyString>().map_err(|_| wrong("name", name, "the name of a variable"))?;
+    stepper.find(&text.to_cow()?).or_raise(name.py())
+}
+
+/// Warns the caller.
+fn warn(py: Python<'_>, text: String) -> PyResult<()> {
+    PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &CString::new(text).unwrap_or_default(), 1)
 }
 
 /// The stepper of a locked place.
@@ -218,6 +240,9 @@ impl Stepper {
         };
         let content = &scene.get().scene;
         let stepper = py.detach(|| caudal::stepper::Stepper::of(content)).or_raise(py)?;
+        if let Some(note) = stepper.fluid_note() {
+            warn(py, note)?;
+        }
         let stepper = Mutex::new(Some(Box::new(stepper)));
         Ok(Self { scene: scene.unbind(), stepper, stopped: AtomicBool::new(false) })
     }
@@ -264,7 +289,8 @@ impl Stepper {
     /// -----
     /// RuntimeWarning
     ///     Where the pose or the velocity that was given for the head jumps: the tail rings.
-    fn do_step(&self, py: Python<'_>, h: f64) -> PyResult<()> {
+    fn do_step(&self, py: Python<'_>, h: &Bound<'_, PyAny>) -> PyResult<()> {
+        let h: f64 = h.extract().map_err(|_| wrong("h", h, "a time, s"))?;
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let mut attention = Attention::new();
@@ -280,8 +306,7 @@ impl Stepper {
         }
         let Some(jump) = stepper.take_head_jump() else { return Ok(()) };
         drop(open);
-        let text = CString::new(jump.to_string()).unwrap_or_default();
-        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)
+        warn(py, jump.to_string())
     }
 
     /// Whether steps under way, in other threads, and further ones end soon after they begin: Python tells its main thread alone of Ctrl-C.
@@ -308,22 +333,27 @@ impl Stepper {
     /// caudal.errors.UnknownVariableError
     ///     Where this scene has no variable of that name.
     #[pyo3(signature = (name, out=None))]
-    fn get<'py>(&self, py: Python<'py>, name: &str, out: Option<&Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
-        let wrong = |_| PyTypeError::new_err("out: allowed: a NumPy array of one dimension and the type float64");
-        let out = out.map(|out| out.cast::<PyArray1<f64>>().map_err(wrong)).transpose()?;
+    fn get<'py>(
+        &self,
+        py: Python<'py>,
+        name: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let no_array = |_| PyTypeError::new_err("out: allowed: a NumPy array of one dimension and the type float64");
+        let out = out.map(|out| out.cast::<PyArray1<f64>>().map_err(no_array)).transpose()?;
         let mut open = self.open()?;
         let stepper = open.stepper()?;
-        let variable = stepper.find(name).or_raise(py)?;
+        let variable = find(stepper, name)?;
         if variable.size == Size::Scalar && out.is_none() {
             return Ok(PyFloat::new(py, variable.first(&stepper.view())).into_any());
         }
         let len = variable.len(stepper.model());
         let array = out.cloned().unwrap_or_else(|| PyArray1::zeros(py, len, false));
-        let wrong = |error: &dyn std::fmt::Display| {
+        let no_place = |error: &dyn std::fmt::Display| {
             PyTypeError::new_err(format!("out: {error}; allowed: an array that is contiguous, aligned and writeable"))
         };
-        let mut place = array.try_readwrite().map_err(|error| wrong(&error))?;
-        let values = place.as_slice_mut().map_err(|error| wrong(&error))?;
+        let mut place = array.try_readwrite().map_err(|error| no_place(&error))?;
+        let values = place.as_slice_mut().map_err(|error| no_place(&error))?;
         if values.len() != len {
             return Err(exception(
                 py,
@@ -347,7 +377,7 @@ impl Stepper {
     /// ------
     /// caudal.errors.NotAnInputError, caudal.errors.WrongLengthError, caudal.errors.BadValueError
     ///     Where it cannot be set so; nothing is changed then.
-    fn set(&self, py: Python<'_>, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn set(&self, py: Python<'_>, name: &Bound<'_, PyAny>, value: &Bound<'_, PyAny>) -> PyResult<()> {
         self.change(py, name, 0, value)
     }
 
@@ -364,7 +394,8 @@ impl Stepper {
         for (name, value) in values {
             let variable = stepper.find(&name.extract::<String>()?).or_raise(py)?;
             let mut buffer = Vec::new();
-            let numbers = Numbers::of(&value)?.spread(variable.len(stepper.model()), &mut buffer)?.to_vec();
+            let numbers =
+                Numbers::of(&value, variable.name)?.spread(variable.len(stepper.model()), &mut buffer)?.to_vec();
             changes.push((variable, numbers));
         }
         let changes = changes.iter().map(|(variable, values)| InputChange { variable, order: 0, values });
@@ -382,7 +413,13 @@ impl Stepper {
     ///     Order of the derivative, from 1.
     /// value : float or array_like
     ///     As many numbers as the input has, or one for all.
-    fn set_derivative(&self, py: Python<'_>, name: &str, order: usize, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn set_derivative(
+        &self,
+        py: Python<'_>,
+        name: &Bound<'_, PyAny>,
+        order: usize,
+        value: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         if order == 0 {
             return Err(PyValueError::new_err("order: found 0; allowed: from 1; set() sets the value itself"));
         }
@@ -454,11 +491,11 @@ impl Stepper {
 }
 
 impl Stepper {
-    fn change(&self, py: Python<'_>, name: &str, order: usize, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn change(&self, py: Python<'_>, name: &Bound<'_, PyAny>, order: usize, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
-        let variable = stepper.find(name).or_raise(py)?;
-        let (numbers, mut buffer) = (Numbers::of(value)?, Vec::new());
+        let variable = find(stepper, name)?;
+        let (numbers, mut buffer) = (Numbers::of(value, "value")?, Vec::new());
         let values = numbers.spread(variable.len(stepper.model()), &mut buffer)?;
         stepper.set_all([InputChange { variable, order, values }].into_iter()).or_raise(py)
     }

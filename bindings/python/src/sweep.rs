@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use caudal::error::Error;
 use caudal::jobs::{Job, Journal, cores};
 use caudal::report::{Claim, Folder};
 use caudal::scene::Files;
@@ -64,6 +65,7 @@ impl SweepAtWork {
             overrides.push(format!("{key}={}", to_toml(&value)?));
         }
         let threads = jobs.unwrap_or_else(cores).max(1);
+        let placed: Vec<PathBuf> = sources.keys().cloned().collect();
         let prepared = py.detach(|| {
             let named = |(path, content): (&PathBuf, &Vec<u8>)| {
                 (path.file_name().unwrap_or_default().to_string_lossy().into_owned(), content.clone())
@@ -82,7 +84,7 @@ impl SweepAtWork {
             held.let_others();
             Ok(Self { sweep, job, folder, held: Mutex::new(held), threads, journal, fresh: Mutex::default() })
         });
-        prepared.or_raise(py)
+        prepared.map_err(|error| without_file(error, &placed)).or_raise(py)
     }
 
     /// Number of its cases.
@@ -201,6 +203,19 @@ impl SweepAtWork {
             rows.append(dictionary)?;
         }
         Ok(rows)
+    }
+}
+
+/// The `error` of a sweep of objects, which is in none of these files: they may not be there yet.
+fn without_file(error: Error, files: &[PathBuf]) -> Error {
+    match error {
+        Error::Scene { place, key, problem }
+            if files.iter().any(|file| place.starts_with(&*file.to_string_lossy())) =>
+        {
+            Error::Scene { place: "sweep".to_string(), key, problem }
+        }
+        Error::Several(errors) => Error::Several(errors.into_iter().map(|error| without_file(error, files)).collect()),
+        other => other,
     }
 }
 

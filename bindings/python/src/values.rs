@@ -1,7 +1,7 @@
 //! Values between Python and the library.
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyTuple};
 
@@ -22,29 +22,25 @@ pub enum Numbers<'py> {
 }
 
 impl<'py> Numbers<'py> {
-    /// Those of a number or of anything that NumPy makes an array of one dimension from.
-    pub fn of(values: &Bound<'py, PyAny>) -> PyResult<Self> {
+    /// Those of a number or of anything that NumPy makes an array of one dimension from; errors name the `argument`.
+    pub fn of(values: &Bound<'py, PyAny>, argument: &str) -> PyResult<Self> {
         if let Ok(number) = values.cast::<PyFloat>() {
             return Ok(Self::One(number.value()));
-        }
-        if values.is_none() {
-            return Err(PyTypeError::new_err(not_numbers(values))); // NumPy takes it for NaN
         }
         let array = match values.cast::<PyArray1<f64>>() {
             Ok(array) => array.clone(),
             Err(_) => {
-                let numpy = values.py().import("numpy")?;
-                let array = numpy.call_method1("asarray", (values, "float64")).map_err(|error| {
-                    if error.is_instance_of::<PyValueError>(values.py()) {
-                        PyValueError::new_err(not_numbers(values))
-                    } else {
-                        PyTypeError::new_err(not_numbers(values))
-                    }
-                })?;
-                if array.getattr("ndim")?.extract::<usize>()? == 0 {
+                let arguments = values.py().import("caudal.arguments")?;
+                let array = arguments.call_method1("numbers_of", (values, argument))?;
+                let shape = array.getattr("shape")?;
+                if shape.len()? == 0 {
                     return Ok(Self::One(array.call_method0("item")?.extract()?));
                 }
-                array.cast_into().map_err(|_| PyTypeError::new_err(not_numbers(values)))?
+                let wrong = |_| {
+                    let allowed = "allowed: a number, or numbers in one dimension";
+                    PyTypeError::new_err(format!("{argument}: found the shape {shape}; {allowed}"))
+                };
+                array.cast_into().map_err(wrong)?
             }
         };
         let array = array.try_readonly()?;
@@ -63,12 +59,6 @@ impl<'py> Numbers<'py> {
             Self::Copied(values) => values,
         })
     }
-}
-
-/// The message about a value that is no list of numbers.
-fn not_numbers(value: &Bound<'_, PyAny>) -> String {
-    let found = value.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string());
-    format!("value: found {found}; allowed: a number, or numbers in one dimension")
 }
 
 /// `value` with NumPy's scalars and arrays, itself or anywhere inside, as Python's.

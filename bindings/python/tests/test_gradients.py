@@ -441,3 +441,28 @@ def test_a_first_state_does_not_move_the_node_that_a_head_holds():
     assert gradient[0] == 0.0 and gradient[1] != 0.0
     with pytest.raises(caudal.errors.DerivativeError, match="x_m: found 0.1 at node 0, which the head holds at 0; allowed"):
         caudal.simulate(own, "tip_y_m", {"x_m": start + 0.1})
+
+
+def test_weights_and_values_are_numbers():
+    short = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.05})
+    simulation = caudal.simulate(short, "tip_y_m")
+    for wrong in (1j * np.ones(simulation.times_s.size), ["1"] * simulation.times_s.size, [None] * simulation.times_s.size):
+        with pytest.raises(TypeError, match="weights of tip_y_m: found an array of the shape"):
+            simulation.pull_back({"tip_y_m": wrong}, "medium.viscosity_pa_s")
+    for wrong in (2 + 1j, "2", None):
+        with pytest.raises(TypeError, match="medium.viscosity_pa_s: found .*; allowed: a number"):
+            caudal.simulate(short, "tip_y_m", {"medium.viscosity_pa_s": wrong})
+    found = simulation.pull_back({"tip_y_m": simulation.times_s == simulation.times_s[-1]}, "medium.viscosity_pa_s")
+    twice = caudal.value_and_grad(short, "tip_y_m", ["medium.viscosity_pa_s", "medium.viscosity_pa_s"])[1]
+    assert found == twice == caudal.value_and_grad(short, "tip_y_m", "medium.viscosity_pa_s")[1]
+
+
+def test_jax_takes_real_numbers_and_suggests_names():
+    pytest.importorskip("jax")
+    import caudal.jax
+
+    simulated = caudal.jax.function(caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.05}), "tip_y_m")
+    with pytest.raises(TypeError, match="medium.viscosity_pa_s: found the type complex"):
+        simulated({"medium.viscosity_pa_s": 1.0 + 1j})
+    with pytest.raises(ValueError, match="`medium.viscosity_pa` has no derivative; did you mean `medium.viscosity_pa_s`"):
+        simulated({"medium.viscosity_pa": 1.0})

@@ -60,8 +60,24 @@ def test_actions_are_inputs_in_groups_and_mistakes_are_named():
     options = dict(observations=["x_com_m"], reward=lambda before, after: 0.0, period_s=0.1)
     with pytest.raises(ValueError, match="no input; allowed: .*natural_curvature_1_m"):
         caudal.gymnasium.TailEnv("models/glycerol.toml", actions={"x_com_m": (0, 1)}, **options)
-    with pytest.raises(ValueError, match="no variable `curvature`"):
+    with pytest.raises(ValueError, match="actions: there is no variable `curvature` in this scene; did you mean `curvature_1_m`"):
         caudal.gymnasium.TailEnv("models/glycerol.toml", actions={"curvature": (0, 1)}, **options)
+    with pytest.raises(ValueError, match="observations: .*`head_force_x_n`.*it needs a held head"):
+        seen = {**options, "observations": ["head_force_x_n"]}
+        caudal.gymnasium.TailEnv("models/glycerol.toml", actions={"natural_curvature_1_m": (0, 1)}, **seen)
+    for wrong in (np.array([1j, 0.0, 0.0]), ["0", "0", "0"], [None] * 3):
+        with pytest.raises(TypeError, match="action: found an array of the shape"):
+            environment.step(wrong)
+
+
+def test_options_of_a_reset_that_there_are_not_are_refused():
+    module = example()
+    with pytest.raises(ValueError, match="options: found 'goal'; allowed: none"):
+        module.make_environment().reset(options={"goal": 1})
+    tails = module.make_environments(2)
+    with pytest.raises(ValueError, match="options: found 'mask'; allowed: 'reset_mask'"):
+        tails.reset(options={"mask": np.array([True, False])})
+    tails.close()
 
 
 def test_a_picture_is_drawn_where_it_is_asked_for():
@@ -182,7 +198,8 @@ def test_wrong_options_of_an_environment_are_named():
         ("actions", {"natural_curvature_1_m": 1.0}, "found 1.0; allowed: two numbers, the smaller first"),
         ("observations", "x_com_m", "observations: found 'x_com_m'; allowed: a list of names"),
         ("observations", ["x_com_m", "x_com_m"], "observations: found `x_com_m` twice"),
-        ("goal", lambda generator: None, "goal: found .*; allowed: finite numbers, as many at every reset"),
+        ("goal", lambda generator: None, "goal: found None; allowed: a number, or an array of numbers"),
+        ("goal", lambda generator: np.nan, "goal: found .*; allowed: finite numbers, as many at every reset"),
         ("scales", {"tip_y_m": 2.0}, "scales: `tip_y_m` is not observed; allowed: x_com_m"),
         ("scales", {"x_com_m": 0.0}, "found 0.0; allowed: a positive number"),
         ("render_mode", "human", "render_mode: found 'human'; allowed: None, 'rgb_array'"),

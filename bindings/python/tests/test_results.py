@@ -251,3 +251,20 @@ def test_names_that_are_not_there_are_errors_that_name_those_that_are(tmp_path):
         assert isinstance(caught.value, caudal.errors.UnknownVariableError)
     assert pickle.loads(pickle.dumps(rows))[1]["rod.nodes"] == rows[1]["rod.nodes"] == 11
     assert json.loads(json.dumps(result.summary)) == result.summary
+
+
+def test_mistakes_in_a_sweep_of_objects_speak_of_objects(tmp_path):
+    scene = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.02})
+    with pytest.raises(caudal.errors.Error, match="rod.youngs_modulus_pa") as caught:
+        caudal.sweep(scene, {"rod.youngs_modulus_pa": [-1.0, 1e6]}, out=tmp_path / "one")
+    assert "sweep.toml" not in str(caught.value), caught.value
+    with pytest.raises(caudal.errors.Error, match=r'samples=\{"count": 100'):
+        caudal.sweep(scene, {"rod.youngs_modulus_pa": {"between": [1e5, 1e6]}}, out=tmp_path / "two")
+    rows = caudal.sweep(scene, {"rod.nodes": [5, 9]}, out=tmp_path / "three")
+    with pytest.raises(ValueError, match="`ending` has no numbers; allowed: a column of numbers"):
+        rows.plot("ending")
+    with pytest.raises(caudal.errors.StudyError, match="points: found `points`; allowed: nothing, there are no options"):
+        caudal.study("fluid", scene, points=3, out=tmp_path / "four")
+    with pytest.raises(caudal.errors.SceneError) as caught:
+        caudal.run(caudal.load(scene, set={"record.variables": ["joint_moment"]}))
+    assert caught.value.place.startswith("override record.variables"), caught.value.place

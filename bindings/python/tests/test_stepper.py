@@ -155,7 +155,7 @@ def test_inputs_take_numbers_lists_and_arrays_of_any_memory():
         (np.full(count, np.nan), caudal.errors.BadValueError),
         (np.inf, caudal.errors.BadValueError),
         (np.zeros((count, 1)), TypeError),
-        ("many", ValueError),
+        ("many", TypeError),
         (None, (TypeError, ValueError)),
     ]:
         with pytest.raises(kind):
@@ -246,8 +246,12 @@ def test_mistakes_are_exceptions_with_the_library_s_fields():
         with pytest.raises(caudal.errors.StepError) as caught:
             tail.do_step(h)
         assert caught.value.value == h or h != h
-    with pytest.raises(TypeError):
-        tail.do_step("soon")
+    for h in ["soon", None]:
+        with pytest.raises(TypeError, match=f"h: found {h!r}; allowed: a time, s"):
+            tail.do_step(h)
+    for call in (lambda: tail.get(None), lambda: tail.set(None, 1.0), lambda: tail.set_derivative(None, 1, 1.0)):
+        with pytest.raises(TypeError, match="name: found None; allowed: the name of a variable"):
+            call()
     before = tail.save()
     tail.set("force_y_n", [0, 0, 1e12, 0, -1e12, 0, 0, 0, 0])
     with pytest.raises(caudal.Error) as caught:
@@ -341,3 +345,49 @@ def test_the_package_carries_what_an_fmu_needs(fmi, tmp_path):
     with pytest.raises(caudal.errors.ReadError):
         scene.fmu(tmp_path / "other.fmu", library=tmp_path / "absent.so")
     assert not (tmp_path / "other.fmu").exists()
+
+
+def test_what_are_no_real_numbers_is_refused_by_its_argument():
+    tail = caudal.Stepper("models/glycerol.toml")
+    before = tail.get("natural_curvature_1_m")
+    count = before.size
+    for wrong in [1j, "1e3", None, object(), [None] * count, ["1"] * count, [1j] * count, np.full(count, 1 + 1j), np.full(count, None)]:
+        with pytest.raises(TypeError, match="^value: found .*; allowed: a number, or an array of numbers"):
+            tail.set("natural_curvature_1_m", wrong)
+        with pytest.raises(TypeError, match="^natural_curvature_1_m: found "):
+            tail.set_all({"viscosity_pa_s": 2.0, "natural_curvature_1_m": wrong})
+    with pytest.raises(TypeError, match=r"value: found the shape \(7, 2\); allowed: a number, or numbers in one dimension"):
+        tail.set("natural_curvature_1_m", np.zeros((7, 2)))
+    with pytest.raises(ValueError, match="value: found lists of different lengths"):
+        tail.set("natural_curvature_1_m", [[1.0], [1.0, 2.0]])
+    np.testing.assert_array_equal(tail.get("natural_curvature_1_m"), before)
+    for right in [1, np.float32(1.0), np.ones(count, dtype=int), [1] * count, (1.0,) * count]:
+        tail.set("natural_curvature_1_m", right)
+        assert set(tail.get("natural_curvature_1_m")) == {1.0}
+    with pytest.raises(caudal.errors.UnknownVariableError, match="did you mean `tip_y_m`"):
+        tail.get("TIP_Y_M")
+
+
+#: A tail in water that nothing but a host moves.
+STILL = {
+    "rod": {"nodes": 9, "length_m": 0.1, "outer_radius_m": 0.002, "youngs_modulus_pa": 1e6, "density_kg_m3": 1000.0},
+    "reactive": "auto",
+    "medium": {"viscosity_pa_s": 1e-3, "density_kg_m3": 1000.0},
+    "drag": {"law": "auto"},
+    "head": {"kind": "driven"},
+    "solver": {"time_step_s": 2e-3, "duration_s": 0.2},
+}
+
+
+def test_auto_that_judged_a_rod_at_rest_is_warned_of():
+    text = "nothing of the scene moves this rod"
+    with pytest.warns(RuntimeWarning, match=text):
+        caudal.Stepper(STILL)
+    assert any(text in note for note in caudal.load(STILL).check())
+    assert any(text in note for note in caudal.run(STILL).summary["notes"])
+    named = {**STILL, "drag": {"law": "cross-flow"}, "reactive": {}}
+    moving = {**STILL, "head": {"kind": "driven", "angle_rad": {"amplitude": 0.1, "frequency_hz": 2.0}}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for scene in (named, moving):
+            caudal.Stepper(scene)

@@ -30,7 +30,7 @@ impl Stepper {
         }
         if let Some(key) = own.differs_beyond_tuning(scene) {
             let problem = "differs from the stepper's scene; allowed between steps: other numbers for the stiffness and \
-                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding (a scene that differs otherwise needs a stepper of its own)";
+                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding, which this scene has as the stepper's has them; else begin anew with a stepper of this scene";
             return Err(scene.error(&key, problem.to_string()));
         }
         let mut other = Self::in_form(scene, Some(self.form()))?;

@@ -419,7 +419,7 @@ pub(super) fn sample(axes: &mut [SweepAxis], samples: Option<Sampling>) -> Resul
     let Some(Sampling { count, seed }) = samples else {
         return match sampled.peek() {
             Some(axis) => {
-                fault(&axis.path, "found between without [samples]; add [samples] with count and seed".to_string())
+                fault(&axis.path, "found between without samples; add count and seed: [samples] in a file, samples={\"count\": 100, \"seed\": 1} in Python".to_string())
             }
             None => Ok(()),
         };

@@ -44,15 +44,19 @@ def mapping_of(values: Optional[Mapping[str, Any]], argument: str) -> dict[str, 
     return dict(values or {})
 
 
+def numbers_of(value: Any, argument: str) -> npt.NDArray[np.float64]:
+    """`value` as an array of doubles. What are no real numbers, as texts, None and complex numbers, is a TypeError."""
+    allowed = "allowed: a number, or an array of numbers"
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{argument}: found lists of different lengths; {allowed}") from error
+    if array.dtype.kind not in "fiub":
+        found = f"an array of the shape {array.shape} and the type {array.dtype}" if array.ndim else repr(value)
+        raise TypeError(f"{argument}: found {found}; {allowed}")
+    return np.asarray(array, dtype=np.float64, order="C")
+
+
 def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]], argument: str = "values") -> list[tuple[str, Any]]:
     """Copies of the values as arrays."""
-    arrays = []
-    for name, value in mapping_of(values, argument).items():
-        try:
-            if value is None:  # NumPy takes it for NaN
-                raise TypeError
-            arrays.append((name, np.array(value, dtype=np.float64, order="C")))
-        except (TypeError, ValueError) as error:
-            kind = ValueError if isinstance(error, ValueError) else TypeError
-            raise kind(f"{name}: found {value!r}; allowed: a number, or an array of numbers") from error
-    return arrays
+    return [(name, numbers_of(value, name).copy()) for name, value in mapping_of(values, argument).items()]

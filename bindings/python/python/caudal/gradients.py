@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, _parameters, _Simulation
-from .arguments import arrays_of, names_of
+from .arguments import arrays_of, names_of, numbers_of
 from .fields import Fields
 from .result import Array, Source, load
 from .showing import table
@@ -128,7 +128,7 @@ class Simulation:
             if name not in self.outputs:
                 raise ValueError(f"`{name}` was not read; allowed: {', '.join(self.outputs)}")
             shape = self.outputs[name].shape
-            array = np.ascontiguousarray(weight, dtype=np.float64)
+            array = numbers_of(weight, f"weights of {name}")
             if not np.isfinite(array).all():
                 raise ValueError(f"weights of {name}: found numbers that are not finite")
             if array.shape != shape:

@@ -11,7 +11,7 @@ from typing import Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Stepper
-from .arguments import check_count, check_function, is_number
+from .arguments import check_count, check_function, is_number, numbers_of
 from .errors import Error
 from .optional import optional
 from .result import Array, Source, load
@@ -21,6 +21,13 @@ optional("gymnasium.vector", "caudal.gymnasium")
 
 #: The least and largest value of an input, for all its entries.
 Bounds = Mapping[str, tuple[float, float]]
+
+
+def _check_options(options: Optional[Mapping[str, Any]], known: Sequence[str]) -> None:
+    """Refuse options of a reset that are not `known`."""
+    for name in options or {}:
+        if name not in known:
+            raise ValueError(f"options: found {name!r}; allowed: {', '.join(map(repr, known)) or 'none'}")
 
 
 class TailEnv(gymnasium.Env):
@@ -123,8 +130,10 @@ class TailEnv(gymnasium.Env):
         if twice:
             raise ValueError(f"observations: found `{twice[0]}` twice; allowed: each once")
         for name in (*actions, *observations):
-            if name not in known:
-                raise ValueError(f"this scene has no variable `{name}`; allowed: {', '.join(known)}")
+            try:
+                self._stepper.get(name)
+            except Error as error:
+                raise ValueError(f"{'actions' if name in actions else 'observations'}: {error}") from error
         wrong = [name for name in actions if known[name].causality != "input"]
         if wrong:
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
@@ -174,7 +183,7 @@ class TailEnv(gymnasium.Env):
         if self._set_start is not None:
             self._set_start(self._stepper, self.np_random)
         if self._set_goal is not None:
-            goal = np.atleast_1d(np.asarray(self._set_goal(self.np_random), dtype=np.float64))
+            goal = np.atleast_1d(numbers_of(self._set_goal(self.np_random), "goal"))
             if goal.ndim != 1 or not np.isfinite(goal).all() or self._goal.size not in (0, goal.size):
                 raise ValueError(f"goal: found {goal}; allowed: finite numbers, as many at every reset")
             self._goal = goal
@@ -186,6 +195,7 @@ class TailEnv(gymnasium.Env):
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[dict[str, Any]] = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode at the start of the scene."""
+        _check_options(options, ())
         super().reset(seed=seed)
         self._begin()
         return self._flat(self._observed()), {"time_s": 0.0}
@@ -197,7 +207,7 @@ class TailEnv(gymnasium.Env):
 
     def _set(self, action: Any) -> dict[str, Array]:
         """Set the inputs; return the observation before they act."""
-        action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        action = np.clip(numbers_of(action, "action"), -1.0, 1.0)
         if action.shape != self.action_space.shape:
             raise ValueError(f"action: found the shape {action.shape}; allowed: {self.action_space.shape}")
         values: dict[str, Union[float, Array]] = {}
@@ -307,8 +317,8 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         self, *, seed: Union[int, Sequence[Optional[int]], None] = None, options: Optional[dict[str, Any]] = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode of each, or of those for which ``options["reset_mask"]`` is true."""
-        options = dict(options or {})
-        mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        _check_options(options, ("reset_mask",))
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask: found {mask!r}; allowed: {self.num_envs} truth values, one of them true")
         seeds: Any = [None] * self.num_envs if seed is None else seed
@@ -321,7 +331,7 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         observations = []
         for i, (env, own) in enumerate(zip(self.envs, seeds)):
             if mask[i]:
-                observation, info = env.reset(seed=own, options=options)
+                observation, info = env.reset(seed=own)
                 infos = self._add_info(infos, info, i)
             else:
                 observation = env._flat(env._observed())

@@ -8,6 +8,8 @@ from typing import Any, Callable, Union
 
 import numpy as np
 
+from .arguments import numbers_of
+from .fields import unknown
 from .gradients import Recent, parameters
 from .optional import optional
 from .result import Source
@@ -45,12 +47,18 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
 
     # In any other order the same values would be another simulation.
     def sorted_arrays(values: dict[str, Any]) -> dict[str, Any]:
-        return {name: np.asarray(values[name], dtype=np.float64) for name in sorted(values)}
+        return {name: numbers_of(values[name], name) for name in sorted(values)}
 
-    def unknown(values: dict[str, Any]) -> None:
+    def real(name: str, value: Any) -> Any:
+        array = jnp.asarray(value)
+        if jnp.iscomplexobj(array):
+            raise TypeError(f"{name}: found the type {array.dtype}; allowed: a number, or an array of numbers")
+        return array.astype(float)
+
+    def check_names(values: dict[str, Any]) -> None:
         wrong = [name for name in values if name not in known]
         if wrong:
-            raise ValueError(f"no derivative by {', '.join(wrong)}; caudal.parameters(scene) lists what there is")
+            raise ValueError(unknown(wrong[0], known, "has no derivative", "; caudal.parameters(scene) lists what there is"))
 
     failures: deque[Exception] = deque(maxlen=16)  # the last ones; other threads may be here too
 
@@ -87,7 +95,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         return {name: np.asarray(found[name], dtype=values[name].dtype).reshape(values[name].shape) for name in values}
 
     def call(values: dict[str, Any]) -> dict[str, Any]:
-        unknown(values)
+        check_names(values)
         result = {name: jax.ShapeDtypeStruct(shapes[name], jnp.result_type(float)) for name in outputs}
         return called(forward, result, values)
 
@@ -105,6 +113,6 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     simulated.defvjp(simulated_forward, simulated_back)
 
     def of(values: dict[str, Any]) -> dict[str, Any]:
-        return simulated({name: jnp.asarray(value, dtype=float) for name, value in values.items()})
+        return simulated({name: real(name, value) for name, value in values.items()})
 
     return of

@@ -123,6 +123,8 @@ class Sweep(list[dict[str, Any]]):
 
         if not any(name in row for row in self):
             raise unknown(name, sorted({key for row in self for key in row}), "is no column")
+        if not any(isinstance(row.get(name), (bool, int, float)) for row in self):
+            raise ValueError(f"`{name}` has no numbers; allowed: a column of numbers")
         varied = [axis for axis, levels in self.axes.items() if len(levels) > 1]
         if len(varied) == 2 and not self.sampled.intersection(varied):
             return self._heat_map(name, varied[1], varied[0])
