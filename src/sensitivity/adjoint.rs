@@ -2,10 +2,10 @@
 
 use super::controls::{Controls, Cotangents, Weights};
 use super::equations::Equations;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext};
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Pulls};
 use super::parameter::{ActuationShape, JointDirection, Parameter, ParameterEffect, direct, keys};
 use super::problem::Problem;
-use super::step_ends::{Pulls, StepEnds};
+use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};

@@ -13,8 +13,8 @@
 use nalgebra::Vector2;
 
 use super::controls::Controls;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext, centre_of};
-use super::step_ends::{Pulls, StepEnds};
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Pulls, centre_of};
+use super::step_ends::StepEnds;
 use super::time_grid::TimeGrid;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::equations::Equations;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext, WorkKind};
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Pulls, WorkKind};
 use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
 use super::problem::{GivenStart, Problem};
-use super::step_ends::{Pulls, StepEnds};
+use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
 use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};

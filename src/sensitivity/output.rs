@@ -3,7 +3,6 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::dot;
-use super::step_ends::Pulls;
 use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::Property;
@@ -425,6 +424,34 @@ pub(super) struct StepInterval {
     pub(super) force: Vec<f64>,
     /// Poses of a held head at its start and end.
     pub(super) poses: Option<[Pose; 2]>,
+}
+
+/// What the motor of a hinge and winches do at one end of a step: it follows from the state there, not from the time alone.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pulls {
+    /// Torque of the motor, N m.
+    pub(super) torque: f64,
+    /// Angle of the hinge, rad.
+    pub(super) angle: f64,
+    /// Tension (N) and length (m) of each tendon.
+    pub(super) tensions: [f64; MAX_TENDONS],
+    pub(super) lengths: [f64; MAX_TENDONS],
+}
+
+impl Pulls {
+    pub(super) fn of(bent: &DeformedRod<'_>) -> Self {
+        let DeformedRod { dynamics, .. } = bent;
+        let mut lengths = [0.0; MAX_TENDONS];
+        for (length, tendon) in lengths.iter_mut().zip(dynamics.model.tendons.iter()) {
+            *length = tendon.length(bent.edges(), bent.kappa());
+        }
+        Self {
+            torque: dynamics.hinge_torque(),
+            angle: dynamics.held.map_or(0.0, |[_, _, angle]| angle.value),
+            tensions: dynamics.tensions[0],
+            lengths,
+        }
+    }
 }
 
 /// Derivatives at one state that all outputs share.

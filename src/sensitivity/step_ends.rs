@@ -4,37 +4,9 @@ use super::controls::Controls;
 use super::output::StepInterval;
 use super::parameter::ActuationShape;
 use super::time_grid::TimeGrid;
-use crate::model::{DeformedRod, Dynamics};
+use crate::model::Dynamics;
 use crate::system::{State, System};
 use crate::tendons::MAX_TENDONS;
-
-/// What the motor of a hinge and winches do at one end of a step: it follows from the state there, not from the time alone.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pulls {
-    /// Torque of the motor, N m.
-    pub(super) torque: f64,
-    /// Angle of the hinge, rad.
-    pub(super) angle: f64,
-    /// Tension (N) and length (m) of each tendon.
-    pub(super) tensions: [f64; MAX_TENDONS],
-    pub(super) lengths: [f64; MAX_TENDONS],
-}
-
-impl Pulls {
-    pub(super) fn of(bent: &DeformedRod<'_>) -> Self {
-        let DeformedRod { dynamics, .. } = bent;
-        let mut lengths = [0.0; MAX_TENDONS];
-        for (length, tendon) in lengths.iter_mut().zip(dynamics.model.tendons.iter()) {
-            *length = tendon.length(bent.edges(), bent.kappa());
-        }
-        Self {
-            torque: dynamics.hinge_torque(),
-            angle: dynamics.held.map_or(0.0, |[_, _, angle]| angle.value),
-            tensions: dynamics.tensions[0],
-            lengths,
-        }
-    }
-}
 
 /// Controls and poses of the head over the steps before and after a state.
 #[derive(Debug)]

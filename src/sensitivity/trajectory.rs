@@ -63,8 +63,11 @@ impl Trajectory {
             return refuse(format!("of {} times for {}", self.times.len(), times.len()));
         }
         let (found, expected) = (self.q.len() / self.times.len().max(1), model.unknowns());
+        if found / 2 != expected / 2 {
+            return refuse(format!("of {} nodes for {}", found / 2, expected / 2));
+        }
         if found != expected {
-            return refuse(format!("of {found} unknowns for {expected}"));
+            return refuse("with a hinge for none, or the other way round".to_string());
         }
         match self.times.iter().zip(times).find(|(own, time)| **own != *time) {
             Some((own, time)) => refuse(format!("with a time of {own:e} s for {time:e} s")),

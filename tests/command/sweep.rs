@@ -450,7 +450,7 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
             3,
             "positive numbers on a log scale",
         ),
-        ("[axes]\nrod.length_m = { between = [1.0, 2.0] }", 3, "without [samples]"),
+        ("[axes]\nrod.length_m = { between = [1.0, 2.0] }", 3, "without samples"),
         ("[samples]\ncount = 3\n[axes]\nrod.length_m = { between = [2.0, 1.0] }", 5, "allowed: [low, high]"),
         ("[samples]\ncount = 3\n[axes]\nrod.length_m = [1.0]", 2, "found without an axis"),
         ("[samples]\ncount = 0\n[axes]\nrod.length_m = { between = [1.0, 2.0] }", 3, "found 0; allowed: 1 to"),
