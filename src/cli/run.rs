@@ -176,8 +176,11 @@ pub(super) fn first_loads(scene: &Scene, mut stepper: Stepper) -> Option<String>
     let period = scene.spectrum().slowest()?.recip();
     let ramp = scene.start.ramp_s.map_or(0.0, Positive::get);
     let time = (ramp + FIRST_CYCLES * period).min(scene.solver.duration_s.get());
-    let joints = stepper.model().rod.nodes as f64;
-    if joints * time > MOST_JOINT_STEPS * scene.typical_step() {
+    let model = stepper.model();
+    let joints = model.rod.nodes as f64;
+    // Where all of the rod acts on all of it, a step takes as many times longer.
+    let coupled = if model.forces.global().is_some() { joints } else { 1.0 };
+    if coupled * joints * time > MOST_JOINT_STEPS * scene.typical_step() {
         return None;
     }
     stepper.do_step(time).ok()?;
