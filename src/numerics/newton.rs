@@ -355,12 +355,12 @@ fn add_rank_ones(
     for (part, column) in rank_ones.iter().zip(&mut *columns) {
         solve(&part.column, column)?;
     }
-    couple(rank_ones, columns, x);
+    woodbury(rank_ones, columns, x);
     Ok(())
 }
 
 /// The same with the columns of Z as they were found.
-pub(crate) fn couple(rank_ones: &[RankOne], columns: &[Vec<f64>], x: &mut [f64]) {
+pub(crate) fn woodbury(rank_ones: &[RankOne], columns: &[Vec<f64>], x: &mut [f64]) {
     if rank_ones.is_empty() {
         return;
     }

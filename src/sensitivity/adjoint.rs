@@ -2,7 +2,7 @@
 
 use super::controls::{Controls, Cotangents, Weights};
 use super::equations::Equations;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Pulls};
+use super::output::{ActuatorState, Gradient, LocalDerivatives, Output, OutputContext};
 use super::parameter::{ActuationShape, JointDirection, Parameter, ParameterEffect, direct, keys};
 use super::problem::Problem;
 use super::step_ends::StepEnds;
@@ -97,7 +97,7 @@ impl Problem {
         let mut later = vec![0.0; outputs.len()];
         // What a motor and winches do at the times before, of, and after a state.
         let follows_state = summing && dynamics.model.has_motor_or_winch();
-        let mut pulls = [Pulls::default(); 3];
+        let mut actuators = [ActuatorState::default(); 3];
         for n in (0..=steps.count()).rev() {
             check_interruption()?;
             if follows_state {
@@ -105,10 +105,10 @@ impl Problem {
                     trajectory.load(n, &mut state);
                     controls.apply(dynamics, n);
                     dynamics.move_to(state.t, &mut state);
-                    dynamics.shape(&state).map(|bent| Pulls::of(&bent))
+                    dynamics.shape(&state).map(|bent| ActuatorState::of(&bent))
                 };
-                let own = if n == steps.count() { at(n)? } else { pulls[0] };
-                pulls = [at(n.saturating_sub(1))?, own, pulls[1]];
+                let own = if n == steps.count() { at(n)? } else { actuators[0] };
+                actuators = [at(n.saturating_sub(1))?, own, actuators[1]];
             }
             trajectory.load(n, &mut state);
             if summing {
@@ -163,7 +163,7 @@ impl Problem {
                         continue;
                     }
                     gradient.clear();
-                    let beyond = Some(&pulls[2 * i]).filter(|_| follows_state);
+                    let beyond = Some(&actuators[2 * i]).filter(|_| follows_state);
                     for (c, work) in &output.work {
                         work.add(&at, (span, beyond), i == 0, c * factor, &mut gradient);
                     }

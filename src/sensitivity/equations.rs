@@ -91,10 +91,9 @@ impl Equations {
                 place[moving.edges.len()] += tip.own;
             }
         }
-        self.hinge = dynamics.hinge_equation(direction).map(|own| {
-            let along = |direction| dynamics.hinge_equation(direction).unwrap_or(own);
-            [along(Direction::POSITIONS), along(Direction::VELOCITIES), along(Direction::ACCELERATIONS)]
-        });
+        let [by_q, by_v, by_a] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS]
+            .map(|direction| dynamics.hinge_equation(direction));
+        self.hinge = by_q.zip(by_v).zip(by_a).map(|((q, v), a)| [q, v, a]);
         if let Some(held) = &mut self.held {
             held.clone_from(&self.matrix);
             held.prescribe(0);
@@ -207,13 +206,13 @@ impl Equations {
         }
         solved.iter_mut().for_each(|solved| self.solve_band(solved, transposed));
         self.solved = solved;
-        newton::couple(&self.winches, &self.solved, rhs);
+        newton::woodbury(&self.winches, &self.solved, rhs);
         Ok(())
     }
 
     pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) {
         self.with_hinge_first(rhs, |own, rhs| own.solve_band(rhs, transposed));
-        newton::couple(&self.winches, &self.solved, rhs);
+        newton::woodbury(&self.winches, &self.solved, rhs);
     }
 
     /// Calls `solve` with the entries of the band of `rhs`, in which that of a hinge stands for the first one of node 0.

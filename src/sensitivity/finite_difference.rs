@@ -13,7 +13,7 @@
 use nalgebra::Vector2;
 
 use super::controls::Controls;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Pulls, centre_of};
+use super::output::{ActuatorState, Gradient, LocalDerivatives, Output, OutputContext, centre_of};
 use super::step_ends::StepEnds;
 use super::time_grid::TimeGrid;
 use crate::actuation::Actuation;
@@ -199,7 +199,7 @@ impl FiniteDifference {
     pub(super) fn output(
         &mut self,
         (output, gradient, factor): (&Output, &Gradient, f64),
-        share: Option<(usize, Option<&Pulls>)>,
+        share: Option<(usize, Option<&ActuatorState>)>,
         point: &LocalDerivatives,
         scratch: &mut Gradient,
     ) -> Result<f64> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::equations::Equations;
-use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Pulls, WorkKind};
+use super::output::{ActuatorState, Gradient, LocalDerivatives, Output, OutputContext, WorkKind};
 use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
 use super::problem::{GivenStart, Problem};
 use super::step_ends::StepEnds;
@@ -83,7 +83,7 @@ impl Problem {
         let mut columns: Vec<TangentState> = Vec::new();
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut ends = StepEnds::new(nodes);
-        let mut before = Pulls::default();
+        let mut before = ActuatorState::default();
         let (width, size) = (parameters.len(), outputs.len() * parameters.len());
         let mut first = vec![0.0; outputs.len() + size];
         let mut sums = vec![0.0; outputs.len() + size];
@@ -206,7 +206,9 @@ impl Problem {
                     own().for_each(|k| first[k] = now[k]);
                 }
             }
-            before = Pulls::of(&at.bent);
+            if follows_state {
+                before = ActuatorState::of(&at.bent);
+            }
             if recorded {
                 for (now, first) in now.iter_mut().zip(&first) {
                     *now -= first;

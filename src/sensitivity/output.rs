@@ -428,7 +428,7 @@ pub(super) struct StepInterval {
 
 /// What the motor of a hinge and winches do at one end of a step: it follows from the state there, not from the time alone.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pulls {
+pub(super) struct ActuatorState {
     /// Torque of the motor, N m.
     pub(super) torque: f64,
     /// Angle of the hinge, rad.
@@ -438,7 +438,7 @@ pub(super) struct Pulls {
     pub(super) lengths: [f64; MAX_TENDONS],
 }
 
-impl Pulls {
+impl ActuatorState {
     pub(super) fn of(bent: &DeformedRod<'_>) -> Self {
         let DeformedRod { dynamics, .. } = bent;
         let mut lengths = [0.0; MAX_TENDONS];
@@ -1088,7 +1088,7 @@ impl WorkKind {
     pub(super) fn add(
         self,
         at: &OutputContext<'_>,
-        (span, beyond): (&StepInterval, Option<&Pulls>),
+        (span, beyond): (&StepInterval, Option<&ActuatorState>),
         end: bool,
         factor: f64,
         g: &mut Gradient,

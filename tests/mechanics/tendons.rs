@@ -379,7 +379,10 @@ fn what_a_winch_is_bought_by_is_that_of_its_steps() {
 fn a_tension_that_changes_has_derivatives_by_its_numbers_but_its_frequency() {
     let scene = document(&[]).scene().unwrap();
     let reason = scene.not_a_number("tendons.0.tension_n.frequency_hz").unwrap();
-    assert!(reason.contains("tendons.0.tension_n changes in time") && reason.contains("amplitude, phase_rad"), "{reason}");
+    assert!(
+        reason.contains("tendons.0.tension_n changes in time") && reason.contains("amplitude, phase_rad"),
+        "{reason}"
+    );
     assert_eq!([scene.not_a_number("tendons.1.tension_n"), scene.not_a_number("tendons.0.offset_m")], [None, None]);
     let keys = ["amplitude", "phase_rad", "offset"].map(|part| format!("tendons.0.tension_n.{part}"));
     let by = |changes: &[&str]| {

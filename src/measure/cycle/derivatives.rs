@@ -187,12 +187,7 @@ impl Cycles {
                 axis: vector(&by, index::AXIS).into(),
                 force: vector(&by, index::FORCE).into(),
                 moment: by[index::MOMENT],
-                hinge: [
-                    by[index::TORQUE_SQUARE],
-                    by[index::HINGE_POWER],
-                    by[index::HINGE_ANGLE],
-                    by[index::HINGE_ERROR_SQUARE],
-                ],
+                hinge: std::array::from_fn(|i| by[index::TORQUE_SQUARE + i]),
                 work: std::array::from_fn(|i| by[index::WORK + i]),
                 by_key: keys.into_iter().map(|(key, by)| (key, by * part)).collect(),
             })
