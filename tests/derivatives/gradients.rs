@@ -41,6 +41,11 @@ const UNSOLVED: f64 = 2e-12;
 const STEP: f64 = 5e-4;
 const STEPS: usize = 4;
 
+/// Still smaller steps for a derivative that these contradict: where a kink is nearer than the smallest of them, all have the mean of both
+/// sides. Seed 2011 beside winches has one at a millionth of the rod's length, before which differences are 6e-5 off and after which
+/// they agree to 7e-6, their rounding.
+const FINER_STEPS: usize = 2;
+
 /// What a simulation is run with beside its scene.
 #[derive(Clone)]
 struct Values {
@@ -302,16 +307,14 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             }
             all(&moved)
         };
-        let mut richardson: Vec<Vec<f64>> = Vec::new();
-        let mut step = STEP * size;
-        for _ in 0..STEPS {
+        let difference = |i: usize| -> Option<Vec<f64>> {
+            let step = STEP * size * 0.2_f64.powi(i as i32);
             let sides = [-2.0, -1.0, 1.0, 2.0].map(|part| at(part * step));
-            if let [Some(near), Some(less), Some(more), Some(far)] = sides {
-                let of = |o: usize| (8.0 * (more[o] - less[o]) - (far[o] - near[o])) / (12.0 * step);
-                richardson.push((0..more.len()).map(of).collect());
-            }
-            step *= 0.2;
-        }
+            let [Some(near), Some(less), Some(more), Some(far)] = sides else { return None };
+            let of = |o: usize| (8.0 * (more[o] - less[o]) - (far[o] - near[o])) / (12.0 * step);
+            Some((0..more.len()).map(of).collect())
+        };
+        let richardson: Vec<Vec<f64>> = (0..STEPS).filter_map(difference).collect();
         let unit = |name: &str| name.rsplit_once('_').map_or("", |(_, unit)| unit).to_string();
         let rod = &model.rod;
         let unsolved = |name: &str| {
@@ -328,6 +331,7 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             let of_unit = gradients.iter().filter(|other| unit(&other.0) == unit(&gradients[o].0));
             largest(of_unit.map(|other| other.1))
         };
+        let mut wrong = Vec::new();
         for (o, (name, output_size, by)) in gradients.iter().enumerate() {
             let Some(exact) = by[j] else { continue };
             // Each two steps in turn, and how well they agree: of those that do, one must agree with the derivative, as larger steps
@@ -350,16 +354,29 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             let Some(pair) = known.min_by(|a, b| beyond(a).total_cmp(&beyond(b))) else { continue };
             let (error, coarse, noise) = (beyond(&pair), pair[0], noise(&pair));
             count.known += 1;
-            count.worst = count.worst.max(error);
-            if error > TOLERANCE || !exact.is_finite() {
+            if error <= TOLERANCE {
+                count.worst = count.worst.max(error);
+            } else {
                 let what = match entry {
                     Entry::Number(i) => case.numbers[*i].label(),
                     other => format!("{other:?}"),
                 };
-                faults.push(format!(
+                let fault = format!(
                     "seed {seed}: d{name}/d{what} = {exact:e}, differences {coarse:e} (known to {noise:.1e}, scale {scale:.1e})"
-                ));
+                );
+                wrong.push((o, exact, 1e-5 * scale, fault));
             }
+        }
+        if !wrong.is_empty() {
+            let finer: Vec<Vec<f64>> = (STEPS - 1..STEPS + FINER_STEPS).filter_map(difference).collect();
+            wrong.retain(|&(o, exact, most, _)| {
+                let agrees = |pair: &[Vec<f64>]| {
+                    let noise = (pair[0][o] - pair[1][o]).abs();
+                    noise <= most && (exact - pair[1][o]).abs() <= noise
+                };
+                !finer.windows(2).any(agrees)
+            });
+            faults.extend(wrong.into_iter().map(|(.., fault)| fault));
         }
     }
 }
