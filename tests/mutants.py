@@ -361,8 +361,8 @@ class Test:
         process = subprocess.Popen(
             self.command, cwd=self.cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
             env=os.environ | {"CAUDAL_RANDOM_CALLS": "200"} | variables,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (processor, processor)),
         )
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (processor, processor))
         stuck = threading.Timer(60 + 10 * limit, lambda: os.killpg(process.pid, 9))
         stuck.start()
         _, status, usage = os.wait4(process.pid, 0)
