@@ -1,5 +1,6 @@
 //! Adjoint (reverse) derivatives of one number by all parameters: backwards over a stored simulation, one transposed solve per step.
 
+use super::checkpoints::{Checkpoints, StepMaker, StoredStates};
 use super::controls::{Controls, Cotangents, Weights};
 use super::equations::Equations;
 use super::output::{ActuatorState, Gradient, LocalDerivatives, Output, OutputContext};
@@ -32,8 +33,21 @@ impl Problem {
         if weights.len() != expected {
             return Err(Error::WrongLength { name: "weights", expected, found: weights.len() });
         }
+        trajectory.check(self.model(), (0..self.steps.count() + 1).map(|n| self.steps.time(n)))?;
         let weights = Weights { outputs: weights, ..Weights::default() };
-        Ok(self.backward_pass(parameters, outputs, weights, trajectory, false)?.parameters)
+        Ok(self.backward_pass(parameters, outputs, weights, StoredStates::of(trajectory), [false; 2])?.parameters)
+    }
+
+    /// The same for a simulation of this problem of which `checkpoints` are kept.
+    pub(crate) fn adjoint_of(
+        &mut self,
+        parameters: &[Parameter],
+        outputs: &[Output],
+        weights: &[f64],
+        checkpoints: &Checkpoints,
+    ) -> Result<Vec<f64>> {
+        let weights = Weights { outputs: weights, ..Weights::default() };
+        Ok(self.backward_pass(parameters, outputs, weights, checkpoints.states(), [false; 2])?.parameters)
     }
 
     /// The same with `weights` of positions and velocities too, and with derivatives by the initial state and the controls in addition to
@@ -48,16 +62,18 @@ impl Problem {
         weights: Weights<'_>,
         trajectory: &Trajectory,
     ) -> Result<Cotangents> {
-        self.backward_pass(parameters, outputs, weights, trajectory, true)
+        trajectory.check(self.model(), (0..self.steps.count() + 1).map(|n| self.steps.time(n)))?;
+        self.backward_pass(parameters, outputs, weights, StoredStates::of(trajectory), [true; 2])
     }
 
-    fn backward_pass(
+    /// Goes back over the `states`; `by_controls`: by the natural curvature of each time, too, and by the forces.
+    pub(super) fn backward_pass(
         &mut self,
         parameters: &[Parameter],
         outputs: &[Output],
         weights: Weights<'_>,
-        trajectory: &Trajectory,
-        by_controls: bool,
+        mut states: StoredStates<'_>,
+        [by_natural, by_forces]: [bool; 2],
     ) -> Result<Cotangents> {
         self.check(parameters, outputs)?;
         let (unknowns, nodes, steps) = (self.model().unknowns(), self.dynamics.nodes(), self.steps);
@@ -69,7 +85,6 @@ impl Problem {
                 return Err(Error::WrongLength { name: "weights", expected, found });
             }
         }
-        trajectory.check(self.model(), (0..times).map(|n| steps.time(n)))?;
         let (rules, check_interruption) = (self.rules()?, self.check_interruption());
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut equations = Equations::new(self.model())?;
@@ -85,13 +100,15 @@ impl Problem {
         let mut force = zeros();
         let mut total = vec![0.0; parameters.len()];
         let mut state = State::zeros(unknowns);
-        let Self { dynamics, finite_differences, directions, controls, start: given, .. } = self;
+        let newton = self.newton()?;
+        let Self { dynamics, finite_differences, directions, controls, start: given, integrator, .. } = self;
+        let mut again = StepMaker { newton, integrator: integrator.as_mut(), controls, grid: steps };
         let mut scratch = Gradient::new(&dynamics.model, &[]);
         let held = dynamics.model.head.is_some();
         let joints = dynamics.model.rod.joints();
-        let bends = if by_controls { Controls::effects(&dynamics.model.rod, &shape) } else { Vec::new() };
+        let bends = if by_natural { Controls::effects(&dynamics.model.rod, &shape) } else { Vec::new() };
         let mut natural = vec![0.0; times * bends.len()];
-        let mut by_force = vec![0.0; if by_controls { times * 2 * nodes } else { 0 }];
+        let mut by_force = vec![0.0; if by_forces { times * 2 * nodes } else { 0 }];
         let mut force_by = vec![zeros(); finite_differences.len()];
         // Sums of the weights of all later times, for outputs that are summed from the start.
         let mut later = vec![0.0; outputs.len()];
@@ -102,7 +119,7 @@ impl Problem {
             check_interruption()?;
             if follows_state {
                 let mut at = |n: usize| {
-                    trajectory.load(n, &mut state);
+                    states.load(n, &mut state, dynamics, &mut again)?;
                     controls.apply(dynamics, n);
                     dynamics.move_to(state.t, &mut state);
                     dynamics.shape(&state).map(|bent| ActuatorState::of(&bent))
@@ -110,7 +127,7 @@ impl Problem {
                 let own = if n == steps.count() { at(n)? } else { actuators[0] };
                 actuators = [at(n.saturating_sub(1))?, own, actuators[1]];
             }
-            trajectory.load(n, &mut state);
+            states.load(n, &mut state, dynamics, &mut again)?;
             if summing {
                 ends.look(dynamics, controls, steps, n);
             }
@@ -188,7 +205,7 @@ impl Problem {
                 }
             }
             if n == 0 {
-                initial_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref())?;
+                initial_cotangents(&at, &mut equations, &mut bar, &mut force, held, again.integrator)?;
             } else {
                 let h = steps.length(n);
                 let StepWeights { q_old, v_old, q_new, v_new, memory } = rule;

@@ -13,12 +13,12 @@ use super::finite_difference::{CENTRAL_STENCIL, PerturbedScene};
 use super::output::{HingeQuantity, Output, Quantity, WorkKind};
 use super::parameter::Parameter;
 use super::problem::Problem;
-use super::trajectory::Trajectory;
 use crate::cycle::derivatives::{CycleEnd, IntegralDerivatives, IntegralWeights};
 use crate::cycle::{CycleMeasure, Cycles, EFFICIENCY, MAX_CYCLES};
 use crate::error::Result;
 use crate::metrics::{Measurements, RunMetrics};
 use crate::model::{Dynamics, Model};
+use crate::system::State;
 use crate::system::System;
 
 /// Step of the differences by the logarithm of the frequency, times the number of cycles.
@@ -82,24 +82,25 @@ fn parts(model: &Model) -> Vec<Part> {
 }
 
 impl Problem {
-    /// Simulates, and tracks the cycles and their ends as a run does.
+    /// Simulates, and tracks the cycles and their ends as a run does. `look` is called with every state.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
-    pub fn simulate_cycles(&mut self) -> Result<(Trajectory, Cycles, Vec<CycleEnd>)> {
-        let (trajectory, cycles, ends, _) = self.simulate_and_measure()?;
-        Ok((trajectory, cycles, ends))
+    pub(super) fn simulate_cycles(&mut self, look: impl FnMut(&State)) -> Result<(Cycles, Vec<CycleEnd>)> {
+        let (cycles, ends, _) = self.simulate_and_measure(look)?;
+        Ok((cycles, ends))
     }
 
     /// Simulates, and returns the metrics of a run and the final positions.
     #[cfg(feature = "faer")]
     pub(super) fn simulate_metrics(&mut self) -> Result<(RunMetrics, Vec<f64>)> {
-        let (trajectory, .., metrics) = self.simulate_and_measure()?;
-        Ok((metrics, trajectory.positions(trajectory.times.len() - 1).to_vec()))
+        let mut end = Vec::new();
+        let (.., metrics) = self.simulate_and_measure(|state| end.clone_from(&state.q))?;
+        Ok((metrics, self.dynamics.of_nodes(end)))
     }
 
-    fn simulate_and_measure(&mut self) -> Result<(Trajectory, Cycles, Vec<CycleEnd>, RunMetrics)> {
-        let mut trajectory = Trajectory::default();
+    fn simulate_and_measure(&mut self, mut look: impl FnMut(&State)) -> Result<(Cycles, Vec<CycleEnd>, RunMetrics)> {
+        let mut before = State::default();
         let mut ends = Vec::new();
         let mut run: Option<(RunMetrics, Cycles, Measurements)> = None;
         let controls = Arc::clone(&self.controls);
@@ -113,12 +114,12 @@ impl Problem {
                 }
                 Some((metrics, cycles, measurements)) => {
                     measurements.measure(dynamics, state)?;
-                    let times = [trajectory.times[n - 1], state.t];
-                    let mut load = dynamics.load_work(times, trajectory.positions(n - 1), &state.q);
+                    let times = [before.t, state.t];
+                    let mut load = dynamics.load_work(times, &before.q, &state.q);
                     if controls.force.is_some() {
                         // The mean of the forces at both ends, as they are functions of time.
                         controls.apply(dynamics, n - 1);
-                        load = 0.5 * (load + dynamics.load_work(times, trajectory.positions(n - 1), &state.q));
+                        load = 0.5 * (load + dynamics.load_work(times, &before.q, &state.q));
                         controls.apply(dynamics, n);
                     }
                     metrics.count_step(measurements, None, load, dynamics.head_mass())?;
@@ -127,7 +128,9 @@ impl Problem {
                     ends.extend(cycles.ends_since(dynamics, &before));
                 }
             }
-            trajectory.push(state);
+            look(state);
+            before.t = state.t;
+            before.q.clone_from(&state.q);
             Ok(())
         })?;
         let (cycles, metrics) = match run {
@@ -139,24 +142,24 @@ impl Problem {
                 (Cycles::start(&self.dynamics, &state, &metrics), metrics)
             }
         };
-        Ok((trajectory, cycles, ends, metrics))
+        Ok((cycles, ends, metrics))
     }
 
     /// The reason why its simulation has no whole cycle, if it has none.
     ///
     /// # Errors
-    /// Those of [`simulate_cycles`](Self::simulate_cycles).
+    /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
     pub fn no_cycle(&mut self) -> Result<Option<String>> {
-        let (_, cycles, _) = self.simulate_cycles()?;
+        let (cycles, _) = self.simulate_cycles(|_| {})?;
         Ok(cycles.reason(&self.dynamics))
     }
 
     /// The reason why its simulation has no mean of `measure`.
     ///
     /// # Errors
-    /// Those of [`simulate_cycles`](Self::simulate_cycles).
+    /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
     pub fn no_mean(&mut self, measure: &CycleMeasure) -> Result<String> {
-        let (_, cycles, _) = self.simulate_cycles()?;
+        let (cycles, _) = self.simulate_cycles(|_| {})?;
         let averages = cycles.averages(&self.dynamics);
         let of_efficiency = averages.efficiency_reason.filter(|_| measure.key == EFFICIENCY.key);
         Ok(averages
@@ -173,16 +176,17 @@ impl Problem {
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
     pub fn cycle_mean(&mut self, measure: &CycleMeasure, parameters: &[Parameter]) -> Result<Option<(f64, Vec<f64>)>> {
-        let (trajectory, cycles, ends) = self.simulate_cycles()?;
+        let (mut checkpoints, times) = (self.checkpoints(), self.times());
+        let (cycles, ends) = self.simulate_cycles(|state| checkpoints.push(state))?;
         let Some(mean) = cycles.averages(&self.dynamics).mean(measure) else { return Ok(None) };
         if parameters.is_empty() {
             return Ok(Some((mean, Vec::new())));
         }
         let Some(integral_derivatives) = cycles.integral_derivatives(measure, &self.dynamics) else { return Ok(None) };
-        let weights = cycles.weights(&self.dynamics, &trajectory.times);
+        let weights = cycles.weights(&self.dynamics, &times);
         let mut parts = parts(&self.dynamics.model);
         parts.retain(|(_, by, _)| integral_derivatives.iter().any(|dependence| by(dependence) != 0.0));
-        let mut rows = vec![0.0; parts.len() * trajectory.times.len()];
+        let mut rows = vec![0.0; parts.len() * times.len()];
         for (dependence, weights) in integral_derivatives.iter().zip(&weights) {
             for (o, (_, by, of)) in parts.iter().enumerate() {
                 let by = by(dependence);
@@ -208,7 +212,7 @@ impl Problem {
         let exact = slides && !self.dynamics.model.filters_drive();
         let with_frequency: Vec<Parameter> = parameters.iter().cloned().chain([Parameter::Frequency]).collect();
         let asked = if exact { &with_frequency } else { parameters };
-        let mut by = self.adjoint(asked, &outputs, &rows, &trajectory)?;
+        let mut by = self.adjoint_of(asked, &outputs, &rows, &checkpoints)?;
         let of_scene = stretches.iter().position(|by| *by != 0.0).filter(|_| slides && !exact);
         let of_scene = of_scene.zip(own).map(|(i, own)| by[i] / (stretches[i] * own));
         let slid = cycles.by_log_frequency(measure, &self.dynamics, &ends).unwrap_or(f64::NAN);
@@ -248,7 +252,7 @@ impl Problem {
         let step = TREND_STEP / passed as f64;
         let mut mean = |part: f64| -> Result<Option<f64>> {
             self.inputs().drive.frequency = own * (1.0 + part * step);
-            let (_, cycles, ends) = self.simulate_cycles()?;
+            let (cycles, ends) = self.simulate_cycles(|_| {})?;
             Ok(cycles.averages(&self.dynamics).mean(measure).filter(|_| ends.len() == 1 + passed))
         };
         let mut difference = |stencil: &[[f64; 2]]| -> Result<Option<f64>> {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::checkpoints::Checkpoints;
 use super::equations::Equations;
 use super::output::{ActuatorState, Gradient, LocalDerivatives, Output, OutputContext, WorkKind};
 use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
@@ -50,6 +51,13 @@ impl Problem {
         let mut trajectory = Trajectory::default();
         let values = self.forward(&[], outputs, 1, |state| trajectory.push(state))?;
         Ok((trajectory, values))
+    }
+
+    /// The same, of which only what an adjoint needs is kept.
+    pub(crate) fn simulate_with_checkpoints(&mut self, outputs: &[Output]) -> Result<(Checkpoints, Sensitivities)> {
+        let mut checkpoints = self.checkpoints();
+        let values = self.forward(&[], outputs, 1, |state| checkpoints.push(state))?;
+        Ok((checkpoints, values))
     }
 
     /// Simulates with the derivatives of all `outputs` by all `parameters`, and records every `every` steps and the end. `look` is called

@@ -19,6 +19,7 @@
 //! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules:
 //! docs/src/notes/sensitivity.md.
 mod adjoint;
+mod checkpoints;
 mod controls;
 mod cycle_means;
 mod equations;

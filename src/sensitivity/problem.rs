@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::checkpoints::{Checkpoints, StepMaker};
 use super::controls::Controls;
 use super::finite_difference::FiniteDifference;
 use super::output::Output;
@@ -318,31 +319,38 @@ impl Problem {
         Ok([rule(self.steps.length)?, rule(self.steps.last.unwrap_or(self.steps.length))?])
     }
 
+    /// The solver of its steps.
+    pub(super) fn newton(&self) -> Result<Newton> {
+        Newton::with(Form::Positions, self.linear, self.dynamics.nodes(), self.tolerance)
+    }
+
+    /// Room for what its adjoint needs of a simulation.
+    pub(crate) fn checkpoints(&self) -> Checkpoints {
+        Checkpoints::of(self.model().unknowns(), self.steps.count() + 1)
+    }
+
     /// Advances the simulation, and calls `look` at each time with its index, the state, and the size (s) of the step before.
     pub(super) fn advance(
         &mut self,
         mut look: impl FnMut(&mut Dynamics, usize, &State, f64) -> Result<()>,
     ) -> Result<()> {
-        let (steps, check_interruption) = (self.steps, self.check_interruption());
-        let dynamics = &mut self.dynamics;
-        let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
-        self.controls.apply(dynamics, 0);
+        let check_interruption = self.check_interruption();
+        let newton = self.newton()?;
+        let Self { dynamics, integrator, controls, steps: grid, start, .. } = self;
+        let mut steps = StepMaker { newton, integrator: integrator.as_mut(), controls, grid: *grid };
+        controls.apply(dynamics, 0);
         let mut state = dynamics.first_state();
-        if self.start.write([&mut state.q, &mut state.v]) {
+        if start.write([&mut state.q, &mut state.v]) {
             dynamics.move_to(0.0, &mut state);
         }
-        newton.iterate(dynamics, &mut state, Direction::ACCELERATIONS)?;
-        self.integrator.begin(&mut state);
+        steps.newton.iterate(dynamics, &mut state, Direction::ACCELERATIONS)?;
+        steps.integrator.begin(&mut state);
         let mut next = state.clone();
         look(dynamics, 0, &state, 0.0)?;
-        for n in 1..=steps.count() {
+        for n in 1..=steps.grid.count() {
             check_interruption()?;
-            let h = steps.length(n);
-            next.t = steps.time(n);
-            self.controls.apply(dynamics, n);
-            self.integrator.step(dynamics, &mut newton, &state, h, &mut next)?;
-            std::mem::swap(&mut state, &mut next);
-            look(dynamics, n, &state, h)?;
+            steps.step(dynamics, n, [&mut state, &mut next])?;
+            look(dynamics, n, &state, steps.grid.length(n))?;
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use super::checkpoints::{Checkpoints, StoredStates};
 use super::controls::{Controls, Weights};
 use super::forward::Sensitivities;
 use super::output::Output;
@@ -237,6 +238,15 @@ const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
 
 /// A simulation of a scene with named outputs and their derivatives by named parameters.
 ///
+/// What is kept of the states of a simulation.
+#[derive(Debug)]
+enum SimulatedStates {
+    /// All of them, which are read.
+    All(Trajectory),
+    /// What derivatives need.
+    Checkpoints(Checkpoints),
+}
+
 /// The simulation runs when a result is first requested.
 #[derive(Debug)]
 pub struct Simulation {
@@ -255,7 +265,7 @@ pub struct Simulation {
     phase: f64,
     /// Names of the parameters given over time.
     over_time: Vec<String>,
-    simulated: Option<(Trajectory, Sensitivities)>,
+    simulated: Option<(SimulatedStates, Sensitivities)>,
     /// A mean over cycles was asked for.
     has_mean: bool,
 }
@@ -447,7 +457,14 @@ impl Simulation {
     /// A step that fails; it is not halved.
     pub fn simulate(&mut self) -> Result<()> {
         if self.simulated.is_none() {
-            self.simulated = Some(self.problem.simulate_with(&self.outputs)?);
+            let reads_states = self.reads.iter().any(|(_, read)| !matches!(read, OutputSource::Output(_)));
+            self.simulated = Some(if reads_states {
+                let (trajectory, values) = self.problem.simulate_with(&self.outputs)?;
+                (SimulatedStates::All(trajectory), values)
+            } else {
+                let (checkpoints, values) = self.problem.simulate_with_checkpoints(&self.outputs)?;
+                (SimulatedStates::Checkpoints(checkpoints), values)
+            });
         }
         Ok(())
     }
@@ -458,16 +475,18 @@ impl Simulation {
     /// Those of [`simulate`](Self::simulate).
     pub fn outputs(&mut self) -> Result<Vec<(&str, Array)>> {
         self.simulate()?;
-        let (nodes, Some((trajectory, values))) = (self.nodes(), &self.simulated) else { return Ok(Vec::new()) };
-        let times = 0..trajectory.times.len();
+        let (nodes, Some((states, values))) = (self.nodes(), &self.simulated) else { return Ok(Vec::new()) };
+        let times = 0..values.times.len();
+        let rows = |of: fn(&Trajectory, usize) -> &[f64], i: usize| match states {
+            SimulatedStates::All(trajectory) => {
+                Array::rows(times.clone().flat_map(|n| along(of(trajectory, n), i)).collect(), nodes)
+            }
+            SimulatedStates::Checkpoints(_) => Array::rows(Vec::new(), nodes), // nothing is read of them
+        };
         let read = |read: OutputSource| match read {
             OutputSource::Output(o) => times.clone().map(|n| values.value(n, o)).collect::<Vec<f64>>().into(),
-            OutputSource::Position(i) => {
-                Array::rows(times.clone().flat_map(|n| along(trajectory.positions(n), i)).collect(), nodes)
-            }
-            OutputSource::Velocity(i) => {
-                Array::rows(times.clone().flat_map(|n| along(trajectory.velocities(n), i)).collect(), nodes)
-            }
+            OutputSource::Position(i) => rows(Trajectory::positions, i),
+            OutputSource::Velocity(i) => rows(Trajectory::velocities, i),
         };
         Ok(self.reads.iter().map(|(name, what)| (&**name, read(*what))).collect())
     }
@@ -486,7 +505,7 @@ impl Simulation {
         let mut notes =
             crate::diagnostics::notes(&self.scene, self.problem.model(), &metrics, &end, step_control, &warnings);
         if self.has_mean {
-            let (_, cycles, _) = self.problem.simulate_cycles()?;
+            let (cycles, _) = self.problem.simulate_cycles(|_| {})?;
             let averages = cycles.averages(&self.problem.dynamics);
             notes.extend(match averages.difference {
                 Some(difference) if difference.is_periodic() => None,
@@ -607,9 +626,15 @@ impl Simulation {
             }
         }
         let parameters = self.parameters(&by)?;
-        let Some((trajectory, _)) = &self.simulated else { return Ok(Vec::new()) };
+        let Some((states, _)) = &self.simulated else { return Ok(Vec::new()) };
+        let states = match states {
+            SimulatedStates::All(trajectory) => StoredStates::of(trajectory),
+            SimulatedStates::Checkpoints(checkpoints) => checkpoints.states(),
+        };
         let weights = Weights { outputs: &all[0], positions: &all[1], velocities: &all[2] };
-        let found = self.problem.pull_back(&parameters, &self.outputs, weights, trajectory)?;
+        let by_natural = by.contains(&WithRespectTo::Natural);
+        let by_forces = by.iter().any(|by| matches!(by, WithRespectTo::Force(_)));
+        let found = self.problem.backward_pass(&parameters, &self.outputs, weights, states, [by_natural, by_forces])?;
         let mut parts = found.parameters.iter().copied();
         let mut result = Vec::with_capacity(by.len());
         for (name, by) in names.iter().zip(by) {

@@ -11,7 +11,7 @@ use crate::cycle::{CycleMeasure, MEASURES};
 use crate::error::{Error, Result};
 use crate::scene::{Document, Scene};
 use crate::sensitivity::scene_parameter::{SceneParameter, finite_differences};
-use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, WorkKind};
+use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, WorkKind};
 
 /// A target is reached if the root mean square distance from it is below this fraction of the length.
 pub(super) const TARGET_TOLERANCE: f64 = 1e-9;
@@ -272,15 +272,15 @@ impl Objective {
             by.iter_mut().for_each(|by| *by *= -self.sign);
             ObjectiveValue { f: -self.sign * mean, by, ..ObjectiveValue::default() }
         } else {
-            let mut trajectory = Trajectory::default();
-            let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
+            let mut checkpoints = problem.checkpoints();
+            let found = problem.forward(&[], &self.outputs, usize::MAX, |state| checkpoints.push(state)).ok()?;
             let (f, slopes) = self.scalar(&found.values[found.values.len() - self.outputs.len()..]);
             let mut by = Vec::new();
             if !parameters.is_empty() {
-                let mut weights = vec![0.0; self.outputs.len() * trajectory.times.len()];
+                let mut weights = vec![0.0; self.outputs.len() * problem.times().len()];
                 let last = weights.len() - slopes.len();
                 weights[last..].copy_from_slice(&slopes);
-                by = problem.adjoint(parameters, &self.outputs, &weights, &trajectory).ok()?;
+                by = problem.adjoint_of(parameters, &self.outputs, &weights, &checkpoints).ok()?;
             }
             ObjectiveValue { f, by, ..ObjectiveValue::default() }
         };
