@@ -119,21 +119,22 @@ impl Modes {
     /// Those of [`of`](Self::of).
     pub fn of_model(model: Model) -> Result<Self> {
         let winches = model.tendons.stiffness_over_inertia(&model.rod);
-        Ok(Self { winches, ..Self::of_matrices(&Matrices::of_natural_modes(model)?)? })
+        Self::of_matrices(&Matrices::of_natural_modes(model)?, winches)
     }
 
-    /// The modes of M and K of `matrices`, of which K is that of rod and servo alone.
+    /// The modes of M and K of `matrices`, of which K is that of rod and servo alone, beside
+    /// [`winches`](crate::tendons::Tendons::stiffness_over_inertia).
     ///
     /// # Errors
     /// Those of [`of`](Self::of).
-    pub fn of_matrices(matrices: &Matrices) -> Result<Self> {
+    pub fn of_matrices(matrices: &Matrices, winches: f64) -> Result<Self> {
         let [bending, stretching] = ModeKind::BOTH.map(|axis| {
             let (scaled, _) = matrices.scaled(axis)?;
             let squares = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
             Ok(squares.into_iter().skip(matrices.rigid(axis)).map(|square| square.max(0.0).sqrt()).collect())
         });
         let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
-        Ok(Self { bending: bending?, stretching: stretching?, drag, winches: 0.0 })
+        Ok(Self { bending: bending?, stretching: stretching?, drag, winches })
     }
 
     /// The lowest of all.
@@ -155,6 +156,7 @@ impl Modes {
     /// The steps of `method` that amplify none of them in a rod of `damping`, by theory; `None` where all are. Kelvin–Voigt damping
     /// gives a mode the ratio ζ = τω/2, and a drag c per inertia c/(2ω): the steps that a mode with both allows become shorter as ω grows,
     /// so the highest of each kind bounds them. Some methods allow longer steps where there is drag, which the highest mode need not feel.
+    /// Cables have no damping: with winches it is 2ζω = τω₀² + c of the rod's own ω₀² = ω² − w.
     pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
         // The least and the largest along the rod.
         let ends = |times: &mut dyn Iterator<Item = &f64>| {
@@ -162,11 +164,14 @@ impl Modes {
         };
         let times = damping
             .map_or([[0.0; 2]; 2], |damping| [ends(&mut damping.bending.iter()), ends(&mut damping.stretching.iter())]);
-        let highest = [&self.bending, &self.stretching]
-            .map(|frequencies| frequencies.last().map_or(0.0, |highest| highest.hypot(self.winches.sqrt())));
-        let bounds = highest.into_iter().zip(times).zip(self.drag).filter(|((frequency, _), _)| *frequency > 0.0);
-        let bounds = bounds.filter_map(|((frequency, [least, most]), drag)| {
-            let ratios = [least * frequency, most * frequency + drag / frequency].map(|damping| 0.5 * damping);
+        let highest =
+            [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or_default());
+        let bounds = highest.into_iter().zip(times).zip(self.drag).filter_map(|((own, [least, most]), drag)| {
+            let frequency = own.hypot(self.winches.sqrt());
+            if frequency == 0.0 {
+                return None;
+            }
+            let ratios = [least * own * own, most * own * own + drag].map(|damping| 0.5 * damping / frequency);
             let limits = ratios.into_iter().filter_map(|ratio| stability_limit(method, ratio));
             let limit = limits.min_by(f64::total_cmp)?;
             Some(StableSteps { largest: limit / frequency, frequency, limit })

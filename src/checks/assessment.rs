@@ -165,9 +165,10 @@ impl Assessment {
         let drive = DriveShape::of(&model, stepper.model().rod.spacing / model.rod.spacing);
         let (is_inertial, spacing) = (model.forces.are_inertial(), model.rod.spacing);
         let dry = model.rod.sections.line_density(0.5);
+        let winches = model.tendons.stiffness_over_inertia(&model.rod);
         let matrices = Matrices::of_natural_modes(model)?;
         let line_density = if is_inertial { matrices.line_density(spacing) } else { dry };
-        let modes = Modes::of_matrices(&matrices)?;
+        let modes = Modes::of_matrices(&matrices, winches)?;
         let (rod, first_frequency) = (&stepper.model().rod, modes.lowest());
         let mut assessment = Self {
             first_frequency,
@@ -703,15 +704,20 @@ impl Assessment {
                 format!("other parameters of {}, which is {}", method.name, method.stability)
             });
             let hertz = significant(frequency / TAU, 4);
+            let whose = if modes.winches > 0.0 {
+                "the highest frequency of rod and taut winches, at most"
+            } else {
+                "the rod's natural frequency of"
+            };
             self.warnings.push(if largest > 0.0 {
                 format!(
-                    "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's natural frequency of {hertz} Hz (allowed: up to {}); take at most solver.time_step_s = {:e}, or {other}",
+                    "the time step is beyond the method's limit of stability: ωΔt = {:.3} at {whose} {hertz} Hz (allowed: up to {}); take at most solver.time_step_s = {:e}, or {other}",
                     step * frequency,
                     significant(limit, 4),
                     rounded_down(largest)
                 )
             } else {
-                format!("the method amplifies the rod's natural frequency of {hertz} Hz at any time step; take {other}")
+                format!("the method amplifies {whose} {hertz} Hz at any time step; take {other}")
             });
         }
         Ok(())

@@ -151,14 +151,14 @@ impl Signal {
         }
     }
 
-    /// The longest step (s) from time `t` (s) that resolves it, whatever its size.
-    pub fn longest_step(&self, t: f64) -> f64 {
+    /// The longest step (s) from time `t` (s) that resolves it, whatever its size, or one of at least `wanted` (s).
+    pub fn longest_step(&self, t: f64, wanted: f64) -> f64 {
         match self {
             Self::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
                 1.0 / (RESOLVING_STEPS_PER_PERIOD * frequency.abs())
             }
             Self::Constant(_) | Self::Sinusoid { .. } => f64::INFINITY,
-            Self::Table(rows) => longest_in_table(rows, t),
+            Self::Table(rows) => longest_in_table(rows, t, wanted),
         }
     }
 
@@ -249,8 +249,8 @@ fn jumps(rows: &[Row], at: usize, part: f64) -> bool {
 
 /// The longest step (s) from time `t` (s) in a table: to the next row where it rests or moves evenly, else a part of the way between rows, or
 /// of the way over as many rows as the cubic through the first and the last of them foretells. The same for a motion that goes on
-/// at some speed beside it.
-fn longest_in_table(rows: &[Row], t: f64) -> f64 {
+/// at some speed beside it. No more rows are looked at than a step of `wanted` (s) needs.
+fn longest_in_table(rows: &[Row], t: f64, wanted: f64) -> f64 {
     let at = row_at(rows, t);
     let after = at.map_or_else(|| rows.partition_point(|row| row.time <= t), |at| at + 1);
     let Some(next) = rows.get(after) else { return f64::INFINITY };
@@ -277,6 +277,9 @@ fn longest_in_table(rows: &[Row], t: f64) -> f64 {
         }
         longest = longest.max((last.time - from.time) / STEPS_PER_INTERPOLATED_SPAN);
         reached = last.time;
+        if longest.min(reached - t) >= wanted {
+            break;
+        }
     }
     // What is beyond the rows that were looked at may be a burst.
     longest.min(reached - t)
@@ -314,7 +317,11 @@ pub fn pose_before(motion: &HeadMotion, t: f64) -> Pose {
 
 #[cfg(test)]
 mod tests {
-    use super::{Row, longest_in_table};
+    use super::{Row, longest_in_table as longest};
+
+    fn longest_in_table(rows: &[Row], t: f64) -> f64 {
+        longest(rows, t, f64::INFINITY)
+    }
 
     fn rows(times: impl Iterator<Item = f64>, of: impl Fn(f64) -> [f64; 2]) -> Vec<Row> {
         times.map(|time| Row { time, value: of(time)[0], rate: of(time)[1] }).collect()
@@ -333,5 +340,8 @@ mod tests {
         let even = rows((0..=4).map(f64::from), |t| [2.0 * t, 2.0]);
         assert_eq!([longest_in_table(&even, 1.25), longest_in_table(&even, -3.0)], [0.75, 3.0]);
         assert_eq!(longest_in_table(&even, 4.0), f64::INFINITY);
+        // Of a step that is short enough for one row nothing more is told.
+        assert_eq!(longest(&cubic, 0.0, 0.1), 1.0 / 8.0);
+        assert_eq!(longest(&cubic, 0.0, 1.5), 5.0 / 3.0);
     }
 }

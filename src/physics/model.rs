@@ -1081,13 +1081,13 @@ impl Dynamics {
     }
 
     /// The longest step (s) from time `t` (s), which this was last moved to, that resolves what drives the rod, however little
-    /// that moves it: the wave, the ramp of the start, the signals of head and flow.
-    pub fn longest_step(&self, t: f64) -> f64 {
+    /// that moves it: the wave, the ramp of the start, the signals of head and flow; or one of at least `wanted` (s).
+    pub fn longest_step(&self, t: f64, wanted: f64) -> f64 {
         let Model { actuation, start, flow, tendons, hinge, .. } = &*self.model;
         let own_flow = flow.iter().flatten().filter(|_| !self.inputs.flow_taken);
         let pulls = tendons.iter().map(Tendon::signal).chain(hinge.iter().map(|hinge| &hinge.torque));
         let signals = own_flow.chain(self.own_head()).chain(pulls);
-        let mut longest = signals.map(|signal| signal.longest_step(t)).fold(f64::INFINITY, f64::min);
+        let mut longest = signals.map(|signal| signal.longest_step(t, wanted)).fold(f64::INFINITY, f64::min);
         if let Some(host) = &self.inputs.head {
             let axes = host.axes.iter().zip([self.model.rod.length, self.model.rod.length, 1.0]);
             let steps = axes.filter_map(|(axis, unit)| Some(axis.as_ref()?.longest_step(t, unit)));

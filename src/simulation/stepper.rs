@@ -152,7 +152,11 @@ impl Stepper {
                 let lightest = dynamics.model.rod.mass.iter().copied().fold(f64::INFINITY, f64::min);
                 let rounding = dynamics.residual_floor(&state) / lightest;
                 let moving = (tolerance * dynamics.length() / acceleration).sqrt();
-                if acceleration > rounding { moving.min(dynamics.longest_step(state.t)) } else { FIRST_STEP_AT_REST }
+                if acceleration > rounding {
+                    moving.min(dynamics.longest_step(state.t, moving))
+                } else {
+                    FIRST_STEP_AT_REST
+                }
             }
         };
         let metrics = RunMetrics::start(&mut dynamics, &state)?;
@@ -465,7 +469,7 @@ impl Stepper {
         while self.now.state.t < end {
             let left = end - self.now.state.t;
             // A rest smaller than a step is not left over, nor one step much smaller than the next.
-            let longest = self.dynamics.longest_step(self.now.state.t);
+            let longest = self.dynamics.longest_step(self.now.state.t, self.now.time_step);
             let (h, to) = match self.now.time_step.min(longest) {
                 wanted if wanted >= left * (1.0 - STEP_ROUNDING) => (left, end),
                 wanted if 2.0 * wanted > left => (0.5 * left, self.now.state.t + 0.5 * left),

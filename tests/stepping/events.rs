@@ -142,7 +142,7 @@ fn steps_in_a_table_are_those_of_its_own_motion_and_end_where_its_next_rows_begi
         let table = rows(&points, speed);
         let (mut t, mut ends) = (0.0, Vec::new());
         while t < 12.2 {
-            t += table.longest_step(t).min(12.2 - t);
+            t += table.longest_step(t, f64::INFINITY).min(12.2 - t);
             ends.push(t);
         }
         ends
@@ -166,11 +166,11 @@ fn steps_in_a_table_are_those_of_its_own_motion_and_end_where_its_next_rows_begi
     }
     // An even motion counts as rest, whatever the speed, up to the last row and no further.
     let even = rows(&[[0.0; 3], [4.0, 0.0, 0.0], [4.1, 0.01, 0.2], [9.0, 0.0, 0.0]], 0.3);
-    assert_eq!(even.longest_step(1.0), 3.0);
-    assert!((even.longest_step(4.0) - 0.1 / 8.0).abs() < 1e-12);
-    assert_eq!(even.longest_step(9.0), f64::INFINITY);
+    assert_eq!(even.longest_step(1.0, f64::INFINITY), 3.0);
+    assert!((even.longest_step(4.0, f64::INFINITY) - 0.1 / 8.0).abs() < 1e-12);
+    assert_eq!(even.longest_step(9.0, f64::INFINITY), f64::INFINITY);
     let points = [[0.0, 0.1], [0.7, 0.1 + 0.7 * 0.3], [1.1, 0.1 + 1.1 * 0.3], [5.0, 0.1 + 5.0 * 0.3]];
-    assert_eq!(Signal::table_without_rates(&points).longest_step(0.2), 0.7 - 0.2);
+    assert_eq!(Signal::table_without_rates(&points).longest_step(0.2, f64::INFINITY), 0.7 - 0.2);
 }
 
 #[test]

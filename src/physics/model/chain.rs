@@ -22,7 +22,7 @@
 //! The rows are scaled to forces by EI and L, so that sizes can be compared and pivots are the same in any units. Along a direction that
 //! moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch, the joints curvature.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Rotation2, Vector2};
 
 use super::{COLLAPSED, Dynamics, Model, move_arc_back};
 use crate::error::{Error, Result};
@@ -360,6 +360,27 @@ impl Dynamics {
         let arc = rod.length * (moment + increment[2]) / slope;
         move_arc_back(rod.nodes, direction, arc, state);
         (direction.q * arc).abs()
+    }
+
+    /// Moves the links of `state`, which are those of `from`, as its positions and velocities have moved from there, by little: edges turn
+    /// and are strained, and joints turn. Moments follow with an iteration of Newton's method.
+    pub(crate) fn carry_links(&self, from: &State, state: &mut State) {
+        let rod = &self.model.rod;
+        let head = self.head_angle(state).unwrap_or_default().value;
+        let State { q, v, links, .. } = state;
+        for (e, link) in links.iter_mut().enumerate().take(rod.nodes - 1) {
+            let along = |values: &[f64]| node(values, e + 1) - node(values, e);
+            let (before, after) = (along(&from.q), along(q));
+            let turned = Rotation2::new(before.perp(&after).atan2(before.dot(&after)));
+            let damping = rod.damping.as_ref().map_or(0.0, |damping| damping.stretching[e]);
+            let rates = after.normalize().dot(&along(v)) - before.normalize().dot(&along(&from.v));
+            let pulled = rod.cells[e].axial * (after.norm() - before.norm() + damping * rates);
+            link.angle += turned.angle();
+            link.force = (turned * Vector2::from(link.force) + after.normalize() * pulled).into();
+        }
+        for k in rod.joints().take(links.len()) {
+            links[k].curvature = curvature(self.turning(links, k, head));
+        }
     }
 
     /// See [`System::move_links`](crate::system::System::move_links).

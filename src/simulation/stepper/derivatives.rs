@@ -466,7 +466,7 @@ impl Stepper {
             d.v.copy_from_slice(&self.now.state.a);
         }
         // What depends on time alone: κ̄' and its rate, and the head's third derivative.
-        let longest = self.dynamics.longest_step(t);
+        let longest = self.dynamics.longest_step(t, self.now.time_step);
         let half = TIME_DIFFERENCE * self.now.time_step.min(longest).min(MAX_DIFFERENCED_STEP);
         let accelerations = |dynamics: &Dynamics| dynamics.held.map(|pose| pose.map(|sample| sample.acceleration));
         let [later, sooner] = [t + half, t - half].map(|t| {
@@ -503,16 +503,17 @@ impl Stepper {
             let turns = moving || self.dynamics.model.hinge.is_none();
             tangent.angle = if turns { [angle.rate, angle.acceleration] } else { [0.0; 2] };
         }
-        if moving && self.dynamics.mechanics != Mechanics::Full {
-            // Moments follow from accelerations in a prescribed shape, and these from the shape; without inertia velocities follow from
-            // positions.
-            let follows: fn(&mut State) -> &mut Vec<f64> = match self.dynamics.mechanics {
-                Mechanics::Overdamped => |state| &mut state.v,
-                _ => |state| &mut state.a,
-            };
-            if self.dynamics.mechanics == Mechanics::Overdamped {
-                tangent.state.v.fill(0.0);
-            }
+        // Moments follow from accelerations in a prescribed shape, and these from the shape; without inertia velocities follow from
+        // positions. What has the inertia of the water follows from accelerations, and these from the equation of motion.
+        let follows: Option<fn(&mut State) -> &mut Vec<f64>> = match self.dynamics.mechanics {
+            _ if !moving => None,
+            Mechanics::Overdamped => Some(|state| &mut state.v),
+            Mechanics::Shape => Some(|state| &mut state.a),
+            Mechanics::Full => self.dynamics.model.forces.are_inertial().then_some(|state| &mut state.a),
+        };
+        if let Some(follows) = follows {
+            follows(&mut tangent.state).fill(0.0);
+            let work = self.newton.work;
             for sign in [1.0, -1.0] {
                 let (mut there, tau) = (self.now.state.clone(), sign * half);
                 for (q, (v, a)) in there.q.iter_mut().zip(self.now.state.v.iter().zip(&self.now.state.a)) {
@@ -520,11 +521,16 @@ impl Stepper {
                 }
                 there.v.iter_mut().zip(&self.now.state.a).for_each(|(v, a)| *v += tau * a);
                 self.dynamics.move_to(t + tau, &mut there);
+                self.dynamics.carry_links(&self.now.state, &mut there);
                 self.model_stepper.reinitialise(&mut self.dynamics, &mut self.newton, &mut there)?;
                 let rates = follows(&mut tangent.state).iter_mut();
                 rates.zip(follows(&mut there)).for_each(|(rate, value)| *rate += *value / (2.0 * tau));
             }
+            self.newton.work = work;
             self.dynamics.move_to(t, &mut self.now.state);
+            if self.dynamics.has_winches() {
+                self.dynamics.shape(&self.now.state)?;
+            }
         }
         if let Some(extrapolation) = &self.dynamics.extrapolation {
             let rate = extrapolation.rate();

@@ -287,7 +287,19 @@ pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -
 /// A summary of the Pareto front.
 pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Option<String> {
     let [first, .., last] = front else { return None };
-    let [one, two] = [table.goal, table.front.as_ref()?.goal].map(Goal::label);
+    let label = |table: &DesignTable| {
+        let better = if table.smaller_is_better() { "smaller" } else { "larger" };
+        let given = matches!(table.goal, Goal::Cycle(_)).then(|| format!(" ({better} is better)"));
+        table.goal.label().to_owned() + &given.unwrap_or_default()
+    };
+    let [one, two] = [label(table), label(&table.second()?)];
+    if first.is_like(last) {
+        return Some(format!(
+            "{one} and {two} do not conflict: one design is best in both, with {} and {}",
+            in_sentence(first.first, 7),
+            in_sentence(first.second, 7)
+        ));
+    }
     let best = front.iter().filter(|point| point.best).count();
     Some(format!(
         "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {} to {}, {one} from {} to {}",

@@ -34,6 +34,18 @@ pub struct ParetoPoint {
     pub best: bool,
 }
 
+impl ParetoPoint {
+    /// True if it has the same objectives as `other`: where both ends of a front do, the goals do not conflict.
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        are_same([self.first, self.second], [other.first, other.second])
+    }
+}
+
+/// True if the objectives of two designs are the same.
+fn are_same(one: [f64; 2], other: [f64; 2]) -> bool {
+    one.iter().zip(other).all(|(a, b)| (a - b).abs() <= SAME_VALUE * a.abs().max(b.abs()))
+}
+
 /// The Pareto front from `found`, the optimum of the first goal, to the optimum of the second, and whether it was interrupted.
 /// Empty if the table asks for none.
 ///
@@ -70,7 +82,8 @@ pub(super) fn front(
     let end = best(&other, &second, &found.at.1)?;
     let to = add(&end)?;
     let mut interrupted = end.interrupted;
-    if let Some((from, to)) = from.zip(to).filter(|_| !interrupted) {
+    let goals_conflict = |(from, to): &([f64; 2], [f64; 2])| !are_same(*from, *to);
+    if let Some((from, to)) = from.zip(to).filter(|ends| !interrupted && goals_conflict(ends)) {
         // Each search splits the widest gap, measured in both goals over what they span, so that steep ends have designs too.
         let spans = [0, 1].map(|i| (to[i] - from[i]).abs().max(f64::MIN_POSITIVE));
         let size = from[1].abs().max(to[1].abs());
