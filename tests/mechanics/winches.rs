@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use caudal::assessment::Assessment;
 use caudal::modes::Modes;
 use caudal::stepper::Stepper;
 use caudal::variable::{Variable, View};
@@ -216,13 +217,31 @@ fn what_a_winch_cannot_be_told_is_refused_and_what_it_leaves_out_is_said() {
     let stiff = ["tendons.0.stiffness_n_m=2e5", "tendons.1.stiffness_n_m=2e5"];
     let steps = |model| Modes::of_model(model).unwrap().explicit_steps(None).unwrap().largest;
     let [bound, slack] = [steps(model(&stiff)), steps(model(&["tendons=[]"]))];
-    let survives = |h: f64| {
+    let survives_with = |h: f64, damping: &[&str]| {
         let h = format!("solver.time_step_s={h:e}");
-        let explicit = ["solver.integrator=symplectic-euler", "rod.damping_time_s=0.0", &h];
-        let mut stepper = pair(&[&stiff[..], &explicit].concat());
+        let explicit = ["solver.integrator=symplectic-euler", &h];
+        let mut stepper = pair(&[&stiff[..], &explicit, damping].concat());
         stepper.halve_failing_steps(false);
         stepper.do_step(0.5).is_ok()
     };
+    let survives = |h: f64| survives_with(h, &["rod.damping_time_s=0.0"]);
     println!("{bound:e} s for {slack:e} s");
     assert!(survives(0.95 * bound) && !survives(0.95 * slack), "{bound:e} {slack:e}");
+    // What is advised is that.
+    let step = format!("solver.time_step_s={:e}", 2.0 * bound);
+    let explicit = ["solver.integrator=symplectic-euler", "rod.damping_time_s=0.0", &step];
+    let scene = document_of("winches.toml", PAIR, &[&stiff[..], &explicit].concat()).scene().unwrap();
+    let said = Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap().warnings.join("; ");
+    let advised: f64 =
+        said.split("solver.time_step_s = ").nth(1).and_then(|rest| rest.split(',').next()).unwrap().parse().unwrap();
+    assert!(said.contains("taut winches") && (0.9 * bound..=bound).contains(&advised), "{said}: {bound:e}");
+    // The material is damped, and cables are not.
+    let soft = ["rod.damping_time_s=1e-4"];
+    let model = model(&[&stiff[..], &soft].concat());
+    let damping = model.rod.damping.clone();
+    let bound = Modes::of_model(model).unwrap().explicit_steps(damping.as_ref()).unwrap().largest;
+    // Three times the bound still comes through here.
+    let [within, beyond] = [0.95, 4.0].map(|part| survives_with(part * bound, &soft));
+    println!("{bound:e} s damped: {within}, {beyond}");
+    assert!(within && !beyond, "{bound:e}");
 }
