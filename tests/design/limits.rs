@@ -169,6 +169,19 @@ fn two_goals_give_a_front_each_point_of_which_runs() {
 }
 
 #[test]
+fn goals_that_do_not_conflict_have_one_best_design() {
+    let wanted = r#"goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp"], number_bounds = [0.6, 1.1], front = { goal = "cycle_speed_m_s", points = 4 }"#;
+    let design = Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap();
+    let front = design.numbers().unwrap()["front"].as_array().unwrap().len();
+    let said = design.lines.iter().find(|line| line.contains("do not conflict")).unwrap();
+    assert!(
+        front == 2
+            && said.starts_with("cycle_forward_speed_m_s (larger is better) and cycle_speed_m_s (larger is better)"),
+        "{front} {said}"
+    );
+}
+
+#[test]
 fn limits_that_mean_nothing_are_refused() {
     for (wanted, words) in [
         (r#"goal = "distance", direction = "-x", largest_mass_kg = 1.0"#, "design.largest_mass_kg"),
