@@ -1,9 +1,10 @@
 //! Atomic writes: a file is written under a temporary name beside its place and then renamed, so that a reader never sees half of it.
 //! Also free disk space, and folders that are removed again if nothing was written to them.
 
-use std::io::Write;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
 use tempfile::{Builder, NamedTempFile};
 
 use crate::error::{Error, Result};
@@ -133,6 +134,16 @@ pub fn persist(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
 pub fn partial_file_with(path: &Path, content: impl AsRef<[u8]>) -> Result<NamedTempFile> {
     let mut file = partial_file(path)?;
     fill(&mut file, path, content.as_ref())?;
+    Ok(file)
+}
+
+/// The same with `value` as JSON, which is not held in memory as a text.
+pub fn partial_json_file(path: &Path, value: &impl Serialize) -> Result<NamedTempFile> {
+    let mut file = partial_file(path)?;
+    let mut out = BufWriter::new(file.as_file_mut());
+    let written = serde_json::to_writer_pretty(&mut out, value).map_err(std::io::Error::from);
+    written.and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).map_err(|e| write_error(path, &e))?;
+    drop(out);
     Ok(file)
 }
 

@@ -17,7 +17,7 @@ use super::{Claim, Folder, FolderWriter, Owner};
 use crate::assessment::{recorded_size, recorded_variables};
 use crate::cycle::PERIOD;
 use crate::error::{Error, Result};
-use crate::files::{WrittenFiles, free_space, partial_file_with};
+use crate::files::{WrittenFiles, free_space, partial_file_with, partial_json_file};
 use crate::scene::{Document, NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::system::State;
@@ -145,8 +145,8 @@ impl RunOutput {
         let mut results = folder.results();
         results.note(last.err());
         drop(reserve);
-        let json = serde_json::to_string_pretty(summary).map_err(|e| Error::Page { reason: e.to_string() });
-        results.put_file("summary.json", json.map(|json| json + "\n"));
+        let path = results.path().join("summary.json");
+        results.put("summary.json", partial_json_file(&path, summary));
         results.put_table(trajectory);
         nodes.keep(&mut results);
         // That of the drive, also of a driven head, once it has passed.

@@ -150,10 +150,12 @@ impl Page<'_> {
     /// # Errors
     /// [`Error::Page`] if the template fails.
     pub fn html(&self) -> Result<String> {
-        let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
+        // Without the position of each node, which would be most of it.
+        let summary = Summary { final_positions_m: Vec::new(), ..self.summary.clone() };
+        let numbers = serde_json::to_value(&summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         let held = numbers.get("mean_thrust_n").is_some_and(serde_json::Value::is_number);
         let content = RunPageContent {
-            summary: self.summary,
+            summary: &summary,
             displacement: (!held).then(|| significant(self.summary.net_displacement_m, 4)),
             step: number(self.summary.time_step_s),
             cycles: self.summary.cycles.to_string(),

@@ -98,7 +98,8 @@ pub struct Stepper {
     inputs: (Inputs, Option<Box<InputExtrapolation>>),
     next: State,
     measurements: Measurements,
-    read_at_once: Measurements,
+    /// Made when an input is set.
+    read_at_once: Option<Measurements>,
     accelerations: Vec<f64>,
 }
 
@@ -200,7 +201,7 @@ impl Stepper {
             inputs: (dynamics.inputs.clone(), None),
             next: now.state.clone(),
             measurements: now.metrics.now.clone(),
-            read_at_once: now.metrics.now.clone(),
+            read_at_once: None,
             accelerations: Vec::new(),
             now,
             variables,
@@ -387,6 +388,8 @@ impl Stepper {
             }
             self.discard_step();
         }
+        // Made for a whole run, whose end takes the room.
+        self.undo = undo::Undo::default();
         outcome
     }
 
@@ -880,6 +883,7 @@ impl Stepper {
         let Self { dynamics, now, read_at_once, .. } = self;
         dynamics.move_to(now.state.t, &mut now.state);
         dynamics.check_layers(now.state.t)?;
+        let read_at_once = read_at_once.get_or_insert_with(|| Measurements::new(dynamics.nodes()));
         read_at_once.measure(dynamics, &now.state)?;
         now.metrics.count_step(read_at_once, None, 0.0, dynamics.head_mass())?;
         let before = &self.inputs.0;
