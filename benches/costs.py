@@ -21,15 +21,15 @@ MODELS = ROOT / "models"
 SHORT = 2.0
 
 
-def cost(command, arguments, folder):
-    """Processor time (s) and peak memory (MB) of the command, or None if it fails."""
+def cost(command, arguments, folder, codes=(0,)):
+    """Processor time (s) and peak memory (MB) of the command, or None if it ends with none of the codes."""
     best, peak = float("inf"), 0.0
     for _ in range(3):
         with open(Path(folder) / "log", "w") as log:
             process = subprocess.Popen([command, "--quiet", *map(str, arguments)], stdout=log, stderr=log, cwd=folder)
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode != 0:
+        if process.returncode not in codes:
             return None
         best = min(best, usage.ru_utime + usage.ru_stime)
         peak = max(peak, usage.ru_maxrss / 1024)
@@ -151,9 +151,9 @@ def design(commands, folder):
             out = Path(folder) / "design"
 
             def of(command):
-                found = cost(
-                    command, ["design", MODELS / "design-tip.toml", *sets(keys), "--force", "--out", out], folder
-                )
+                # A search that is cut off ends with 1.
+                arguments = ["design", MODELS / "design-tip.toml", *sets(keys), "--force", "--out", out]
+                found = cost(command, arguments, folder, codes=(0, 1))
                 if found is None:
                     print((Path(folder) / "log").read_text(), file=sys.stderr)
                     return None

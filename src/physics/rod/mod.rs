@@ -292,10 +292,15 @@ impl Rod {
     /// Both halves of every edge; those of a neck have no length, for no force acts on it.
     pub fn halves(&self) -> impl Iterator<Item = [HalfEdge; 2]> {
         let half = 0.5 * self.spacing;
-        let of = move |start: f64| self.sections.half(start, half, self.length);
-        let neck = move || HalfEdge { length: 0.0, middle: 0.0, ..of(0.0) };
+        let first = self.sections.half(0.0, half, self.length);
+        let neck = HalfEdge { length: 0.0, middle: 0.0, ..first };
+        let even = self.sections.is_even();
+        let of = move |start: f64| match even {
+            true => HalfEdge { middle: start + 0.5 * half, ..first },
+            false => self.sections.half(start, half, self.length),
+        };
         let along = (self.front..self.nodes - 1).map(move |e| self.arc_length(e)).map(move |s| [of(s), of(s + half)]);
-        (0..self.front).map(move |_| [neck(); 2]).chain(along)
+        (0..self.front).map(move |_| [neck; 2]).chain(along)
     }
 
     /// The fluid that it displaces, with a body before it, m³.

@@ -446,10 +446,15 @@ impl Sections {
         own.chain(&self.depth).chain(axial).chain(bending).chain(mass)
     }
 
+    /// True if the section is the same all along the rod.
+    pub fn is_even(&self) -> bool {
+        self.profiles().all(Profile::is_even)
+    }
+
     /// The mean of `quantity` from `from` to `to` (ξ), exact for polynomials of degree 5 in profiles that are linear in
     /// between their points.
     pub fn mean(&self, from: f64, to: f64, quantity: impl Fn(f64) -> f64) -> f64 {
-        if self.profiles().all(Profile::is_even) {
+        if self.is_even() {
             return quantity(from);
         }
         let mut ends = vec![from, to];
