@@ -5,8 +5,9 @@ use serde_json::json;
 use super::quantities::{describe_errors, quantities};
 use super::reference::{Reference, SAMPLES};
 use crate::error::Result;
+use crate::number_format::in_sentence;
 use crate::report::Findings;
-use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
 
@@ -64,13 +65,18 @@ pub fn without_reference(
         |apart: &&Vec<(f64, f64)>| apart.iter().take_while(|p| p.1 < SATURATION * length).count() >= MIN_SAMPLES;
     let apart = windows.iter().find(followed).or(windows.last()).cloned().unwrap_or_default();
     if let Some((rate, end)) = growth(&apart, length) {
+        let grown = rate * end;
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
         let common = format!(
-            "Two runs that start {INITIAL_PERTURBATION:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            "Two runs that start {INITIAL_PERTURBATION:e} of the length apart separate as e^({} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            in_sentence(rate, 3),
             widest / length
         );
-        findings.answers.push(if widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length {
+        let apart = widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length;
+        findings.answers.push(if apart && grown > CHAOTIC_GROWTH.ln() {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
+        } else if apart {
+            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller --steps may find a reference, and the notes of a run of this scene may say what is wrong.")
         } else {
             format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
         });
@@ -90,7 +96,7 @@ pub fn without_reference(
     };
     let caption =
         "How fast two runs part that begin almost together: where that has no end, no run can be called accurate.";
-    findings.figures.push(Figure::new("separation.svg", caption, chart.svg()));
+    findings.figures.extend(chart.figure("separation.svg", caption));
     Ok(findings)
 }
 
