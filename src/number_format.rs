@@ -63,7 +63,8 @@ pub fn typeset(text: &str) -> String {
             out.push(if measured && is_unit { '\u{a0}' } else { ' ' });
         }
         let opened = bare.trim_start_matches('(');
-        let is_number = opened.trim_start_matches(['-', '+']).starts_with(|c: char| c.is_ascii_digit());
+        let digits = opened.trim_start_matches(['-', '+']);
+        let is_number = digits.starts_with(|c: char| c.is_ascii_digit()) && digits.ends_with(|c: char| c.is_numeric());
         if is_number && !assigned {
             out += &word[..bare.len() - opened.len()];
             out += &typeset_number(opened);

@@ -774,4 +774,88 @@ mod tests {
         // No further than the data.
         assert_eq!(labels(ChartAxis::decades([0.9, 0.02, 0.0].into_iter(), 12)), "0.01 0.1 1 0.02 0.05 0.2 0.5");
     }
+
+    /// The points of the line of the first series, which is thinner than that of the legend.
+    fn series_line(svg: &str) -> Vec<(f64, f64)> {
+        let of_series = |line: &&str| line.contains("class=\"s0\"") && line.contains("stroke-width=\"2\"");
+        let line = svg.split("<polyline ").find(of_series).unwrap();
+        let points = line.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let point = |pair: &str| pair.split_once(',').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap()));
+        points.split_whitespace().filter_map(point).collect()
+    }
+
+    #[test]
+    fn a_straight_rod_fills_its_shape_whatever_its_length() {
+        for length in [1e-6, 0.3, 20.0] {
+            let rod = Series::new("rod", vec![(0.0, 0.0), (length, 0.0)], Mark::Line);
+            let centre = Series::new("centre of mass", vec![(0.5 * length, 0.0)], Mark::Dots);
+            let svg = Chart::new("rest", "x (m)", "y (m)", Scale::Equal, vec![rod, centre]).svg();
+            let ends = series_line(&svg);
+            assert!(ends[1].0 - ends[0].0 > 400.0, "{length}: {ends:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_without_a_length_is_a_dot_and_the_labels_of_its_axes_have_room() {
+        let still = Series::new("", vec![(0.150_000_000_1, 0.0); 9], Mark::Line);
+        let svg = Chart::new("path", "x (m)", "y (m)", Scale::Linear, vec![still]).svg();
+        assert!(svg.contains("<circle"), "{svg}");
+        let axis = ChartAxis::linear([1.000_000_001, 1.000_000_002].into_iter());
+        let axis = readable_along(axis, 560.0, false);
+        let taken: f64 = axis.ticks.iter().map(|(_, label)| width(label, LABEL)).sum();
+        assert!(taken < 560.0 && !axis.ticks.is_empty(), "{axis:?}");
+    }
+
+    #[test]
+    fn a_chart_without_a_point_on_its_scale_is_no_figure_and_one_names_series_without_one() {
+        let zero = Series::new("chain", vec![(5.0, 0.0), (9.0, 0.0)], Mark::Dotted);
+        let chart = |series| Chart::new("errors", "nodes", "error", Scale::LogLog, series);
+        assert!(chart(vec![zero.clone()]).figure("error.svg", "Errors.").is_none());
+        let known = Series::new("positions", vec![(5.0, 0.1), (9.0, 0.02)], Mark::Dotted);
+        let figure = chart(vec![zero, known]).figure("error.svg", "Errors.").unwrap();
+        assert_eq!(figure.caption, "Errors. Without a value on this scale: chain.");
+        assert!(!figure.svg.contains(">chain<"), "{}", figure.svg);
+    }
+
+    #[test]
+    fn long_labels_are_told_apart_by_what_differs_or_by_their_numbers() {
+        let shown = |label: &str| cut(label, LABEL, MAX_LABEL);
+        let profile = |radius: &str| format!("[[0.0, 0.008], [0.5, 0.006], [1.0, {radius}]]");
+        let labels = ["0.002", "0.003"].map(profile);
+        assert_eq!(told_apart(&labels, shown), (vec!["…0.002…".to_string(), "…0.003…".to_string()], false));
+        let labels = [profile("0.002"), profile("0.002").replace("0.008", "0.009"), profile("0.003")];
+        assert_eq!(told_apart(&labels, shown), (["1", "2", "3"].map(str::to_string).to_vec(), true));
+        let words = ["water", "oil"].map(str::to_string);
+        assert_eq!(told_apart(&words, shown), (words.to_vec(), false));
+        let many: Vec<String> = (0..30).map(|i| format!("body {i}")).collect();
+        let axis = readable_up(ChartAxis::categories(&many), PLOT);
+        let labelled = axis.ticks.iter().filter(|(_, label)| !label.is_empty()).count();
+        assert!(labelled > 5 && labelled as f64 * LABEL_HEIGHT <= PLOT, "{labelled}");
+    }
+
+    #[test]
+    fn labels_of_slopes_stand_side_by_side_where_they_would_overlap() {
+        let slope = |order: i32| {
+            Series::new(order.to_string(), vec![(1.0, 1e-6), (2.0, 1e-6 * 0.5_f64.powi(order))], Mark::Slope)
+        };
+        let errors = Series::new("", vec![(1.0, 1.0), (100.0, 1e-12)], Mark::Dotted);
+        let svg = Chart::new("", "x", "y", Scale::LogLog, vec![errors, slope(1), slope(2), slope(3)]).svg();
+        let at = |label: &str| -> [f64; 2] {
+            let text =
+                svg.split("<text ").find(|text| text.contains(&format!(">{label}</text>")) && text.contains("start"));
+            ["x=\"", "y=\""]
+                .map(|key| text.unwrap().split(key).nth(1).unwrap().split('"').next().unwrap().parse().unwrap())
+        };
+        let [one, two, three] = ["1", "2", "3"].map(at);
+        let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() >= 7.0 || (a[1] - b[1]).abs() >= LABEL;
+        assert!(apart(one, two) && apart(two, three) && apart(one, three), "{one:?} {two:?} {three:?}");
+    }
+
+    #[test]
+    fn the_name_of_y_that_has_no_room_is_in_two_lines() {
+        let name = "mean moment on the head over whole cycles of the run, relative to the mean";
+        let points = vec![(0.0, 1.0), (1.0, 2.0)];
+        let svg = Chart::new("", "x", name, Scale::Linear, vec![Series::new("", points, Mark::Line)]).svg();
+        assert!(!svg.contains('…') && svg.matches("rotate(-90)").count() == 2, "{svg}");
+    }
 }
