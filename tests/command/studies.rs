@@ -390,7 +390,7 @@ fn a_drive_near_a_frequency_that_the_fluid_damps_is_no_resonance() {
     let study = Study::named("modes", serde_json::json!({ "count": 4 }).as_object().unwrap()).unwrap();
     let of = |changes: &[&str]| complete(made(&study, &scene_of(SWIMMER, changes))).answers.join("\n");
     let damped = of(&[]);
-    assert!(damped.contains("damping leaves no resonance (damping ratio 0.8)"), "{damped}");
+    assert!(damped.contains("near it, but damping leaves no resonance (damping ratio "), "{damped}");
     let thin = of(&["medium.viscosity_pa_s=1e-3"]);
     assert!(thin.contains("the rod resonates"), "{thin}");
 }

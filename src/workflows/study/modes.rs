@@ -8,7 +8,7 @@ use serde_json::json;
 
 use crate::error::Result;
 use crate::integrator::StepControl;
-use crate::linear_stability::{NoSteadyState, SteadyState};
+use crate::linear_stability::{Eigenmode, NoSteadyState, SteadyState};
 use crate::modes::{Matrices, Mode, ModeKind, Modes, StableSteps, lowest_of_model};
 use crate::number_format::in_sentence;
 use crate::report::chart::{Chart, Mark, Scale, Series};
@@ -70,7 +70,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         None => "held at its head",
     };
     let Some(first) = found.first() else { return Ok(findings) };
-    let (about_rest, damping) = about_rest(scene, count)?;
+    let (about_rest, damping) = about_rest(scene, count, first.frequency)?;
     let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
     let slack = if scene.has_winches() { ", as if its winches were slack" } else { "" };
     findings.answers.push(format!(
@@ -183,8 +183,8 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
 }
 
 /// The modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates. With the damping ratio
-/// of the slowest motion that swings (1 if none does), if it is known.
-fn about_rest(scene: &Scene, count: usize) -> Result<(Findings, Option<f64>)> {
+/// of the one next to a `natural` frequency (rad/s), if it is known.
+fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Option<f64>)> {
     let mut findings = Findings::default();
     let model = scene.model()?;
     if model.forces.is_empty() && model.load.is_none() && !model.is_damped() {
@@ -213,7 +213,9 @@ fn about_rest(scene: &Scene, count: usize) -> Result<(Findings, Option<f64>)> {
     };
     let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok((findings, None)) };
     let slowest_swing = modes.iter().find(|mode| mode.frequency > 0.0);
-    let damping = slowest_swing.map_or(1.0, |mode| mode.damping_ratio());
+    let away = |mode: &&Eigenmode| (mode.growth.hypot(mode.frequency) / natural).ln().abs();
+    let nearest = modes.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+    let damping = nearest.map(Eigenmode::damping_ratio);
     let bend = in_sentence(bend, 3);
     let place = match (free, flow > 0.0) {
         (true, _) => "In the fluid, with which a free rod goes,".to_string(),
@@ -271,7 +273,7 @@ fn about_rest(scene: &Scene, count: usize) -> Result<(Findings, Option<f64>)> {
     };
     let caption = "The slowest motions about the rest: those right of zero grow.";
     findings.figures.extend(chart.figure("damped.svg", caption));
-    Ok((findings, Some(damping)))
+    Ok((findings, damping))
 }
 
 /// `step` (s) is `None` for adaptive steps, without ωΔt.
