@@ -45,6 +45,50 @@ pub fn in_sentence(x: f64, digits: usize) -> String {
     power.parse().map_or_else(|_| digits.to_string(), |power| format!("{digits}·10{}", superscript(power)))
 }
 
+/// Units that stay on the line of their number.
+const UNITS: [&str; 21] = [
+    "%", "m", "mm", "µm", "s", "ms", "Hz", "rad", "N", "J", "W", "Pa", "kg", "1/s", "1/m", "m/s", "rad/s", "N/m",
+    "N·m", "kg/m³", "px",
+];
+
+/// A text as pages show it: exponents as powers of ten, real minus signs, and no line break between a number and its unit. What follows
+/// an equals sign stays as it is written in a scene.
+pub fn typeset(text: &str) -> String {
+    let mut out = String::with_capacity(text.len() + 8);
+    let (mut measured, mut assigned) = (false, false);
+    for (i, word) in text.split(' ').enumerate() {
+        let bare = word.trim_end_matches([',', '.', ';', ':', ')']);
+        let is_unit = UNITS.contains(&bare);
+        if i > 0 {
+            out.push(if measured && is_unit { '\u{a0}' } else { ' ' });
+        }
+        let opened = bare.trim_start_matches('(');
+        let digits = opened.trim_start_matches(['-', '+']);
+        let is_number = digits.starts_with(|c: char| c.is_ascii_digit()) && digits.ends_with(|c: char| c.is_numeric());
+        if is_number && !assigned {
+            out += &word[..bare.len() - opened.len()];
+            out += &typeset_number(opened);
+            out += &word[bare.len()..];
+        } else {
+            out += word;
+        }
+        // Of N m the second, too, belongs to the number.
+        measured = bare.len() == word.len() && (is_number || measured && is_unit);
+        assigned = word == "=" || assigned && word.is_empty();
+    }
+    out
+}
+
+/// A number with a power of ten for its exponent and a real minus sign.
+fn typeset_number(text: &str) -> String {
+    let power = text.split_once('e').and_then(|(digits, power)| Some((digits, power.parse().ok()?)));
+    let text = match power {
+        Some((digits, power)) if digits.parse::<f64>().is_ok() => format!("{digits}·10{}", superscript(power)),
+        _ => text.to_string(),
+    };
+    text.strip_prefix('-').map_or(text.clone(), |size| format!("−{size}"))
+}
+
 /// An integer in superscript digits.
 pub fn superscript(power: i32) -> String {
     let raised = |c: char| match c.to_digit(10) {
@@ -67,6 +111,14 @@ pub fn signed(x: f64, decimals: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_page_parts_no_number_from_its_unit_and_has_one_way_to_write_exponents() {
+        let slip = typeset("slip -6.461e-11, 26 % of 0.1 N m, (-2 m) and 1e-3.");
+        assert_eq!(slip, "slip −6.461·10⁻¹¹, 26\u{a0}% of 0.1\u{a0}N\u{a0}m, (−2\u{a0}m) and 1·10⁻³.");
+        let text = "solver.time_step_s = 1e-3, case 3 stays, 2e, well-known 5-eyed m";
+        assert_eq!(typeset(text), text);
+    }
 
     #[test]
     fn a_sentence_has_powers_of_ten_and_no_needless_zeros() {

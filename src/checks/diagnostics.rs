@@ -19,6 +19,10 @@ const CANCELLATION_FLOOR: f64 = 0.03;
 /// Rounding errors of a position, in units of the machine epsilon, that the energy balance may contain.
 const POSITION_ROUNDINGS: f64 = 16.0;
 
+/// A rod whose centre moves by less than the first part of its length, and whose edges stretch and turn by less than the second, is at
+/// rest: its balances hold what the tolerance of Newton's method, 1e-10 of the length, leaves.
+const AT_REST: [f64; 2] = [1e-9, 1e-7];
+
 /// Strain above which the linear elastic law of the rod does not hold. Measured on the scenes of `models/` and
 /// `tests/reference`, 9–129 nodes, steps of 1e-5 … 2e-2 s: at most 0.7 %, in steps whose energy comes from nowhere.
 const MAX_LINEAR_STRAIN: f64 = 0.05;
@@ -120,6 +124,13 @@ fn motion_notes(metrics: &RunMetrics, step_control: StepControl) -> impl Iterato
     strained.into_iter().chain(turned)
 }
 
+/// True if the rod did not move beyond the tolerance of Newton's method.
+fn is_at_rest(metrics: &RunMetrics, rod: &Rod) -> bool {
+    let [of_length, of_edges] = AT_REST;
+    let totals = &metrics.totals;
+    totals.path < of_length * rod.length && totals.max_strain.max(totals.max_rotation) < of_edges
+}
+
 /// A note on a motor of a hinge that was asked for more than it can give.
 fn motor_note(model: &Model, metrics: &RunMetrics) -> Option<String> {
     let largest = model.hinge.as_ref()?.largest_torque?;
@@ -146,7 +157,10 @@ pub(crate) fn notes(
 ) -> Vec<String> {
     let left = metrics.across().map(|across| scene.range_notes(&model.forces, &model.rod, across));
     (warnings.iter().cloned())
-        .chain(balance_note(metrics, rounding_energy(&model.rod, positions), step_control))
+        .chain(
+            balance_note(metrics, rounding_energy(&model.rod, positions), step_control)
+                .filter(|_| !is_at_rest(metrics, &model.rod)),
+        )
         .chain(momentum_note(metrics, &model.rod, positions, step_control))
         .chain(motion_notes(metrics, step_control))
         .chain(motor_note(model, metrics))

@@ -1,7 +1,7 @@
 //! Report of many cases: figures of the effect of each axis, and a page with a table that can be sorted and filtered, and plays a
 //! case.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -81,6 +81,15 @@ const MAX_TABLE_ROWS: usize = 20_000;
 const MAX_PATHS: usize = 120;
 /// Most cells of a heat map.
 const MAX_CELLS: usize = 10_000;
+/// A heat map has equally wide cells where the largest gap between two levels exceeds this multiple of the least: the narrowest cells
+/// would be slivers.
+const MAX_CELL_RATIO: f64 = 4.0;
+/// Levels from this multiple of the least on are drawn on a logarithmic axis if they are more even there.
+const LOG_AXIS_RANGE: f64 = 4.0;
+/// Levels whose gaps differ by less than this part are evenly spaced.
+const EVEN_TOLERANCE: f64 = 0.01;
+/// Up to this many levels at which values are missing are named.
+const MAX_NAMED_LEVELS: usize = 4;
 
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
@@ -152,13 +161,32 @@ impl CaseAxis {
         self.numbers.as_ref().map_or(i as f64, |numbers| numbers[i])
     }
 
-    /// The scale: levels that are not numbers are categories.
+    /// The scale: logarithmic for a geometric sequence, and for listed levels that are more even there; levels that are not numbers are
+    /// categories.
     fn scale(&self) -> Scale {
         match &self.numbers {
-            Some(numbers) if self.logarithmic && numbers.iter().all(|x| *x > 0.0) => Scale::LogX,
+            Some(numbers) if self.is_logarithmic(numbers) => Scale::LogX,
             Some(_) => Scale::Linear,
             None => Scale::Categories(self.labels.clone()),
         }
+    }
+
+    fn is_logarithmic(&self, numbers: &[f64]) -> bool {
+        let [low, high] = [f64::min, f64::max].map(|of| numbers.iter().copied().reduce(of).unwrap_or(0.0));
+        let more_even = || unevenness(numbers, f64::ln) < unevenness(numbers, |x| x);
+        low > 0.0 && (self.logarithmic || !self.sampled && high >= LOG_AXIS_RANGE * low && more_even())
+    }
+
+    /// The axis of a heat map, with levels in `groups`: as on any chart, or of equally wide cells for levels that are unevenly spaced
+    /// there.
+    fn of_map(&self, groups: &Groups) -> HeatMapAxis {
+        let (name, scale) = (self.name.clone(), self.scale());
+        let onto: fn(f64) -> f64 = if scale == Scale::LogX { f64::ln } else { |x| x };
+        if self.numbers.is_some() && unevenness(&groups.at, onto) > MAX_CELL_RATIO {
+            let at = (0..groups.at.len()).map(|i| i as f64).collect();
+            return HeatMapAxis { name, at, scale: Scale::Categories(groups.labels.clone()) };
+        }
+        HeatMapAxis { name, at: groups.at.clone(), scale }
     }
 
     /// Groups of levels that are averaged: each level, or the bins of a sample.
@@ -188,6 +216,29 @@ impl CaseAxis {
         let text = |x: &f64| number(format!("{x:.1e}").parse().unwrap_or(*x));
         let labels = middles.iter().map(text).collect();
         Groups { of: group, at: middles, labels }
+    }
+}
+
+/// The largest gap between `numbers` on a scale over the least; one for fewer than three.
+fn unevenness(numbers: &[f64], onto: fn(f64) -> f64) -> f64 {
+    let mut places: Vec<f64> = numbers.iter().map(|x| onto(*x)).collect();
+    places.sort_by(f64::total_cmp);
+    places.dedup();
+    let gaps = || places.windows(2).map(|pair| pair[1] - pair[0]);
+    gaps().reduce(f64::max).zip(gaps().reduce(f64::min)).map_or(1.0, |(largest, least)| largest / least)
+}
+
+/// Cases whose averages compare like with like: those of the combinations of the other axes that have a value at every level of one.
+struct Balanced {
+    cases: Vec<usize>,
+    /// The number of these combinations, and that of all; none for a sampled axis, whose cases have no combinations in common.
+    complete: usize,
+    combinations: usize,
+}
+
+impl Balanced {
+    fn is_whole(&self) -> bool {
+        self.complete == self.combinations
     }
 }
 
@@ -244,6 +295,8 @@ struct PageContent<'a> {
     still: usize,
     text: &'a str,
     figures: &'a [Figure],
+    /// Sentences on figures that are left out.
+    left_out: &'a [String],
     data: RawJson<PageData<'a>>,
 }
 
@@ -310,8 +363,8 @@ impl Cases {
     }
 
     /// The figures: heat maps for two axes, the effect of each axis on displacement or thrust, main effects on each quantity, paths
-    /// of the centres of mass, and a comparison of the split's levels.
-    pub fn figures(&self) -> Vec<Figure> {
+    /// of the centres of mass, and a comparison of the split's levels; and sentences on those that are left out.
+    pub fn figures(&self) -> (Vec<Figure>, Vec<String>) {
         let (mut figures, mut names) = (Vec::new(), FileNames::default());
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
         // A mean that contains the start is drawn where there is none over whole cycles: their best cases may differ.
@@ -336,8 +389,21 @@ impl Cases {
                     let failed = |i: &&usize| self.endings.contains_key(&self.indices[**i]);
                     let cross = if without().any(|i| failed(&i)) { " A cross is a case that failed." } else { "" };
                     let bar = if without().all(|i| failed(&i)) { "" } else { " A bar is a case that has none." };
-                    let caption =
-                        format!("The {} of every case over {x} and {y}{}.{cross}{bar}", quantity.name, of(label));
+                    let of_equal_cells = |(axis, drawn): (usize, &HeatMapAxis)| {
+                        let equal = self.axes[axis].numbers.is_some() && matches!(drawn.scale, Scale::Categories(_));
+                        equal.then_some(self.axes[axis].name.as_str())
+                    };
+                    let equal: Vec<_> =
+                        [(across, &map.x), (up, &map.y)].into_iter().filter_map(of_equal_cells).collect();
+                    let equal = match &equal[..] {
+                        [] => String::new(),
+                        names => format!(" Cells are equally wide along {}, whatever the levels.", names.join(" and ")),
+                    };
+                    let caption = format!(
+                        "The {} of every case over {x} and {y}{}.{equal}{cross}{bar}",
+                        quantity.name,
+                        of(label)
+                    );
                     figures.push(Figure::new(names.file(&["map", quantity.key, label]), caption, map.svg()));
                 }
             }
@@ -356,10 +422,14 @@ impl Cases {
                 for axis in &shown {
                     let (chart, lines) = self.against(*axis, quantity, column, label, cases);
                     let axis = &self.axes[*axis];
-                    let caption =
-                        format!("The {} of every case against {}{}.{lines}", quantity.name, axis.name, of(label));
-                    let file = names.file(&[stem, &axis.name, label]);
-                    figures.push(Figure::new(file, caption, chart.svg()));
+                    let missing = self.missing_in_words(column, cases);
+                    let caption = format!(
+                        "The {} of every case against {}{}.{lines}{missing}",
+                        quantity.name,
+                        axis.name,
+                        of(label)
+                    );
+                    figures.extend(chart.figure(names.file(&[stem, &axis.name, label]), caption));
                 }
             }
         }
@@ -383,19 +453,85 @@ impl Cases {
         let is_drawn = |key: &str| {
             shown.len() == 1 && self.split.is_none() && first.iter().any(|(quantity, _)| quantity.key == key)
         };
+        let mut without_effects = Vec::new();
         for (quantity, column) in drawn().filter(|(quantity, column)| varies(column) && !is_drawn(quantity.key)) {
-            let file = names.file(&["effects", quantity.key]);
             if let [axis] = shown[..] {
                 // There is nothing to average over.
-                let caption = format!("The {} of every case over {}.", quantity.name, self.axes[axis].name);
-                figures.push(Figure::new(file, caption, self.over(axis, quantity, column, &parts).svg()));
+                let all: Vec<usize> = parts.iter().flat_map(|(_, cases)| cases.iter().copied()).collect();
+                let missing = self.missing_in_words(column, &all);
+                let caption = format!("The {} of every case over {}.{missing}", quantity.name, self.axes[axis].name);
+                let file = names.file(&["effects", quantity.key]);
+                figures.extend(self.over(axis, quantity, column, &parts).figure(file, caption));
+            } else if let Some((effects, caption)) = self.effects(&shown, quantity, column, &parts) {
+                figures.push(Figure::new(names.file(&["effects", quantity.key]), caption, effects.svg()));
             } else {
-                let caption = format!("The {} at each level of an axis, averaged over all other axes.", quantity.name);
-                let effects = self.effects(&shown, quantity, column, &parts);
-                figures.push(Figure::new(file, caption, effects.svg()));
+                without_effects.push(quantity.name);
             }
         }
-        figures
+        let left_out = (!without_effects.is_empty() && shown.len() > 1).then(|| {
+            format!(
+                "Main effects are left out for the {}: no combination of the other axes has a value at every level of an axis.",
+                without_effects.join(", the ")
+            )
+        });
+        (figures, left_out.into_iter().collect())
+    }
+
+    /// How many of `cases` failed or have no value, in a sentence; empty if all have one.
+    fn missing_in_words(&self, column: &[f64], cases: &[usize]) -> String {
+        let missing = cases.iter().copied().filter(|i| !column[*i].is_finite());
+        let (failed, without): (Vec<_>, Vec<_>) = missing.partition(|i| self.endings.contains_key(&self.indices[*i]));
+        let named = |some: &[usize]| match &self.axes[..] {
+            [axis] if some.len() <= MAX_NAMED_LEVELS => {
+                let levels: Vec<_> = some.iter().map(|i| axis.labels[self.levels[0][*i]].as_str()).collect();
+                format!(" (at {})", levels.join(", "))
+            }
+            _ => String::new(),
+        };
+        let has = if without.len() == 1 { "has" } else { "have" };
+        let parts: Vec<String> = [(failed, "failed"), (without, &format!("{has} no value"))]
+            .into_iter()
+            .filter(|(some, _)| !some.is_empty())
+            .map(|(some, what)| format!("{} {what}{}", some.len(), named(&some)))
+            .collect();
+        match &parts[..] {
+            [] => String::new(),
+            parts => format!(
+                " Of {} cases, {}; strokes on the axis are at their levels, as far as it reaches.",
+                cases.len(),
+                parts.join(" and ")
+            ),
+        }
+    }
+
+    /// Strokes at the levels of `cases` without a value; `None` if all have one.
+    fn missing(&self, axis: usize, column: &[f64], cases: impl Iterator<Item = usize>) -> Option<Series> {
+        let levels: BTreeSet<usize> = cases.filter(|i| !column[*i].is_finite()).map(|i| self.levels[axis][i]).collect();
+        let points = levels.into_iter().take(MAX_DOTS).map(|level| (self.axes[axis].at(level), f64::NAN)).collect();
+        Some(Series::new("", points, Mark::Missing)).filter(|series| !series.points.is_empty())
+    }
+
+    /// The cases of `cases` to average over at each level of an axis.
+    fn balanced(&self, axis: usize, groups: &Groups, column: &[f64], cases: &[usize]) -> Balanced {
+        let known = |i: &usize| column[*i].is_finite();
+        if self.axes[axis].sampled {
+            return Balanced { cases: cases.iter().copied().filter(known).collect(), complete: 0, combinations: 0 };
+        }
+        let mut found: BTreeMap<Vec<usize>, (BTreeSet<usize>, Vec<usize>)> = BTreeMap::new();
+        for i in cases {
+            let others = (0..self.axes.len()).filter(|a| *a != axis).map(|a| self.levels[a][*i]).collect();
+            let (levels, own) = found.entry(others).or_default();
+            if known(i) {
+                levels.insert(groups.of[self.levels[axis][*i]]);
+                own.push(*i);
+            }
+        }
+        let combinations = found.len();
+        found.retain(|_, (levels, _)| levels.len() == groups.at.len());
+        let complete = found.len();
+        let mut cases: Vec<usize> = found.into_values().flat_map(|(_, own)| own).collect();
+        cases.sort_unstable(); // sums in the order of the cases
+        Balanced { cases, complete, combinations }
     }
 
     fn titled(&self, what: &str, label: &str) -> String {
@@ -422,15 +558,10 @@ impl Cases {
             (across.of[x], up.of[y], column[*i], self.indices[*i])
         };
         let cells = cases.iter().map(cell).collect();
-        let levels = |axis: &CaseAxis, groups: &Groups| HeatMapAxis {
-            name: axis.name.clone(),
-            at: groups.at.clone(),
-            scale: axis.scale(),
-        };
         Some(HeatMap {
             title: self.titled(quantity.name, label),
-            x: levels(of[0], &across),
-            y: levels(of[1], &up),
+            x: of[0].of_map(&across),
+            y: of[1].of_map(&up),
             value: quantity.with_unit(),
             cells,
             failed: self.endings.keys().copied().collect(),
@@ -452,7 +583,7 @@ impl Cases {
             x: of.name.clone(),
             y: quantity.with_unit(),
             scale: of.scale(),
-            series: series.collect(),
+            series: series.chain(self.missing(axis, column, 0..self.indices.len())).collect(),
         }
     }
 
@@ -468,6 +599,9 @@ impl Cases {
     ) -> (Chart, String) {
         let of = &self.axes[axis];
         let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
+        let missing = self.missing(axis, column, cases.iter().copied());
+        let groups = of.groups();
+        let balanced = self.balanced(axis, &groups, column, cases);
         let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
         let mut joined: HashMap<Vec<usize>, Vec<(f64, f64)>> = HashMap::new();
         let others = |i: usize| (0..self.axes.len()).filter(|a| *a != axis).map(|a| self.levels[a][i]).collect();
@@ -490,7 +624,7 @@ impl Cases {
             x: of.name.clone(),
             y: quantity.with_unit(),
             scale: of.scale(),
-            series,
+            series: series.into_iter().chain(missing.clone()).collect(),
         };
         let bars = matches!(of.scale(), Scale::Categories(_));
         let varied: Vec<usize> = (0..self.axes.len())
@@ -526,45 +660,97 @@ impl Cases {
         };
         let stride = cases().count().div_ceil(MAX_DOTS).max(1);
         series.push(Series::new("cases", cases().step_by(stride).map(point).collect(), Mark::Dots));
-        let groups = of.groups();
-        let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
+        if balanced.cases.is_empty() {
+            let lines =
+                if bars || series.len() < 2 { "" } else { " Grey lines join cases that differ in nothing else." };
+            let says = "There are no means, since no combination of the other axes has a value at every level.";
+            return (chart(series), format!("{lines} {says}"));
+        }
+        let means = groups.means(balanced.cases.iter().map(|i| (self.levels[axis][*i], column[*i])));
         series.push(Series::new("mean", groups.at.into_iter().zip(means).collect(), Mark::Dotted));
-        (chart(series), says.to_string())
+        let over = if balanced.is_whole() {
+            String::new()
+        } else {
+            format!(
+                " Means are over the {} of {} combinations of the other axes that have a value at every level.",
+                balanced.complete, balanced.combinations
+            )
+        };
+        (chart(series), format!("{says}{over}"))
     }
 
-    /// Main effects of all axes on a quantity: means at each level, relative to the overall mean if signs allow.
+    /// Main effects of the axes on a quantity, and their caption: means at each level over the combinations of the other axes that have
+    /// a value at every level, relative to their mean if signs allow. Axes without such a combination are left out; `None` if all are.
     fn effects(
         &self,
         shown: &[usize],
         quantity: &SummaryQuantity,
         column: &[f64],
         parts: &[(String, Vec<usize>)],
-    ) -> Effects {
+    ) -> Option<(Effects, String)> {
         let values = || column.iter().filter(|x| x.is_finite());
         let relative = values().all(|x| *x > 0.0) || values().all(|x| *x < 0.0);
-        let groups: Vec<_> = shown.iter().map(|axis| self.axes[*axis].groups()).collect();
-        let series = parts.iter().map(|(label, cases)| {
-            let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
-            let (count, sum) = cases().fold((0.0, 0.0), |(count, sum), i| (count + 1.0, sum + column[i]));
-            let scale = if relative { sum / count } else { 1.0 };
-            let of = |(axis, groups): (&usize, &Groups)| {
-                groups.means(cases().map(|i| (self.levels[*axis][i], column[i] / scale)))
+        struct Panel {
+            axis: usize,
+            groups: Groups,
+            parts: Vec<Balanced>,
+        }
+        let panel = |axis: &usize| {
+            let groups = self.axes[*axis].groups();
+            let parts = parts.iter().map(|(_, cases)| self.balanced(*axis, &groups, column, cases)).collect();
+            Panel { axis: *axis, groups, parts }
+        };
+        let (panels, empty): (Vec<_>, Vec<_>) =
+            shown.iter().map(panel).partition(|panel| panel.parts.iter().any(|part| !part.cases.is_empty()));
+        if panels.is_empty() {
+            return None;
+        }
+        let series = parts.iter().enumerate().map(|(k, (label, _))| {
+            let of = |Panel { axis, groups, parts }: &Panel| {
+                let cases = &parts[k].cases;
+                let mean = cases.iter().map(|i| column[*i]).sum::<f64>() / cases.len() as f64;
+                let scale = if relative { mean } else { 1.0 };
+                groups.means(cases.iter().map(|i| (self.levels[*axis][*i], column[*i] / scale)))
             };
-            (label.clone(), shown.iter().zip(&groups).map(of).collect())
+            (label.clone(), panels.iter().map(of).collect())
         });
-        Effects {
+        let name = |panel: &Panel| self.axes[panel.axis].name.as_str();
+        let is_whole = panels.iter().flat_map(|panel| &panel.parts).all(Balanced::is_whole);
+        let mut caption = format!("The {} at each level of an axis, averaged over ", quantity.name);
+        if is_whole && empty.is_empty() {
+            caption += "all other axes.";
+        } else {
+            let count = |panel: &Panel| {
+                let sum = |of: fn(&Balanced) -> usize| panel.parts.iter().map(of).sum::<usize>();
+                let (complete, all) = (sum(|part| part.complete), sum(|part| part.combinations));
+                (all > 0).then(|| format!("{complete} of {all} for {}", name(panel)))
+            };
+            let counts: Vec<_> = panels.iter().filter_map(count).collect();
+            caption += "the combinations of the other axes that have a value at every level of it";
+            caption += &if counts.is_empty() { ".".to_string() } else { format!(": {}.", counts.join(", ")) };
+            if !empty.is_empty() {
+                let names: Vec<_> = empty.iter().map(name).collect();
+                caption += &format!(" {} is left out: it has no such combination.", names.join(", "));
+            }
+        }
+        let uneven = |panel: &Panel| {
+            let axis = &self.axes[panel.axis];
+            axis.numbers.is_some() && !axis.sampled && unevenness(&panel.groups.at, |x| x) > 1.0 + EVEN_TOLERANCE
+        };
+        if panels.iter().any(uneven) {
+            caption += " Levels are drawn equally far apart, whatever their values.";
+        }
+        let axis = |Panel { axis, groups, .. }: &Panel| {
+            let CaseAxis { name, numbers, .. } = &self.axes[*axis];
+            EffectAxis { name: name.clone(), labels: groups.labels.clone(), joined: numbers.is_some() }
+        };
+        let effects = Effects {
             title: self.titled(&format!("main effects on the {}", quantity.name), ""),
             y: if relative { format!("{}, relative to the mean", quantity.name) } else { quantity.with_unit() },
-            axes: shown
-                .iter()
-                .zip(&groups)
-                .map(|(axis, group)| {
-                    let CaseAxis { name, numbers, .. } = &self.axes[*axis];
-                    EffectAxis { name: name.clone(), labels: group.labels.clone(), joined: numbers.is_some() }
-                })
-                .collect(),
+            axes: panels.iter().map(axis).collect(),
             series: series.collect(),
-        }
+        };
+        Some((effects, caption))
     }
 
     /// The cases of each level of the split side by side, sorted by the first level's values.
@@ -632,7 +818,7 @@ impl Cases {
     ///
     /// # Errors
     /// [`Error::Page`](crate::Error::Page).
-    pub fn page(&self, figures: &[Figure]) -> Result<String> {
+    pub fn page(&self, figures: &[Figure], left_out: &[String]) -> Result<String> {
         let stride = self.indices.len().div_ceil(MAX_TABLE_ROWS).max(1);
         // Six digits are plenty to look at; the table has them all.
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
@@ -651,6 +837,7 @@ impl Cases {
             still,
             text: &self.text,
             figures,
+            left_out,
             data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
                 quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
@@ -722,28 +909,32 @@ mod tests {
     }
 
     fn captions(cases: &Cases) -> Vec<(String, String)> {
-        cases.figures().into_iter().map(|figure| (figure.file, figure.caption)).collect()
+        cases.figures().0.into_iter().map(|figure| (figure.file, figure.caption)).collect()
     }
 
     #[test]
     fn captions_speak_of_the_lines_that_are_there() {
         let all = captions(&one_axis());
         let of = |file: &str| &all.iter().find(|(name, _)| name == file).unwrap().1;
-        assert!(of("displacement_rod.length-m.svg").ends_with("against rod.length_m. The line joins them."));
-        assert_eq!(of("effects_cycle-strouhal-number.svg"), "The Strouhal number of every case over rod.length_m.");
+        let failed =
+            "Of 3 cases, 1 failed (at 4000000); strokes on the axis are at their levels, as far as it reaches.";
+        let joined = format!("against rod.length_m. The line joins them. {failed}");
+        assert!(of("displacement_rod.length-m.svg").ends_with(&joined), "{all:?}");
+        let over = format!("The Strouhal number of every case over rod.length_m. {failed}");
+        assert_eq!(*of("effects_cycle-strouhal-number.svg"), over);
         assert!(!all.iter().any(|(_, caption)| caption.contains("mean") || caption.contains("averaged")), "{all:?}");
     }
 
     #[test]
     fn a_case_that_failed_stretches_no_axis() {
-        let figure = one_axis().figures().into_iter().find(|figure| figure.file.starts_with("displacement")).unwrap();
-        assert!(!figure.svg.contains("10⁶") && figure.svg.contains("1.5"), "{}", figure.svg);
+        let figure = one_axis().figures().0.into_iter().find(|figure| figure.file.starts_with("displacement")).unwrap();
+        assert!(!figure.svg.contains("10⁶") && figure.svg.contains(">1.4<"), "{}", figure.svg);
     }
 
     #[test]
     fn the_page_counts_one_case_as_one_and_says_why_one_is_not_played() {
         let cases = one_axis();
-        let page = cases.page(&[]).unwrap();
+        let page = cases.page(&[], &[]).unwrap();
         assert!(page.contains("One case did not reach its end. Its row says why"), "{page}");
         assert!(!page.contains("by chance") && page.contains("A case that failed before it moved cannot be played."));
         // What is zero in all cases has no column.
@@ -760,7 +951,7 @@ mod tests {
             cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
         }
         cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new());
-        let figures = cases.figures();
+        let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
         assert!(map.svg.contains("largest in size: -1.394 (case 1)"), "{}", map.svg);
@@ -787,9 +978,66 @@ mod tests {
         assert_eq!(cases.columns[tension], [3.0, 4.0]);
     }
 
+    /// A sweep over two axes whose case has this way for each pair of levels; cases without one failed.
+    fn two_axes(axes: [(&str, &[f64]); 2], way: impl Fn(usize, usize) -> Option<f64>) -> Cases {
+        let counts = axes.map(|(_, levels)| levels.len());
+        let axes = axes.map(|(name, levels)| axis(name, levels)).to_vec();
+        let mut cases = Cases::new("sweep", axes, None, counts[0] * counts[1], "");
+        for i in 0..counts[0] * counts[1] {
+            let (a, b) = (i / counts[1], i % counts[1]);
+            let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
+            cases.add(i, &[a, b], row.as_object().unwrap(), Vec::new());
+        }
+        cases
+    }
+
+    #[test]
+    fn main_effects_compare_like_with_like_where_cases_failed() {
+        // Twice as far at the higher frequency, whatever the amplitude; the largest amplitude bears the lower one alone.
+        let way = |a: usize, b: usize| (a < 2 || b == 0).then(|| [1.0, 2.0, 1000.0][a] * [1.0, 2.0][b]);
+        let cases = two_axes([("a", &[1.0, 2.0, 3.0]), ("b", &[1.0, 2.0])], way);
+        let column = &cases.columns[0];
+        let (effects, caption) = cases.effects(&[0, 1], &QUANTITIES[0], column, &cases.parts()).unwrap();
+        let [a, b] = &effects.series[0].1[..] else { panic!() };
+        assert!((b[1] / b[0] - 2.0).abs() < 1e-12, "{b:?}");
+        assert!((a[1] / a[0] - 2.0).abs() < 1e-12 && (a[2] / a[0] - 1000.0).abs() < 1e-9, "{a:?}");
+        assert!(caption.contains("1 of 2 for a, 2 of 3 for b"), "{caption}");
+        let (figures, _) = cases.figures();
+        let line = &figures.iter().find(|figure| figure.file == "displacement_b.svg").unwrap().caption;
+        assert!(!line.contains("means") && line.contains("1 failed"), "few lines are named: {line}");
+    }
+
+    #[test]
+    fn main_effects_without_a_whole_combination_are_left_out_with_a_word() {
+        let cases = two_axes([("a", &[1.0, 2.0]), ("b", &[1.0, 2.0])], |a, b| (a == b).then_some(1.0 + a as f64));
+        let (figures, left_out) = cases.figures();
+        assert!(!figures.iter().any(|figure| figure.file.starts_with("effects")));
+        assert!(left_out[0].contains("left out for the net displacement in x"), "{left_out:?}");
+        let page = cases.page(&figures, &left_out).unwrap();
+        assert!(page.contains(&left_out[0]), "{page}");
+    }
+
+    #[test]
+    fn levels_that_are_even_in_logarithms_are_drawn_so_and_others_as_equal_cells() {
+        let scale = |levels: &[f64]| axis("a", levels).scale();
+        assert_eq!(scale(&[1e4, 1e5, 1e6, 1e7]), Scale::LogX);
+        assert_eq!(scale(&[0.5, 1.0, 2.0]), Scale::LogX);
+        assert_eq!(scale(&[1.0, 2.0, 3.0]), Scale::Linear);
+        assert_eq!(scale(&[0.0, 1.0, 10.0]), Scale::Linear);
+        let uneven = axis("a", &[1.0, 12.0, 3000.0, 20.0, 25.0]);
+        let map = uneven.of_map(&uneven.groups());
+        assert_eq!(map.scale, Scale::Categories(["1", "12", "20", "25", "3000"].map(str::to_string).to_vec()));
+        let even = axis("a", &[1.0, 2.0, 4.0]);
+        assert_eq!(even.of_map(&even.groups()).scale, Scale::LogX);
+        let cases = two_axes([("a", &[1.0, 12.0, 3000.0]), ("b", &[1.0, 2.0])], |a, b| Some((a + b) as f64));
+        let figures = cases.figures().0;
+        let caption = &figures.iter().find(|figure| figure.file.starts_with("map")).unwrap().caption;
+        assert!(!caption.contains("equally wide"), "on a logarithmic axis they are even: {caption}");
+    }
+
     #[test]
     fn a_printed_table_is_whole() {
-        let page = one_axis().page(&[]).unwrap();
+        let page = one_axis().page(&[], &[]).unwrap();
         assert!(page.contains("@media screen { td { white-space: nowrap; } }"), "{page}");
     }
 }

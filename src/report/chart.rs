@@ -3,7 +3,7 @@
 
 use nalgebra::Vector2;
 
-use super::chart_axis::ChartAxis;
+use super::chart_axis::{ChartAxis, told_apart};
 pub use super::svg::SERIES;
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width, wrapped};
 use crate::number_format::superscript;
@@ -21,11 +21,24 @@ pub(super) const LABEL: f64 = 13.0;
 pub(super) const LINE: f64 = 19.0;
 const MAX_LEGEND_LINES: usize = 8;
 
+/// Width of the widest label of a legend, px.
+const MAX_ENTRY: f64 = 420.0;
+
 /// Room that a label above a line takes, px.
 const ROOM_OF_LABEL: f64 = 22.0;
 
-/// Width of the widest label of y, px.
+/// Width of the widest label of y, and height that a label takes there, px.
 const MAX_LABEL: f64 = 160.0;
+pub(super) const LABEL_HEIGHT: f64 = 15.0;
+
+/// Space between two labels of x, px.
+const BETWEEN_LABELS: f64 = 8.0;
+
+/// Points of a line that are all within this of the first are drawn as one dot, px.
+const STILL: f64 = 0.5;
+
+/// Height of the strokes of [`Mark::Missing`], px.
+const MISSING_HEIGHT: f64 = 9.0;
 
 /// Most lines of the label of a category below a chart, and their height, px.
 const MAX_LINES_OF_CATEGORY: usize = 3;
@@ -48,6 +61,8 @@ pub enum Mark {
     Slope,
     /// The same with its label above the line, or on it, from the last point: a level.
     Level,
+    /// Short strokes on the axis at the x of points without a value, within what the others span; without a legend entry.
+    Missing,
 }
 
 /// One series of a chart.
@@ -155,51 +170,97 @@ impl Chart {
         Self { title: title.into(), x: x.into(), y: y.into(), scale, series }
     }
 
+    /// The chart as a figure with this file name and caption, which also names the series that the scale cannot show; `None` if it
+    /// can show none at all.
+    pub fn figure(&self, file: impl Into<String>, caption: impl Into<String>) -> Option<Figure> {
+        let axes = self.axes();
+        let given = || self.series.iter().filter(|series| series.mark.is_of_data() && !series.points.is_empty());
+        let (shown, hidden): (Vec<_>, Vec<_>) = given().partition(|series| self.shows(series, &axes));
+        if shown.is_empty() {
+            return None;
+        }
+        let names: Vec<_> =
+            hidden.iter().map(|series| series.label.as_str()).filter(|label| !label.is_empty()).collect();
+        let mut caption = caption.into();
+        if !names.is_empty() {
+            caption += &format!(" Without a value on this scale: {}.", names.join(", "));
+        }
+        Some(Figure::new(file, caption, self.svg()))
+    }
+
+    /// True if the axes have a place for a point of a series.
+    fn shows(&self, series: &Series, axes: &[ChartAxis; 2]) -> bool {
+        series.points.iter().any(|point| self.place(*point, axes).is_some())
+    }
+
+    /// The place of a point, from 0 to 1 along each axis; `None` if the scale cannot show it.
+    fn place(&self, (px, py): (f64, f64), [x, y]: &[ChartAxis; 2]) -> Option<(f64, f64)> {
+        let floor = match self.scale {
+            Scale::LogY(_) => y.low(),
+            _ => 0.0,
+        };
+        if !(px.is_finite() && py.is_finite()) {
+            return None;
+        }
+        let py = if floor > 0.0 { py.abs().max(floor) } else { py };
+        Some((x.place(px)?, y.place(py)?))
+    }
+
     /// The chart as an SVG document.
     pub fn svg(&self) -> String {
-        let shown = |series: &Series| !series.label.is_empty();
-        let named = self.series.iter().filter(|series| series.is_named()).enumerate();
+        let [x, y] = self.axes();
+        let y = readable_up(y, PLOT);
+        let axes = [x, y];
+        let named = self.series.iter().filter(|series| series.mark.is_of_data()).enumerate();
         let entry = |(k, series): (usize, &Series)| LegendEntry {
             k: series.colour.unwrap_or(k),
             mark: series.mark,
             label: series.label.clone(),
             at: (0.0, 0.0),
         };
-        let entries: Vec<LegendEntry> = named.filter(|(_, series)| shown(series)).map(entry).collect();
-        let legend = Legend::of(entries);
-        let [x, y] = self.axes();
+        let shown = named.filter(|(_, series)| !series.label.is_empty() && self.shows(series, &axes));
+        let legend = Legend::of(shown.map(entry).collect());
+        let [x, y] = axes;
         let frame = PlotArea::about(&y, legend.height());
         let [x, y] = match self.scale {
             Scale::Equal => {
-                let pixel = (x.size() / frame.width).max(y.size() / frame.height);
-                [x.widened(pixel * frame.width / x.size()), y.widened(pixel * frame.height / y.size())]
+                // What has no extent has no scale of its own.
+                let pixel = |axis: &ChartAxis, room: f64, other: &ChartAxis| match axis.is_point && !other.is_point {
+                    true => 0.0,
+                    false => axis.size() / room,
+                };
+                let pixel = pixel(&x, frame.width, &y).max(pixel(&y, frame.height, &x));
+                let y = y.widened(pixel * frame.height / y.size());
+                [x.widened(pixel * frame.width / x.size()), readable_up(y, frame.height)]
             }
             _ => [x, y],
         };
         let categories = matches!(self.scale, Scale::Categories(_));
+        let x = readable_along(x, frame.width, categories);
         let height = frame.top + frame.height + frame.height_below(&x, categories);
         let mut svg = Svg::new(WIDTH, height, &self.title);
         svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
         legend.draw(&mut svg);
         frame.draw_y(&mut svg, &y, &self.y);
         frame.draw_x(&mut svg, &x, &self.x, categories);
-        let floor = match self.scale {
-            Scale::LogY(_) => y.low(),
-            _ => 0.0,
-        };
-        let place = |(px, py): (f64, f64)| {
-            if !(px.is_finite() && py.is_finite()) {
-                return None;
-            }
-            let py = if floor > 0.0 { py.abs().max(floor) } else { py };
-            Some(frame.at(x.place(px)?, y.place(py)?))
-        };
+        let axes = [x, y];
+        let place = |point: (f64, f64)| self.place(point, &axes).map(|(x, y)| frame.at(x, y));
         let mut named = 0;
+        let mut slopes = Vec::new();
         for series in &self.series {
+            if series.mark == Mark::Missing {
+                let at = series.points.iter().filter_map(|point| axes[0].place(point.0)).map(|x| frame.at(x, 0.0));
+                at.for_each(|(x, y)| svg.line(&[(x, y), (x, y - MISSING_HEIGHT)], Colour::INK, 1.5, ""));
+                continue;
+            }
             let points: Vec<_> = series.points.iter().map(|p| place(*p)).collect();
-            self.draw(&mut svg, series, &points, series.colour.unwrap_or(named), (&frame, frame.width / x.size()));
-            named += usize::from(series.is_named());
+            let slot = frame.width / axes[0].size();
+            self.draw(&mut svg, series, &points, series.colour.unwrap_or(named), (&frame, slot));
+            slopes
+                .extend(points.iter().flatten().last().filter(|_| series.mark == Mark::Slope).map(|at| (series, *at)));
+            named += usize::from(series.mark.is_of_data());
         }
+        label_slopes(&mut svg, &slopes);
         // Above their lines, or, where another level is close above, on them and over all others, so that none goes through them.
         let levels = self.series.iter().filter(|series| series.mark == Mark::Level);
         let levels: Vec<_> = levels.filter_map(|level| Some((level, place(*level.points.last()?)?))).collect();
@@ -214,8 +275,9 @@ impl Chart {
     fn axes(&self) -> [ChartAxis; 2] {
         // What is not drawn stretches no axis.
         let drawn = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
-        let x = || self.series.iter().flat_map(|series| &series.points).filter(drawn).map(|p| p.0);
-        let y = || self.series.iter().flat_map(|series| &series.points).filter(drawn).map(|p| p.1);
+        let series = || self.series.iter().filter(|series| series.mark != Mark::Missing);
+        let x = || series().flat_map(|series| &series.points).filter(drawn).map(|p| p.0);
+        let y = || series().flat_map(|series| &series.points).filter(drawn).map(|p| p.1);
         match &self.scale {
             Scale::Linear | Scale::Equal => [ChartAxis::linear(x()), ChartAxis::linear(y())],
             Scale::LogX => [ChartAxis::logarithmic(x()), ChartAxis::linear(y())],
@@ -248,14 +310,10 @@ impl Chart {
             }
         };
         match series.mark {
-            Mark::Unseen => {}
+            Mark::Unseen | Mark::Missing => {}
             Mark::Slope | Mark::Level => {
                 let closed: Vec<_> = there().chain(there().next()).collect();
                 svg.line(&closed, Colour::SOFT, 1.0, "");
-                if let Some((x, y)) = there().last().filter(|_| series.mark == Mark::Slope) {
-                    let (x, anchor) = beside(x, &series.label);
-                    svg.text((x, y), &series.label, LABEL, anchor, Colour::SOFT);
-                }
             }
             Mark::Ghost if categories => {}
             Mark::Ghost => pieces(points).for_each(|piece| svg.line(&piece, Colour::GHOST, 1.0, "")),
@@ -267,19 +325,51 @@ impl Chart {
             }
             Mark::Line | Mark::Dotted => {
                 pieces(points).for_each(|piece| svg.line(&piece, colour, 2.0, dashes));
-                // A line of one point is none.
-                if series.mark == Mark::Dotted || there().count() == 1 {
+                if series.mark == Mark::Dotted {
                     dots(svg);
+                } else if let Some(first) = there().next()
+                    && there().all(|(x, y)| (x - first.0).abs() < STILL && (y - first.1).abs() < STILL)
+                {
+                    svg.mark(named, first, 3.2, colour); // a line without a length is none
                 }
             }
         }
     }
 }
 
-impl Series {
-    /// True if it has a colour and may have a legend entry.
-    fn is_named(&self) -> bool {
-        matches!(self.mark, Mark::Line | Mark::Dotted | Mark::Dots)
+impl Mark {
+    /// True for a series with a colour, which may have a legend entry.
+    fn is_of_data(self) -> bool {
+        matches!(self, Self::Line | Self::Dotted | Self::Dots)
+    }
+}
+
+/// The labels of slopes beside their last points, one after the other where these are close.
+fn label_slopes(svg: &mut Svg, slopes: &[(&Series, (f64, f64))]) {
+    let mut ends: Vec<(f64, f64)> = Vec::new();
+    for (series, (x, y)) in slopes {
+        let (mut at, anchor) = beside(*x, &series.label);
+        if anchor == Anchor::Start {
+            let close = ends.iter().filter(|(end, other)| (y - other).abs() < LABEL && *end > at);
+            at = close.map(|(end, _)| end + 3.0).fold(at, f64::max);
+            ends.push((at + width(&series.label, LABEL), *y));
+        }
+        svg.text((at, *y), &series.label, LABEL, anchor, Colour::SOFT);
+    }
+}
+
+/// A vertical axis of this height (px) with labels that can be told apart and have room.
+pub(super) fn readable_up(y: ChartAxis, height: f64) -> ChartAxis {
+    y.told_apart(|label| cut(label, LABEL, MAX_LABEL)).apart(height, |_| LABEL_HEIGHT)
+}
+
+/// The same for a horizontal axis of this width (px).
+pub(super) fn readable_along(x: ChartAxis, wide: f64, categories: bool) -> ChartAxis {
+    if categories {
+        let (_, room) = PlotArea::room_of_categories(x.ticks.len(), wide);
+        x.told_apart(|label| wrapped(label, LABEL, room, MAX_LINES_OF_CATEGORY).join(" "))
+    } else {
+        x.apart(wide, |label| if label.is_empty() { 0.0 } else { width(label, LABEL) + BETWEEN_LABELS })
     }
 }
 
@@ -352,9 +442,11 @@ impl Legend {
     fn of(all: Vec<LegendEntry>) -> Self {
         let mut entries: Vec<LegendEntry> = Vec::new();
         let ((mut left, mut line), count) = ((20.0, 0), all.len());
+        let labels: Vec<String> = all.iter().map(|entry| entry.label.clone()).collect();
+        let (labels, _) = told_apart(&labels, |label| cut(label, LABEL, MAX_ENTRY));
         if count > 1 {
-            for (k, entry) in all.into_iter().enumerate() {
-                let label = cut(&entry.label, LABEL, 420.0);
+            for (k, (entry, label)) in all.into_iter().zip(labels).enumerate() {
+                let label = cut(&label, LABEL, MAX_ENTRY);
                 let room = 52.0 + width(&label, LABEL);
                 if left > 20.0 && left + room > WIDTH - 8.0 {
                     (left, line) = (20.0, line + 1);
@@ -390,8 +482,11 @@ impl Legend {
     }
 }
 
-/// The label of an axis with the common power of ten of its tick labels, before its unit.
+/// The label of an axis with the common power of ten of its tick labels, before its unit, or with what numbers of levels mean.
 pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
+    if axis.numbered {
+        return numbered(name);
+    }
     let power = format!("10{}", superscript(axis.power));
     match name.strip_suffix(')').and_then(|name| name.rsplit_once('(')) {
         _ if axis.power == 0 => name.to_string(),
@@ -400,7 +495,18 @@ pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
     }
 }
 
+/// The label of an axis whose levels have numbers.
+fn numbered(name: &str) -> String {
+    format!("{name}, levels numbered from 1")
+}
+
 impl PlotArea {
+    /// Of so many categories every which has a label, and the width of the room for it, px.
+    fn room_of_categories(count: usize, width: f64) -> (usize, f64) {
+        let every = count.max(1).div_ceil(12);
+        (every, width / count.max(1) as f64 * every as f64 - 6.0)
+    }
+
     /// The plot area below a title and a legend of this height, with room for the labels of y.
     pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
@@ -425,15 +531,14 @@ impl PlotArea {
         }
         svg.line(&[self.at(0.0, 0.0), self.at(0.0, 1.0)], Colour::SOFT, 1.0, "");
         let room = self.height + 40.0;
-        svg.upright_heading((17.0, self.top + 0.5 * self.height), &titled(name, y), NAME, room);
+        svg.upright_name((17.0, self.top + 0.5 * self.height), &titled(name, y), NAME, room);
     }
 
     /// The labels of x with their places, those of categories in lines.
     fn labels_below(x: &ChartAxis, width: f64, categories: bool) -> Vec<(f64, Vec<String>)> {
         let labelled = x.ticks.iter().filter(|(_, label)| !label.is_empty());
-        let count = labelled.clone().count().max(1);
-        let every = if categories { count.div_ceil(12) } else { 1 };
-        let room = width / count as f64 * every as f64 - 6.0;
+        let (every, room) = Self::room_of_categories(labelled.clone().count(), width);
+        let every = if categories { every } else { 1 };
         let lines = |label: &String| match categories {
             true => wrapped(label, LABEL, room, MAX_LINES_OF_CATEGORY),
             false => vec![label.clone()],
@@ -507,6 +612,7 @@ impl Effects {
         };
         let legend = Legend::of(self.series.iter().enumerate().map(entry).collect());
         let y = ChartAxis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
+        let y = readable_up(y, PLOT);
         let first = PlotArea::about(&y, legend.height());
         let columns = self.axes.len().clamp(1, (first.width / MIN_PANEL_WIDTH) as usize);
         let rows = self.axes.len().div_ceil(columns).max(1);
@@ -536,16 +642,21 @@ impl Effects {
         svg.line(&[frame.at(0.0, 0.0), frame.at(1.0, 0.0)], Colour::SOFT, 1.0, "");
         svg.line(&[frame.at(1.0, 0.0), frame.at(1.0, 1.0)], Colour::GRID, 1.0, "");
         // As many labels as there is room for, the first and the last at least.
-        let longest = axis.labels.iter().map(|label| width(label, LABEL) + 8.0).fold(1.0, f64::max);
-        let room = ((frame.width / longest) as usize).clamp(2, 4);
-        let every = count.saturating_sub(1).div_ceil(room - 1).max(1);
-        for (level, label) in axis.labels.iter().enumerate().step_by(every) {
+        let room = frame.width / count.clamp(1, 3) as f64 - 4.0;
+        let (labels, are_numbers) = told_apart(&axis.labels, |label| cut(label, LABEL, room));
+        let longest = labels.iter().map(|label| width(label, LABEL) + 8.0).fold(1.0, f64::max);
+        let most = ((frame.width / longest) as usize).clamp(2, 6);
+        let most = if count == 3 { most.max(3) } else { most };
+        let every = count.saturating_sub(1).div_ceil(most - 1).max(1);
+        let room = frame.width / (count.saturating_sub(1) / every + 1) as f64 - 4.0;
+        for (level, label) in labels.iter().enumerate().step_by(every) {
             let at = (frame.at(place(level), 0.0).0, bottom + 17.0);
-            svg.text(at, &cut(label, LABEL, frame.width / room as f64 - 4.0), LABEL, Anchor::Middle, Colour::SOFT);
+            svg.text(at, &cut(label, LABEL, room), LABEL, Anchor::Middle, Colour::SOFT);
         }
         // The last part of a dotted key is enough where space is short.
-        let fits = width(&axis.name, LABEL) <= frame.width - 8.0;
-        let name = axis.name.split_once('.').filter(|_| !fits).map_or(axis.name.as_str(), |(_, key)| key);
+        let name = if are_numbers { numbered(&axis.name) } else { axis.name.clone() };
+        let fits = width(&name, LABEL) <= frame.width - 8.0;
+        let name = name.split_once('.').filter(|_| !fits).map_or(name.as_str(), |(_, key)| key);
         let at = (frame.at(0.5, 0.0).0, bottom + 38.0);
         svg.heading(at, name, LABEL, frame.width - 8.0);
         for (k, (_, axes)) in self.series.iter().enumerate() {
@@ -589,8 +700,8 @@ mod tests {
         ]
     }
 
-    const MARKS: [Mark; 7] =
-        [Mark::Line, Mark::Dotted, Mark::Dots, Mark::Ghost, Mark::Unseen, Mark::Slope, Mark::Level];
+    const MARKS: [Mark; 8] =
+        [Mark::Line, Mark::Dotted, Mark::Dots, Mark::Ghost, Mark::Unseen, Mark::Slope, Mark::Level, Mark::Missing];
 
     /// All coordinates in an SVG document, to see that none is off it.
     fn inside(svg: &str) -> bool {
@@ -662,5 +773,89 @@ mod tests {
         assert_eq!(labels(ChartAxis::decades([1e-160, 1e-180, 0.0].into_iter(), 12)).split(' ').count(), 7);
         // No further than the data.
         assert_eq!(labels(ChartAxis::decades([0.9, 0.02, 0.0].into_iter(), 12)), "0.01 0.1 1 0.02 0.05 0.2 0.5");
+    }
+
+    /// The points of the line of the first series, which is thinner than that of the legend.
+    fn series_line(svg: &str) -> Vec<(f64, f64)> {
+        let of_series = |line: &&str| line.contains("class=\"s0\"") && line.contains("stroke-width=\"2\"");
+        let line = svg.split("<polyline ").find(of_series).unwrap();
+        let points = line.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let point = |pair: &str| pair.split_once(',').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap()));
+        points.split_whitespace().filter_map(point).collect()
+    }
+
+    #[test]
+    fn a_straight_rod_fills_its_shape_whatever_its_length() {
+        for length in [1e-6, 0.3, 20.0] {
+            let rod = Series::new("rod", vec![(0.0, 0.0), (length, 0.0)], Mark::Line);
+            let centre = Series::new("centre of mass", vec![(0.5 * length, 0.0)], Mark::Dots);
+            let svg = Chart::new("rest", "x (m)", "y (m)", Scale::Equal, vec![rod, centre]).svg();
+            let ends = series_line(&svg);
+            assert!(ends[1].0 - ends[0].0 > 400.0, "{length}: {ends:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_without_a_length_is_a_dot_and_the_labels_of_its_axes_have_room() {
+        let still = Series::new("", vec![(0.150_000_000_1, 0.0); 9], Mark::Line);
+        let svg = Chart::new("path", "x (m)", "y (m)", Scale::Linear, vec![still]).svg();
+        assert!(svg.contains("<circle"), "{svg}");
+        let axis = ChartAxis::linear([1.000_000_001, 1.000_000_002].into_iter());
+        let axis = readable_along(axis, 560.0, false);
+        let taken: f64 = axis.ticks.iter().map(|(_, label)| width(label, LABEL)).sum();
+        assert!(taken < 560.0 && !axis.ticks.is_empty(), "{axis:?}");
+    }
+
+    #[test]
+    fn a_chart_without_a_point_on_its_scale_is_no_figure_and_one_names_series_without_one() {
+        let zero = Series::new("chain", vec![(5.0, 0.0), (9.0, 0.0)], Mark::Dotted);
+        let chart = |series| Chart::new("errors", "nodes", "error", Scale::LogLog, series);
+        assert!(chart(vec![zero.clone()]).figure("error.svg", "Errors.").is_none());
+        let known = Series::new("positions", vec![(5.0, 0.1), (9.0, 0.02)], Mark::Dotted);
+        let figure = chart(vec![zero, known]).figure("error.svg", "Errors.").unwrap();
+        assert_eq!(figure.caption, "Errors. Without a value on this scale: chain.");
+        assert!(!figure.svg.contains(">chain<"), "{}", figure.svg);
+    }
+
+    #[test]
+    fn long_labels_are_told_apart_by_what_differs_or_by_their_numbers() {
+        let shown = |label: &str| cut(label, LABEL, MAX_LABEL);
+        let profile = |radius: &str| format!("[[0.0, 0.008], [0.5, 0.006], [1.0, {radius}]]");
+        let labels = ["0.002", "0.003"].map(profile);
+        assert_eq!(told_apart(&labels, shown), (vec!["…0.002…".to_string(), "…0.003…".to_string()], false));
+        let labels = [profile("0.002"), profile("0.002").replace("0.008", "0.009"), profile("0.003")];
+        assert_eq!(told_apart(&labels, shown), (["1", "2", "3"].map(str::to_string).to_vec(), true));
+        let words = ["water", "oil"].map(str::to_string);
+        assert_eq!(told_apart(&words, shown), (words.to_vec(), false));
+        let many: Vec<String> = (0..30).map(|i| format!("body {i}")).collect();
+        let axis = readable_up(ChartAxis::categories(&many), PLOT);
+        let labelled = axis.ticks.iter().filter(|(_, label)| !label.is_empty()).count();
+        assert!(labelled > 5 && labelled as f64 * LABEL_HEIGHT <= PLOT, "{labelled}");
+    }
+
+    #[test]
+    fn labels_of_slopes_stand_side_by_side_where_they_would_overlap() {
+        let slope = |order: i32| {
+            Series::new(order.to_string(), vec![(1.0, 1e-6), (2.0, 1e-6 * 0.5_f64.powi(order))], Mark::Slope)
+        };
+        let errors = Series::new("", vec![(1.0, 1.0), (100.0, 1e-12)], Mark::Dotted);
+        let svg = Chart::new("", "x", "y", Scale::LogLog, vec![errors, slope(1), slope(2), slope(3)]).svg();
+        let at = |label: &str| -> [f64; 2] {
+            let text =
+                svg.split("<text ").find(|text| text.contains(&format!(">{label}</text>")) && text.contains("start"));
+            ["x=\"", "y=\""]
+                .map(|key| text.unwrap().split(key).nth(1).unwrap().split('"').next().unwrap().parse().unwrap())
+        };
+        let [one, two, three] = ["1", "2", "3"].map(at);
+        let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() >= 7.0 || (a[1] - b[1]).abs() >= LABEL;
+        assert!(apart(one, two) && apart(two, three) && apart(one, three), "{one:?} {two:?} {three:?}");
+    }
+
+    #[test]
+    fn the_name_of_y_that_has_no_room_is_in_two_lines() {
+        let name = "mean moment on the head over whole cycles of the run, relative to the mean";
+        let points = vec![(0.0, 1.0), (1.0, 2.0)];
+        let svg = Chart::new("", "x", name, Scale::Linear, vec![Series::new("", points, Mark::Line)]).svg();
+        assert!(!svg.contains('…') && svg.matches("rotate(-90)").count() == 2, "{svg}");
     }
 }

@@ -1,5 +1,7 @@
 //! Findings of a study: answers in sentences, numbers, tables and figures, written to one folder with a page.
 
+use std::collections::BTreeSet;
+
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -46,16 +48,40 @@ pub struct Findings {
     pub motion: Option<Box<(Animation, String)>>,
 }
 
+/// Letters of a printed line of a table on a page that is upright, and on one that lies.
+const UPRIGHT_LINE: usize = 110;
+const LYING_LINE: usize = 190;
+
+/// Most letters of a line of a text in a printed cell, and of a heading; longer ones are broken.
+const TEXT_CELL: usize = 30;
+const HEADING: usize = 12;
+
 #[derive(Serialize)]
 struct PageTable {
     title: &'static str,
     file: &'static str,
     columns: Vec<String>,
+    /// True for each column of numbers, which are not broken.
+    numeric: Vec<bool>,
+    /// The places of all columns.
+    all: Vec<usize>,
     rows: Vec<Vec<String>>,
     more: usize,
+    /// True if it is printed on a page that lies.
+    wide: bool,
+    /// The columns that are printed together, where not all have room side by side.
+    parts: Vec<Vec<usize>>,
 }
 
 impl Findings {
+    /// Adds the answers, numbers, figures and tables of a part of the study after its own.
+    pub(crate) fn append(&mut self, part: Self) {
+        self.answers.extend(part.answers);
+        self.numbers.extend(part.numbers);
+        self.figures.extend(part.figures);
+        self.tables.extend(part.tables);
+    }
+
     /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each atomically.
     ///
     /// # Errors
@@ -117,14 +143,60 @@ impl Table {
             Value::Number(x) if x.is_f64() => x.as_f64().map_or_else(String::new, number),
             other => other.to_string(),
         };
+        let columns = self.columns.len();
+        let numeric: Vec<bool> = (0..columns)
+            .map(|k| self.rows.iter().filter_map(|row| row.get(k)).all(|value| !value.is_string()))
+            .collect();
+        // A row that is shorter than others ends with empty cells.
+        let shown = |row: &Vec<Value>| (0..columns).map(|k| row.get(k).map_or_else(String::new, cell)).collect();
+        let rows: Vec<Vec<String>> = self.rows.iter().take(MAX_TABLE_ROWS).map(shown).collect();
+        let width = |k: usize| {
+            let longest = rows.iter().map(|row| row[k].chars().count()).max().unwrap_or(0);
+            let cells = if numeric[k] { longest } else { longest.min(TEXT_CELL) };
+            cells.max(self.columns[k].chars().count().min(HEADING)) + 1
+        };
+        let widths: Vec<usize> = (0..columns).map(width).collect();
+        let whole: usize = widths.iter().sum();
+        let parts = if whole > LYING_LINE { parts(&widths, keys(&rows)) } else { Vec::new() };
         PageTable {
             title: self.title,
             file: self.file,
             columns: self.columns.clone(),
-            rows: self.rows.iter().take(MAX_TABLE_ROWS).map(|row| row.iter().map(cell).collect()).collect(),
+            numeric,
+            all: (0..columns).collect(),
             more: self.rows.len().saturating_sub(MAX_TABLE_ROWS),
+            rows,
+            wide: whole > UPRIGHT_LINE,
+            parts,
         }
     }
+}
+
+/// The number of first columns that tell all rows apart; one if none do.
+fn keys(rows: &[Vec<String>]) -> usize {
+    let columns = rows.first().map_or(0, Vec::len);
+    let apart = |count: &usize| rows.iter().map(|row| &row[..*count]).collect::<BTreeSet<_>>().len() == rows.len();
+    (1..columns).find(apart).unwrap_or(1)
+}
+
+/// Columns with these widths in parts that have room on a page that lies, each with the first `keys` columns.
+fn parts(widths: &[usize], keys: usize) -> Vec<Vec<usize>> {
+    let of_keys: usize = widths[..keys].iter().sum();
+    // Keys that fill the line are no help.
+    let (keys, of_keys) = if 2 * of_keys > LYING_LINE { (1, widths[0]) } else { (keys, of_keys) };
+    let mut parts: Vec<Vec<usize>> = Vec::new();
+    let mut used = usize::MAX;
+    for (k, width) in widths.iter().enumerate().skip(keys) {
+        if used.saturating_add(*width) > LYING_LINE {
+            parts.push((0..keys).collect());
+            used = of_keys;
+        }
+        if let Some(part) = parts.last_mut() {
+            part.push(k);
+        }
+        used += width;
+    }
+    parts
 }
 
 #[cfg(test)]
@@ -142,9 +214,31 @@ mod tests {
         assert!((0..500).all(|i| page.contains(&format!("<td>row {i}.</td>"))));
         let print = page.split("@media print").nth(1).unwrap().split("</style>").next().unwrap();
         assert!(print.contains(".rows { overflow: visible; max-height: none; }"), "{print}");
-        // No line of a cell is kept whole on paper, which is narrow, and headings are on every sheet.
+        // No line of a text is kept whole on paper, which is narrow, and headings are on every sheet.
         let apart = page.split("white-space: nowrap").filter(|text| text.ends_with(".rows td, .rows th { "));
         assert!(apart.clone().count() == 1 && apart.clone().all(|text| text.contains("@media screen { .rows td")));
         assert!(page.contains("<thead><tr><th>name</th></tr></thead>"));
+    }
+
+    #[test]
+    fn a_printed_table_breaks_no_number_and_repeats_what_tells_its_rows_apart() {
+        let names = ["method", "step"].into_iter().map(str::to_string);
+        let columns: Vec<String> = names.chain((0..30).map(|k| format!("quantity_{k}"))).collect();
+        let row = |i: usize| {
+            let name = if i < 2 { "newmark" } else { "esdirk3" };
+            let numbers = (0..30).map(|k| json!(1.234567e-7 * (i + k + 1) as f64));
+            [json!(name), json!((i % 2) as f64)].into_iter().chain(numbers).collect()
+        };
+        let table = Table { file: "runs.csv", title: "All runs", columns, rows: (0..4).map(row).collect() };
+        let page = table.on_page();
+        assert!(page.wide && page.parts.len() > 1, "{:?}", page.parts);
+        assert!(page.parts.iter().all(|part| part[..2] == [0, 1]), "{:?}", page.parts);
+        let all: BTreeSet<usize> = page.parts.iter().flatten().copied().collect();
+        assert_eq!(all.len(), 32);
+        assert!(!page.numeric[0] && page.numeric[1..].iter().all(|numeric| *numeric));
+        let small = Table { columns: vec!["a".to_string()], rows: vec![vec![json!(1.0)]], ..table };
+        assert!(small.on_page().parts.is_empty() && !small.on_page().wide);
+        let style = include_str!("style.css");
+        assert!(style.contains(".rows td.number { white-space: nowrap; }") && style.contains(".wide { page: wide; }"));
     }
 }

@@ -1,6 +1,6 @@
 //! Heat maps: a quantity over two axes as cell colours, with extreme values marked.
 
-use super::chart::{LABEL, LINE, PlotArea, Scale, TITLE, WIDTH};
+use super::chart::{LABEL, LABEL_HEIGHT, LINE, PLOT, PlotArea, Scale, TITLE, WIDTH, readable_along, readable_up};
 use super::chart_axis::ChartAxis;
 use super::outcome_map::edges;
 use super::svg::{Anchor, Colour, Svg, width};
@@ -27,6 +27,8 @@ const DIVERGING: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247
 const COLOUR_COUNT: usize = 64;
 /// Positive values are coloured by their logarithm if the largest exceeds this multiple of the least.
 const LOG_SCALE_RANGE: f64 = 100.0;
+/// Left end of the legend, px.
+const LEGEND_LEFT: f64 = 20.0;
 /// Width of the colour scale without its labels, px.
 const SCALE_WIDTH: f64 = 44.0;
 
@@ -93,9 +95,10 @@ impl HeatMap {
             _ => ["largest", "least"],
         };
         let scale = ColourScale::of(known().map(|cell| cell.2));
-        let (x, y) = (self.x.axis(), self.y.axis());
+        let y = readable_up(self.y.axis(), PLOT);
         let frame = PlotArea::about(&y, LINE);
         let frame = PlotArea { width: frame.width - SCALE_WIDTH - scale.label_width(), ..frame };
+        let x = readable_along(self.x.axis(), frame.width, self.x.is_of_categories());
         let height = frame.top + frame.height + frame.height_below(&x, self.x.is_of_categories());
         let mut svg = Svg::new(WIDTH, height, &self.title);
         svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
@@ -108,6 +111,11 @@ impl HeatMap {
             let (low, high) = (frame.at(columns[i], rows[j]), frame.at(columns[i + 1], rows[j + 1]));
             [low.0, high.1, high.0 - low.0, low.1 - high.1]
         };
+        // Where the levels of a cell are, which is not its middle where they are unevenly spaced.
+        let at = |i: usize, j: usize| {
+            let place = |axis: &ChartAxis, level: f64| axis.place(level).unwrap_or(f64::NAN);
+            frame.at(place(&x, self.x.at[i]), place(&y, self.y.at[j]))
+        };
         let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); COLOUR_COUNT];
         for (i, j, value, _) in known() {
             fields[scale.shade(*value)].push(field(*i, *j));
@@ -117,8 +125,8 @@ impl HeatMap {
         }
         // A case that failed has a cross; one that ended without a value, as a Strouhal number without speed, a short bar.
         for (i, j, _, case) in self.cells.iter().filter(|cell| !cell.2.is_finite()) {
-            let [left, top, width, height] = field(*i, *j);
-            let (x, y, half) = (left + 0.5 * width, top + 0.5 * height, 0.25 * width.min(height));
+            let ([_, _, width, height], (x, y)) = (field(*i, *j), at(*i, *j));
+            let half = 0.25 * width.min(height);
             if self.failed.contains(case) {
                 svg.line(&[(x - half, y - half), (x + half, y + half)], Colour::SOFT, 1.0, "");
                 svg.line(&[(x - half, y + half), (x + half, y - half)], Colour::SOFT, 1.0, "");
@@ -126,15 +134,14 @@ impl HeatMap {
                 svg.line(&[(x - 0.5 * half, y), (x + 0.5 * half, y)], Colour::SOFT, 1.0, "");
             }
         }
-        let mut left = frame.left;
+        let mut left = LEGEND_LEFT;
         for (what, cell, [ring, core]) in
             [(most, largest, [Colour::PAPER, Colour::INK]), (fewest, least, [Colour::INK, Colour::PAPER])]
         {
             let Some((i, j, value, case)) = cell else { continue };
-            let [x, y, width_of, height] = field(*i, *j);
             let text = format!("{what}: {} (case {case})", significant(*value, 4));
             let middle = 36.0 + 0.7 * LINE;
-            for at in [(x + 0.5 * width_of, y + 0.5 * height), (left + 6.0, middle - 4.5)] {
+            for at in [at(*i, *j), (left + 6.0, middle - 4.5)] {
                 svg.dot(at, 6.0, ring);
                 svg.dot(at, 4.5, core);
                 svg.dot(at, 2.0, ring);
@@ -147,10 +154,12 @@ impl HeatMap {
     }
 }
 
-/// The colour scale.
+/// The colour scale. Values of one sign that differ by orders of magnitude are coloured by the logarithm of their size.
 struct ColourScale {
     axis: ChartAxis,
     signed: bool,
+    /// True for sizes of negative values.
+    of_sizes: bool,
 }
 
 impl ColourScale {
@@ -158,15 +167,19 @@ impl ColourScale {
         let least = values.clone().fold(f64::INFINITY, f64::min);
         let largest = values.clone().fold(f64::NEG_INFINITY, f64::max);
         let signed = least < 0.0 && largest > 0.0;
+        let of_sizes = largest < 0.0 && -least > LOG_SCALE_RANGE * -largest;
         let axis = if signed {
             let most = largest.max(-least);
             ChartAxis::linear([-most, most].into_iter())
-        } else if least > 0.0 && largest > LOG_SCALE_RANGE * least {
-            ChartAxis::logarithmic(values)
+        } else if of_sizes || least > 0.0 && largest > LOG_SCALE_RANGE * least {
+            ChartAxis::logarithmic(values.map(f64::abs))
         } else {
             ChartAxis::linear(values)
         };
-        Self { axis, signed }
+        let mut axis = axis.apart(PLOT, |_| LABEL_HEIGHT);
+        let labelled = axis.ticks.iter_mut().filter(|(_, label)| of_sizes && !label.is_empty());
+        labelled.for_each(|(_, label)| label.insert(0, '−'));
+        Self { axis, signed, of_sizes }
     }
 
     /// Width of its widest label, px.
@@ -175,6 +188,7 @@ impl ColourScale {
     }
 
     fn shade(&self, value: f64) -> usize {
+        let value = if self.of_sizes { value.abs() } else { value };
         let place = self.axis.place(value).unwrap_or(0.0).clamp(0.0, 1.0);
         ((place * COLOUR_COUNT as f64) as usize).min(COLOUR_COUNT - 1)
     }
@@ -260,6 +274,44 @@ mod tests {
         assert!(svg.contains("largest in size: -1.394 (case 24)") && svg.contains("least in size: -0.002600 (case 0)"));
         let svg = map(vec![(0, 0, -3.0, 0), (1, 0, 1.0, 1)]).svg();
         assert!(svg.contains("highest: 1.000 (case 1)") && svg.contains("lowest: -3.000 (case 0)"), "{svg}");
+    }
+
+    /// The middle of the first ring in an SVG document, px.
+    fn ring(svg: &str) -> [f64; 2] {
+        let of = |name: &str| {
+            let circle = svg.split("<circle ").nth(1).unwrap_or_default();
+            circle
+                .split(&format!("{name}=\""))
+                .nth(1)
+                .and_then(|rest| rest.split('"').next()?.parse().ok())
+                .unwrap_or(f64::NAN)
+        };
+        ["cx", "cy"].map(of)
+    }
+
+    #[test]
+    fn the_marked_case_stands_at_its_level_by_the_ticks() {
+        let levels = HeatMapAxis { name: "a".to_string(), at: vec![0.0, 2.0, 5.0], scale: Scale::Linear };
+        let cells = vec![(0, 0, 0.1, 0), (1, 0, 0.9, 1), (2, 0, 0.5, 2)];
+        let svg = HeatMap { x: levels, ..map(cells) }.svg();
+        // By the label of the tick itself.
+        let tick = |label: &str| -> f64 {
+            let before = svg.split(&format!(">{label}</text>")).next().unwrap_or_default();
+            let text = before.rsplit("<text x=\"").next().unwrap_or_default();
+            text.split('"').next().and_then(|x| x.parse().ok()).unwrap_or(f64::NAN)
+        };
+        assert!((ring(&svg)[0] - tick("2")).abs() < 0.02, "{} {}", ring(&svg)[0], tick("2"));
+    }
+
+    #[test]
+    fn negative_values_over_orders_of_magnitude_are_coloured_by_the_logarithm_of_their_size() {
+        let scale = ColourScale::of([-1e-6, -1e-3, -1.0].into_iter());
+        let shades = [-1e-6, -1e-3, -1.0].map(|value| scale.shade(value));
+        assert!(
+            shades[0] < 5 && shades[1].abs_diff(COLOUR_COUNT / 2) < 3 && shades[2] > COLOUR_COUNT - 6,
+            "{shades:?}"
+        );
+        assert!(scale.axis.ticks.iter().all(|(_, label)| label.is_empty() || label.starts_with('−')));
     }
 
     #[test]

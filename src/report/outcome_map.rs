@@ -1,8 +1,8 @@
 //! Outcome maps: panels of coloured cells over two linear or logarithmic axes, with a common legend.
 
-use super::chart::{LABEL, PLOT, WIDTH};
+use super::chart::{LABEL, LABEL_HEIGHT, PLOT, WIDTH};
 use super::chart_axis::ChartAxis;
-use super::svg::{Anchor, Colour, Svg, width};
+use super::svg::{Anchor, Colour, Svg, width as text_width};
 
 /// Size of one of several panels, and height of the legend, px.
 const PANEL: (f64, f64) = (360.0, 290.0);
@@ -70,12 +70,16 @@ impl OutcomeMap {
 
     fn panel(&self, svg: &mut Svg, panel: &Panel, (left, top): (f64, f64), size: (f64, f64)) {
         let [x, y] = [edges(&self.x.1, self.linear), edges(&self.y.1, false)];
-        let (left, top, width, height) = (left + 66.0, top + 24.0, size.0 - 82.0, size.1 - 70.0);
         let axis = |edges: &[f64], linear: bool| {
             let ends = [edges[0], edges[edges.len() - 1]];
             if linear { ChartAxis::from(ends) } else { ChartAxis::from_logs(ends.map(f64::log10)) }
         };
-        let (across, up) = (axis(&x, self.linear), axis(&y, false));
+        let up = axis(&y, false).apart(size.1 - 70.0, |_| LABEL_HEIGHT);
+        let labels = up.ticks.iter().map(|(_, label)| text_width(label, LABEL)).fold(0.0, f64::max);
+        // Room for the name and the labels of y.
+        let room = (labels + 30.0).max(66.0);
+        let (left, top, width, height) = (left + room, top + 24.0, size.0 - room - 16.0, size.1 - 70.0);
+        let across = axis(&x, self.linear).apart(width, |label| text_width(label, LABEL) + 8.0);
         let at = |px: f64, py: f64| Some((left + width * across.place(px)?, top + height * (1.0 - up.place(py)?)));
         svg.heading((left + width / 2.0, top - 7.0), &panel.title, 14.0, width);
         for (column, x) in panel.cells.iter().zip(x.windows(2)) {
@@ -108,7 +112,7 @@ impl OutcomeMap {
             svg.text((left - 6.0, top + height * (1.0 - place) + 4.0), label, LABEL, Anchor::End, Colour::SOFT);
         }
         svg.heading((left + width / 2.0, top + height + 33.0), &self.x.0, 13.0, width);
-        svg.upright_heading((left - 48.0, top + height / 2.0), &self.y.0, 13.0, height);
+        svg.upright_heading((left - room + 18.0, top + height / 2.0), &self.y.0, 13.0, height);
     }
 
     fn legend(&self, svg: &mut Svg, top: f64, right: f64) {
@@ -119,7 +123,7 @@ impl OutcomeMap {
         let colours = some.map(|(_, category)| (category.label, Some(*category)));
         let (mut left, mut top) = (14.0, top);
         for (label, colour) in colours.chain(bounded.then_some((self.boundary.as_str(), None))) {
-            let room = 36.0 + width(label, 13.0);
+            let room = 36.0 + text_width(label, 13.0);
             if left > 14.0 && left + room > right {
                 (left, top) = (14.0, top + 20.0);
             }
@@ -169,6 +173,30 @@ pub(super) fn edges(values: &[f64], linear: bool) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_of_small_steps_leave_the_name_of_their_axis_its_room() {
+        let label = "2·10⁻⁶";
+        let category = Category { label: "stable", colour: [20, 172, 125], hatched: false };
+        let map = OutcomeMap {
+            title: "steps".to_string(),
+            x: ("modulus".to_string(), vec![1.0, 2.0]),
+            linear: false,
+            y: ("time step (s)".to_string(), vec![1e-6, 3e-6, 1e-5]),
+            boundary: String::new(),
+            categories: vec![category],
+            panels: vec![Panel { title: String::new(), cells: vec![vec![0; 3]; 2], boundary: Vec::new() }],
+        };
+        let svg = map.svg();
+        let place = |text: &str, before: &str| -> f64 {
+            let element = svg.split(&format!(">{text}</text>")).next().unwrap_or_default();
+            let element = element.rsplit("<text ").next().unwrap_or_default();
+            let rest = element.split(before).nth(1).unwrap_or_default();
+            rest.split([' ', '"']).next().and_then(|x| x.parse().ok()).unwrap_or(f64::NAN)
+        };
+        let (name, end) = (place("time step (s)", "translate("), place(label, "x=\""));
+        assert!(end - text_width(label, LABEL) > name + 2.0, "{name} {end}");
+    }
 
     #[test]
     fn a_boundary_ends_at_the_border_of_its_panel() {

@@ -11,7 +11,7 @@ use super::number_groups::{NumberGroup, groups};
 use super::run_record::Frame;
 use super::svg::SERIES;
 use crate::error::{Error, Result};
-use crate::number_format::{number, significant};
+use crate::number_format::{in_sentence, number, significant, typeset};
 
 /// Number of colours of other rods in an animation: `--companion-0` and so on in the style sheet.
 const COMPANION_COLOURS: usize = 6;
@@ -37,6 +37,7 @@ struct RunPageContent<'a> {
     /// `None` for a held head, which goes where it is held.
     displacement: Option<String>,
     step: String,
+    end: String,
     cycles: String,
     groups: Vec<NumberGroup>,
     figures: &'a [Figure],
@@ -117,11 +118,13 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    environment.add_filter("typeset", |text: String| typeset(&text));
     for (name, text) in [
         ("style.css", include_str!("style.css")),
         ("figures.html", include_str!("figures.html")),
         ("player.html", include_str!("player.html")),
         ("motion.html", include_str!("motion.html")),
+        ("rows.html", include_str!("rows.html")),
         ("player.js", include_str!("player.js")),
     ] {
         environment.add_template(name, text).map_err(failed)?;
@@ -158,6 +161,7 @@ impl Page<'_> {
             summary: &summary,
             displacement: (!held).then(|| significant(self.summary.net_displacement_m, 4)),
             step: number(self.summary.time_step_s),
+            end: in_sentence(self.summary.end_time_s, 7),
             cycles: self.summary.cycles.to_string(),
             groups: numbers.as_object().map(groups).unwrap_or_default(),
             figures: self.figures,

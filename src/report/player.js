@@ -1,8 +1,11 @@
 // Plays a motion: { times, points: flat x, y of the nodes at each time, com, body: semi-axes and angle of a body around the first node,
 // if any, beside: [{ name, points }] of other rods }. Call start once, play for every motion.
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
+// The picture is drawn in units of the window's size, not in metres: browsers do not draw shapes of a few micrometres.
+const WINDOW = 1000;
+let unit = 1;
 const part = (id) => document.getElementById(id);
-const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += flat[i] + "," + -flat[i + 1] + " "; return text; };
+const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += unit * flat[i] + "," + -unit * flat[i + 1] + " "; return text; };
 const empty = () => ({ left: Infinity, right: -Infinity, low: Infinity, high: -Infinity });
 function widen(box, x, y) {
   box.left = Math.min(box.left, x); box.right = Math.max(box.right, x); box.low = Math.min(box.low, y); box.high = Math.max(box.high, y);
@@ -15,8 +18,8 @@ function framed(box) {
 }
 // A length in the unit that suits it.
 function length(x) {
-  const unit = [[0.1, "m", 1], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]].find(([size]) => x >= 0.999 * size) ?? [1e-9, "nm"];
-  return Number((x / (unit[2] ?? unit[0])).toPrecision(1)) + "\u00a0" + unit[1];
+  const scale = [[0.1, "m", 1], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]].find(([size]) => x >= 0.999 * size) ?? [1e-9, "nm"];
+  return Number((x / (scale[2] ?? scale[0])).toPrecision(1)) + "\u00a0" + scale[1];
 }
 function play(wanted) {
   motion = wanted;
@@ -47,18 +50,19 @@ function play(wanted) {
     return line;
   });
   part("beside").replaceChildren(...lines);
-  named(motion.media); if (motion.media) within(0);
+  named(motion.media);
   now = first; playing = motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
   show(0);
 }
 // Moves the camera to the whole way, or along with the centre of mass; the grid stands still in the world.
 function look(com) {
   const follow = part("follow").checked, box = follow ? near : world, [x, y] = follow ? com : [0, 0];
-  const view = { left: box.left + x, right: box.right + x, low: box.low + y, high: box.high + y };
+  unit = WINDOW / box.size;
+  const view = { left: unit * (box.left + x), right: unit * (box.right + x), low: unit * (box.low + y), high: unit * (box.high + y) };
   part("stage").setAttribute("viewBox", [view.left, -view.high, view.right - view.left, view.high - view.low].join(" "));
   part("stage").dataset.follow = follow;
-  const square = Math.pow(10, Math.floor(Math.log10(box.size / 2)));
-  part("square").textContent = length(square);
+  const metres = Math.pow(10, Math.floor(Math.log10(box.size / 2))), square = unit * metres;
+  part("square").textContent = length(metres);
   const lines = [];
   const line = (x1, y1, x2, y2) => lines.push("M" + x1 + " " + -y1 + "L" + x2 + " " + -y2);
   // Over the sides of the window, too, where the picture is wider or higher than it.
@@ -73,13 +77,13 @@ function look(com) {
     path.setAttribute("vector-effect", "non-scaling-stroke"); part("grid").append(path);
   }
   path.setAttribute("d", lines.join(""));
-  part("head").setAttribute("r", 0.011 * box.size); part("com").setAttribute("r", 0.008 * box.size);
+  part("head").setAttribute("r", 0.011 * WINDOW); part("com").setAttribute("r", 0.008 * WINDOW);
 }
 // The media behind the rod: one rectangle over the window, whose gradient blends where the interfaces do.
 function within(k) {
   const media = motion.media, edges = media.moved ? media.moved[k] : media.edges, [x, y] = media.normal;
   const low = edges[0][0], high = edges[edges.length - 1][1], blend = part("blend");
-  for (const [name, value] of [["x1", x * low], ["y1", -y * low], ["x2", x * high], ["y2", -y * high]]) blend.setAttribute(name, value);
+  for (const [name, value] of [["x1", x * low], ["y1", -y * low], ["x2", x * high], ["y2", -y * high]]) blend.setAttribute(name, unit * value);
   const stops = edges.flatMap((ends, j) => ends.map((end, side) => [(end - low) / (high - low), media.tints[j + side]]));
   blend.replaceChildren(...stops.map(([offset, tint]) => {
     const stop = document.createElementNS("http://www.w3.org/2000/svg", "stop");
@@ -104,18 +108,18 @@ function coloured(i) { return "var(--companion-" + i % 6 + ")"; }
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   look(com);
-  if (motion.media && motion.media.moved) within(k);
+  if (motion.media) within(k);
   part("rod").setAttribute("points", pairs(frame));
   motion.beside.forEach((other, i) => part("beside").children[i].setAttribute("points", pairs(other.points[k])));
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
   part("head").style.display = motion.body ? "none" : ""; part("body").style.display = motion.body ? "" : "none";
   if (motion.body) {
     const [along, across, angle] = motion.body[k];
-    part("body").setAttribute("rx", along); part("body").setAttribute("ry", across);
-    part("body").setAttribute("transform", "translate(" + frame[0] + "," + -frame[1] + ") rotate(" + -angle * 180 / Math.PI + ")");
+    part("body").setAttribute("rx", unit * along); part("body").setAttribute("ry", unit * across);
+    part("body").setAttribute("transform", "translate(" + unit * frame[0] + "," + -unit * frame[1] + ") rotate(" + -angle * 180 / Math.PI + ")");
   }
-  part("head").setAttribute("cx", frame[0]); part("head").setAttribute("cy", -frame[1]);
-  part("com").setAttribute("cx", com[0]); part("com").setAttribute("cy", -com[1]);
+  part("head").setAttribute("cx", unit * frame[0]); part("head").setAttribute("cy", -unit * frame[1]);
+  part("com").setAttribute("cx", unit * com[0]); part("com").setAttribute("cy", -unit * com[1]);
   const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));
   part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(digits) + " s";
   part("stage").dataset.frame = k;

@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
 use super::run_record::{Frame, RunRecord};
+use crate::number_format::in_sentence;
 
 /// Number of earlier shapes in the background.
 const EARLIER_SHAPES: usize = 8;
@@ -54,21 +55,22 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let tensions: Vec<_> =
         tensions.into_iter().filter(|(_, variable)| !record.curve("time_s", variable).is_empty()).collect();
     let end = record.frames().last().map_or(0.0, |frame| frame.time);
-    let shape =
-        chart(&format!("shape at t = {end} s"), "x (m)", "y (m)", Scale::Equal, shapes(record.frames(), period));
-    let since = if period.is_some() { "the last period" } else { "the run" };
+    let at_end = in_sentence(end, 7);
     let path = vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)];
     let path = chart("path of the centre of mass", "x (m)", "y (m)", Scale::Linear, path);
     let balance = "put in above, taken below zero (J)";
     let cycle = period.is_some_and(|period| record.frames().first().is_some_and(|frame| end - period >= frame.time));
     let since_time = period.filter(|_| cycle).map_or(f64::NEG_INFINITY, |period| end - period);
     let powers = powers(record, since_time);
+    let since = if cycle { "the last period" } else { "the run" };
+    let shape = shapes(record.frames(), since_time);
+    let shape = chart(&format!("shape at t = {at_end} s"), "x (m)", "y (m)", Scale::Equal, shape);
     let envelope = if cycle { envelope(record, since_time) } else { Vec::new() };
     let energy = chart("energy balance", "time (s)", balance, Scale::SignedLogY(6), energy_balance(record));
     [
         Some(Figure::new(
             "shape.svg",
-            format!("The rod at t = {end} s with its centre of mass; in grey, shapes of {since}.{}", interfaces_in_words(record)),
+            format!("The rod at t = {at_end} s with its centre of mass; in grey, shapes of {since}.{}", interfaces_in_words(record)),
             shape.svg(),
         )),
         Some(Figure::new(
@@ -106,7 +108,13 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             &[("moment", "head_moment_n_m")],
             ": what the tail exerts on it about node 0, positive counter-clockwise",
         ),
-        in_time("hinge_angle.svg", "angle of the hinged head", "angle (rad)", &[("angle", "hinge_angle_rad")], ""),
+        in_time(
+            "hinge_angle.svg",
+            "angle of the hinged head",
+            "angle (rad)",
+            &[("angle", "hinge_angle_rad")],
+            ", from +x, positive counter-clockwise",
+        ),
         in_time(
             "hinge_torque.svg",
             "torque of the motor of the hinge",
@@ -135,9 +143,8 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             "",
         ),
         (!powers.is_empty()).then(|| {
-            let when = if cycle { "the last period" } else { "the run" };
-            let caption = format!("Power over {when}: above zero what puts energy in, below zero what takes it, in the colours of the balance.");
-            let power = chart(&format!("power over {when}"), "time (s)", "put in above, taken below zero (W)", Scale::Linear, powers);
+            let caption = format!("Power over {since}: above zero what puts energy in, below zero what takes it, in the colours of the balance.");
+            let power = chart(&format!("power over {since}"), "time (s)", "put in above, taken below zero (W)", Scale::Linear, powers);
             Figure::new("power.svg", caption, power.svg())
         }),
         Some(Figure::new(
@@ -232,11 +239,10 @@ pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
     drawn.filter(|series| series.points.iter().any(|point| point.1 != 0.0)).collect()
 }
 
-/// The last shape with its centre of mass, over earlier ones of the last period (without a period, of the run).
-fn shapes(frames: &[Frame], period: Option<f64>) -> Vec<Series> {
+/// The last shape with its centre of mass, over earlier ones from time `since` (s) on.
+fn shapes(frames: &[Frame], since: f64) -> Vec<Series> {
     let Some(last) = frames.last() else { return Vec::new() };
-    let start = period.map_or(f64::NEG_INFINITY, |period| last.time - period);
-    let recent = &frames[frames.partition_point(|frame| frame.time < start)..];
+    let recent = &frames[frames.partition_point(|frame| frame.time < since)..];
     let points = |frame: &Frame| frame.points.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>();
     let stride = recent.len().div_ceil(EARLIER_SHAPES).max(1);
     let ghosts = recent.iter().step_by(stride).filter(|frame| frame.time < last.time);

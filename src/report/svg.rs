@@ -178,9 +178,9 @@ impl Svg {
         );
     }
 
-    /// The mark of series `k`, of about this radius: a dot, a square, a diamond or a triangle.
+    /// The mark of series `k`, of about this radius: a dot, a square, a diamond or a triangle; when colours repeat, marks differ.
     pub fn mark(&mut self, k: usize, (x, y): (f64, f64), radius: f64, colour: Colour) {
-        let corners: &[(f64, f64)] = match k % 4 {
+        let corners: &[(f64, f64)] = match (k + k / SERIES) % 4 {
             0 => return self.dot((x, y), radius, colour),
             1 => &[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)],
             2 => &[(0.0, -1.3), (1.3, 0.0), (0.0, 1.3), (-1.3, 0.0)],
@@ -260,7 +260,18 @@ impl Svg {
         self.text(at, &text, size, Anchor::Middle, Colour::INK);
     }
 
-    /// The same from below to above.
+    /// The name of an axis from below to above, in two lines where one has no room.
+    pub fn upright_name(&mut self, (x, y): (f64, f64), text: &str, size: f64, available: f64) {
+        match &wrapped(text, LEAST_SIZE, available, 2)[..] {
+            [first, second] => {
+                self.upright((x - 4.0, y), first, LEAST_SIZE, Colour::INK);
+                self.upright((x + 9.0, y), second, LEAST_SIZE, Colour::INK);
+            }
+            _ => self.upright_heading((x, y), text, size, available),
+        }
+    }
+
+    /// A heading from below to above.
     pub fn upright_heading(&mut self, at: (f64, f64), text: &str, size: f64, available: f64) {
         let (text, size) = fitted(text, size, available);
         self.upright(at, &text, size, Colour::INK);
@@ -387,6 +398,8 @@ mod tests {
         };
         assert_eq!((0..SERIES).map(mark).collect::<std::collections::BTreeSet<_>>().len(), 4);
         assert!((0..SERIES).all(|k| mark(k) != mark(k + 1)));
+        let looks = (0..4 * SERIES).map(|k| (k % SERIES, mark(k))).collect::<std::collections::BTreeSet<_>>();
+        assert_eq!(looks.len(), 4 * SERIES, "dots of one colour have marks of their own");
     }
 
     #[test]

@@ -168,12 +168,28 @@ pub fn page(html: &str) -> String {
         for (i, piece) in line.split('<').enumerate() {
             shown.push_str(if i == 0 { piece } else { piece.split_once('>').map_or("", |(_, text)| text) });
         }
-        let shown = shown.replace(env!("CARGO_PKG_VERSION"), "VERSION").replace(root().to_str().unwrap(), ".");
+        let shown =
+            plain_numbers(&shown).replace(env!("CARGO_PKG_VERSION"), "VERSION").replace(root().to_str().unwrap(), ".");
         if !shown.trim().is_empty() {
             writeln!(lines, "{}", rounded(shown.trim())).unwrap();
         }
     }
     lines
+}
+
+/// A line of a page with its numbers as programs write them.
+fn plain_numbers(line: &str) -> String {
+    let raised = |c: char| "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().position(|digit| digit == c).map(|digit| digit.to_string());
+    let mut pieces = line.split("·10");
+    let mut plain = pieces.next().unwrap_or_default().to_string();
+    for piece in pieces {
+        let power: String =
+            piece.chars().map_while(|c| if c == '⁻' { Some("-".to_string()) } else { raised(c) }).collect();
+        let letters = power.chars().count();
+        plain += &if letters > 0 { format!("e{power}") } else { "·10".to_string() };
+        plain.extend(piece.chars().skip(letters));
+    }
+    plain.replace('\u{a0}', " ").replace('−', "-")
 }
 
 /// The digest of JSON: of what is at each path, lists as one.

@@ -213,3 +213,40 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
         svgs.filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|kind| kind == "svg")).count();
     assert_eq!((page.matches("<figure>").count(), svgs), (svgs, 25));
 }
+
+/// A clamped rod of a micrometre that waves.
+const MICROMETRE: &str = r#"
+head = { kind = "clamped" }
+rod = { nodes = 9, length_m = 1e-6, outer_radius_m = 2e-8, youngs_modulus_pa = 1e6, density_kg_m3 = 1000.0 }
+actuation = { kind = "travelling-wave", kappa_amp = 1e6, frequency_hz = 2, wavelength_m = 1e-6, envelope = [0.3, 0.7] }
+solver = { duration_s = 0.3, time_step_s = 0.001 }
+"#;
+
+#[test]
+fn a_rod_of_a_micrometre_is_drawn_and_times_are_those_of_a_person() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("micrometre.toml");
+    std::fs::write(&scene, MICROMETRE).unwrap();
+    let out = folder.path().join("out");
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .args(["run".as_ref(), scene.as_os_str(), "--out".as_ref(), out.as_os_str()])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let path = out.join("report.html");
+    let source = std::fs::read_to_string(&path).unwrap();
+    // Not a whole period: the figures are of the run.
+    assert!(source.contains("shapes of the run.") && source.contains("Power over the run"), "not a period");
+    assert!(source.contains("up to t = 0.3&nbsp;s") && source.contains("shape at t = 0.3 s"), "rounded times");
+    let Some(browser) = chromium() else { return };
+    let picture = folder.path().join("page.png");
+    browse(&browser, &path, 2000, &[format!("--screenshot={}", picture.display())]);
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&picture).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let channels = reader.next_frame(&mut pixels).unwrap().color_type.samples();
+    let near = |pixel: &[u8], colour: [u8; 3]| pixel.iter().zip(colour).all(|(a, b)| a.abs_diff(b) < 12);
+    let count = |colour| pixels.chunks_exact(channels).filter(|pixel| near(&pixel[..3], colour)).count();
+    let [rod, centre] = [[0, 114, 178], [213, 94, 0]].map(count);
+    assert!(rod > 500 && centre > 50, "{rod} pixels of the rod, {centre} of its centre of mass");
+}

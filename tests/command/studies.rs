@@ -361,3 +361,67 @@ fn without_meshes_and_steps_a_study_of_accuracy_takes_the_scene_s_own_and_finer_
         table.lines().skip(1).map(|row| row.split(',').skip(1).take(4).collect::<Vec<_>>().join(",")).collect();
     assert_eq!(found, expected);
 }
+
+/// A small rod of silicone that swims in a viscous fluid.
+const SWIMMER: &str = r#"
+name = "swimmer"
+rod = { nodes = 7, length_m = 0.3, outer_radius_m = 0.004, youngs_modulus_pa = 1e6, density_kg_m3 = 1000.0 }
+medium = { viscosity_pa_s = 1.0, density_kg_m3 = 1000.0 }
+drag.law = "cox"
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 12
+frequency_hz = 2
+wavelength_m = 0.3
+envelope = [0.3, 0.7]
+[solver]
+duration_s = 2.0
+time_step_s = 0.02
+"#;
+
+/// The same without its actuation: it stays where it is.
+fn at_rest() -> String {
+    let (before, after) = SWIMMER.split_once("[actuation]").unwrap();
+    format!("{before}[solver]{}", after.split_once("[solver]").unwrap().1)
+}
+
+#[test]
+fn a_drive_near_a_frequency_that_the_fluid_damps_is_no_resonance() {
+    let study = Study::named("modes", serde_json::json!({ "count": 4 }).as_object().unwrap()).unwrap();
+    let of = |changes: &[&str]| complete(made(&study, &scene_of(SWIMMER, changes))).answers.join("\n");
+    let damped = of(&[]);
+    assert!(damped.contains("near it, but damping leaves no resonance (damping ratio "), "{damped}");
+    let thin = of(&["medium.viscosity_pa_s=1e-3"]);
+    assert!(thin.contains("the rod resonates"), "{thin}");
+}
+
+#[test]
+fn a_rod_at_rest_tests_no_step() {
+    let asked = StabilityOptions { range: Some([1e5, 1e6]), steps: Some([1e-2, 2e-2]), points: 2, ..SMALL };
+    let scene = scene_of(&at_rest(), &["rod.nodes=3", "solver.duration_s=0.2"]);
+    let findings = complete(made(&Study::Stability(asked), &scene));
+    let all = findings.answers.join("\n");
+    assert!(
+        !all.contains("accurate up to") && all.contains("symplectic-euler: untested, since nothing moves"),
+        "{all}"
+    );
+    assert!(all.contains("The rod does not move in"), "{all}");
+}
+
+#[test]
+fn an_amplitude_of_zero_is_not_varied_and_its_key_is_named() {
+    let scene = scene_of(SWIMMER, &["actuation.kappa_amp=0"]);
+    let study = Study::Stability(StabilityOptions { vary: Vary::Amplitude, range: None, ..SMALL });
+    let folder = tempfile::tempdir().unwrap();
+    let (held, interrupted) = (claimed(&study, &scene, folder.path()), AtomicBool::new(false));
+    let error = study.run(&scene, StudyRunner::new(&held, &interrupted, &|_, _| ())).unwrap_err().to_string();
+    assert!(error.contains("actuation.kappa_amp") && error.contains("zero"), "{error}");
+}
+
+#[test]
+fn errors_that_are_all_zero_have_no_figure_but_a_word() {
+    let asked = ScalingOptions { nodes: vec![5, 9], steps: 2 };
+    let findings = complete(made(&Study::Scaling(asked), &scene_of(&at_rest(), &[])));
+    assert!(!findings.figures.iter().any(|figure| figure.file == "error.svg"));
+    assert!(findings.answers.iter().any(|answer| answer.starts_with("No errors are drawn")), "{:?}", findings.answers);
+}

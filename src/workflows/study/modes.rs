@@ -8,10 +8,10 @@ use serde_json::json;
 
 use crate::error::Result;
 use crate::integrator::StepControl;
-use crate::linear_stability::{NoSteadyState, SteadyState};
+use crate::linear_stability::{Eigenmode, NoSteadyState, SteadyState};
 use crate::modes::{Matrices, Mode, ModeKind, Modes, StableSteps, lowest_of_model};
 use crate::number_format::in_sentence;
-use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::rod::Rod;
 use crate::scene::Scene;
@@ -43,6 +43,9 @@ impl Default for ModesOptions {
     }
 }
 
+/// A motion with at least this damping ratio hardly resonates: its largest amplitude is 15 % above that of a slow drive.
+const OVERDAMPED: f64 = 0.5;
+
 /// Fraction of the density that stands for no fluid, since drag laws may divide by it.
 const VACUUM: f64 = 1e-12;
 
@@ -67,6 +70,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         None => "held at its head",
     };
     let Some(first) = found.first() else { return Ok(findings) };
+    let (about_rest, damping) = about_rest(scene, count, first.frequency)?;
     let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
     let slack = if scene.has_winches() { ", as if its winches were slack" } else { "" };
     findings.answers.push(format!(
@@ -83,16 +87,27 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     }
     if let Some(drive) = drive {
         let ratio = TAU * drive / first.frequency;
+        let damped = damping.filter(|damping| *damping >= OVERDAMPED);
         let says = if ratio < 0.1 {
             "far below it: the rod takes the curvature of the actuation, and the fluid determines its motion"
+                .to_string()
         } else if ratio < 0.7 {
-            "below it: inertia adds to that curvature, by about the square of the ratio"
+            "below it: inertia adds to that curvature, by about the square of the ratio".to_string()
         } else {
-            match (ratio < 1.5, scene.has_active_moments()) {
-                (true, _) => "near it: the rod resonates, and its curvature differs from that of the actuation",
-                (false, false) => "above it: inertia and fluid decide, and the shape is not the one prescribed",
-                (false, true) => {
+            match (ratio < 1.5, damped, scene.has_active_moments()) {
+                (true, None, _) => {
+                    "near it: the rod resonates, and its curvature differs from that of the actuation".to_string()
+                }
+                (true, Some(damping), _) => format!(
+                    "near it, but damping leaves no resonance (damping ratio {}), and the shape is not the one prescribed",
+                    in_sentence(damping, 2)
+                ),
+                (false, _, false) => {
+                    "above it: inertia and fluid decide, and the shape is not the one prescribed".to_string()
+                }
+                (false, _, true) => {
                     "above it: inertia and fluid hold it, and it bends less than the moments bend it at rest"
+                        .to_string()
                 }
             }
         };
@@ -157,27 +172,29 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         series: frequencies(&found, all.as_ref(), drive, step.map(|step| RESOLVED / (TAU * step))),
     };
     let caption = "The shapes of the lowest modes of bending along the rod, with their frequencies.";
-    findings.figures.push(Figure::new("shapes.svg", caption, shapes.svg()));
+    findings.figures.extend(shapes.figure("shapes.svg", caption));
     let caption = "The natural frequencies, beside that of the drive and what the time step resolves.";
-    findings.figures.push(Figure::new("frequencies.svg", caption, frequencies.svg()));
-    about_rest(scene, count, &mut findings)?;
+    findings.figures.extend(frequencies.figure("frequencies.svg", caption));
+    findings.append(about_rest);
     if rod.nodes <= MAX_NODES_FOR_MATRICES {
         findings.files.extend(matrices.matrix_market().into_iter().map(|(file, text)| (file.to_string(), text)));
     }
     Ok(findings)
 }
 
-/// Adds the modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates.
-fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()> {
+/// The modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates. With the damping ratio
+/// of the one next to a `natural` frequency (rad/s), if it is known.
+fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Option<f64>)> {
+    let mut findings = Findings::default();
     let model = scene.model()?;
     if model.forces.is_empty() && model.load.is_none() && !model.is_damped() {
-        return Ok(()); // they are the natural modes
+        return Ok((findings, None)); // they are the natural modes
     }
     if model.rod.nodes > MAX_NODES_FOR_DAMPING {
         findings
             .answers
             .push(format!("Motions with damping and in flow are computed up to {MAX_NODES_FOR_DAMPING} nodes."));
-        return Ok(());
+        return Ok((findings, None));
     }
     let flow = model.fluid.flow.norm();
     let free = model.head.is_none();
@@ -185,7 +202,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         Ok(steady) => steady,
         Err(NoSteadyState { key, problem }) => {
             findings.answers.push(format!("Motions with damping and in flow are left out: {key}: {problem}."));
-            return Ok(());
+            return Ok((findings, None));
         }
     };
     let bend = steady.bend();
@@ -194,7 +211,11 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         let some = modes.iter().filter(|mode| mode.grows() || !grows);
         some.max_by(|a, b| a.growth.total_cmp(&b.growth))
     };
-    let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok(()) };
+    let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok((findings, None)) };
+    let slowest_swing = modes.iter().find(|mode| mode.frequency > 0.0);
+    let away = |mode: &&Eigenmode| (mode.growth.hypot(mode.frequency) / natural).ln().abs();
+    let nearest = modes.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+    let damping = nearest.map(Eigenmode::damping_ratio);
     let bend = in_sentence(bend, 3);
     let place = match (free, flow > 0.0) {
         (true, _) => "In the fluid, with which a free rod goes,".to_string(),
@@ -209,7 +230,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         };
         format!("{place} the rod {how} grows by {} 1/s.", in_sentence(leading.growth, 5))
     } else {
-        match modes.iter().find(|mode| mode.frequency > 0.0) {
+        match slowest_swing {
             Some(slowest) => format!(
                 "{place} the slowest motion that swings has {:.6} Hz and damping ratio {:.4}; nothing grows.",
                 slowest.frequency / TAU,
@@ -251,8 +272,8 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
         series: series.collect(),
     };
     let caption = "The slowest motions about the rest: those right of zero grow.";
-    findings.figures.push(Figure::new("damped.svg", caption, chart.svg()));
-    Ok(())
+    findings.figures.extend(chart.figure("damped.svg", caption));
+    Ok((findings, damping))
 }
 
 /// `step` (s) is `None` for adaptive steps, without ωΔt.

@@ -281,14 +281,15 @@ impl RestMap<'_> {
         };
         let caption = "Where the tail stays at rest, flutters and diverges.";
         findings.figures.push(Figure::new("stability.svg", caption, figure.svg()));
-        findings.figures.push(self.critical_figure());
+        findings.figures.extend(self.critical_figure());
         findings.figures.extend(self.motion_figures());
         findings.tables.push(self.map_table(extra[0]));
         findings.tables.push(self.critical_table(extra[1]));
         findings.tables.push(self.motions_table());
     }
 
-    fn critical_figure(&self) -> Figure {
+    /// The critical values; `None` where there are none to show.
+    fn critical_figure(&self) -> Option<Figure> {
         let of = |outcome: RestStability| {
             let critical = self.columns.iter().filter_map(|(scan, found)| Some((scan.place, found.critical?)));
             let points = critical.filter(|(_, critical)| critical.outcome == outcome);
@@ -304,16 +305,20 @@ impl RestMap<'_> {
                 Series::new("divergence", of(RestStability::Divergence), Mark::Dotted),
                 Series::new(self.line.0, self.line.1.clone(), Mark::Line),
                 Series::new("this scene", self.here.into_iter().collect(), Mark::Dots),
+                Series::new("no rest found", of(RestStability::NoRest), Mark::Dotted),
             ]
-            .into_iter()
-            .filter(|series| !series.points.is_empty())
-            .collect(),
+            .to_vec(),
         };
-        let caption = format!("The {} from which the tail leaves its rest.", self.cause);
-        Figure::new("critical.svg", caption, chart.svg())
+        let found = self.columns.iter().filter(|(_, found)| found.critical.is_some()).count();
+        let missing = match self.columns.len() - found {
+            0 => String::new(),
+            missing => format!(" None was found for {missing} of {} values.", self.columns.len()),
+        };
+        let caption = format!("The {} from which the tail leaves its rest.{missing}", self.cause);
+        (found > 0).then(|| chart.figure("critical.svg", caption)).flatten()
     }
 
-    fn motion_figures(&self) -> [Figure; 2] {
+    fn motion_figures(&self) -> impl Iterator<Item = Figure> {
         let (scan, found) = self.own;
         [
             (
@@ -324,7 +329,8 @@ impl RestMap<'_> {
             ),
             ("frequency.svg", "frequencies", "frequency (Hz)", "How fast the slowest motions swing, over the"),
         ]
-        .map(|(file, what, label, caption)| {
+        .into_iter()
+        .filter_map(move |(file, what, label, caption)| {
             let growth = file == "growth.svg";
             let of = |value: &[f64; 2]| if growth { value[0] } else { value[1] / TAU };
             let points = scan.values.iter().zip(&found.points);
@@ -336,7 +342,7 @@ impl RestMap<'_> {
             }
             let title = format!("{}: {what} of small motions", self.name);
             let chart = Chart { title, x: self.value.0.into(), y: label.into(), scale: Scale::Linear, series };
-            Figure::new(file, format!("{caption} {}.", self.cause), chart.svg())
+            chart.figure(file, format!("{caption} {}.", self.cause))
         })
     }
 

@@ -66,10 +66,11 @@ impl Vary {
         matches!(self, Self::Flow | Self::Load)
     }
 
-    fn label(self) -> &'static str {
+    fn label(self, scene: &Scene) -> &'static str {
         match self {
             Self::Modulus => "Young's modulus (Pa)",
-            Self::Amplitude => "amplitude of the actuation",
+            Self::Amplitude if scene.has_active_moments() => "amplitude of the actuation (N m)",
+            Self::Amplitude => "amplitude of the actuation (1/m)",
             Self::Nodes => "number of nodes",
             Self::Spin => "spin at the start (rad/s)",
             Self::Damping => "damping time of the material (s)",
@@ -100,10 +101,14 @@ impl Vary {
 
     /// Why it cannot vary in `scene`, if so.
     fn refused(self, scene: &Scene) -> Option<(&'static str, &'static str)> {
+        let actuation = scene.actuation.as_ref();
         match self {
             Self::Amplitude if scene.actuation.is_none() => {
                 Some(("actuation", "missing; there is no amplitude to vary"))
             }
+            Self::Amplitude => actuation
+                .filter(|actuation| actuation.amplitude() == 0.0)
+                .map(|actuation| (actuation.amplitude_key(), "0; an amplitude of zero has no multiples to vary over")),
             Self::Spin if scene.head.kind != HeadKind::Free => {
                 Some(("head.kind", "the head is held; only a free rod can spin"))
             }
@@ -158,13 +163,16 @@ enum StabilityOutcome {
     Accurate,
     Wrong,
     Unjudged,
+    /// Nothing moves, so that nothing was tested.
+    Still,
     Growing,
     Newton,
     Fold,
 }
 
 impl StabilityOutcome {
-    const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
+    const ALL: [Self; 7] =
+        [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Still, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
         // Of different lightness, so that they differ in grey print too, and none as dark as a dark page.
@@ -172,11 +180,12 @@ impl StabilityOutcome {
             Self::Accurate => ("accurate", [20, 172, 125]),
             Self::Wrong => ("stable but wrong", [252, 236, 110]),
             Self::Unjudged => ("stable, no reference", [192, 192, 192]),
+            Self::Still => ("does not move", [120, 150, 205]),
             Self::Growing => ("growing energy", [185, 45, 10]),
             Self::Newton => ("Newton failed", [60, 60, 60]),
             Self::Fold => ("fold-over", [212, 126, 168]),
         };
-        Category { label, colour, hatched: self == Self::Newton }
+        Category { label, colour, hatched: matches!(self, Self::Newton | Self::Still) }
     }
 
     fn of(run: &StudyRun, reference: Option<&StudyRun>, accurate: f64) -> Self {
@@ -189,6 +198,7 @@ impl StabilityOutcome {
             None => {}
         }
         match reference {
+            Some(reference) if !(reference.moves() || run.moves()) => Self::Still,
             None => Self::Unjudged,
             Some(reference) if relative_tip_distance(run, reference) <= accurate => Self::Accurate,
             Some(_) => Self::Wrong,
@@ -363,10 +373,17 @@ impl StabilityReport<'_> {
                     .to_string(),
             );
         }
+        let still = self.outcomes.iter().filter(|outcome| **outcome == StabilityOutcome::Still).count();
+        if still > 0 {
+            findings.answers.push(format!(
+                "The rod does not move in {still} of {} runs, which therefore test no step: give it an actuation, a load or a start that is not at rest.",
+                self.outcomes.len()
+            ));
+        }
         findings.numbers.insert("limits_by_theory".into(), json!(limits));
         let map = OutcomeMap {
             title: format!("{}: what each step does", self.scene.name),
-            x: (self.asked.vary.label().into(), self.values.to_vec()),
+            x: (self.asked.vary.label(self.scene).into(), self.values.to_vec()),
             linear: false,
             y: ("time step (s)".into(), self.steps.to_vec()),
             boundary: "limit by linear theory".into(),
@@ -398,10 +415,10 @@ impl StabilityReport<'_> {
             }
         };
         let accurate = up_to(&|outcome| outcome == StabilityOutcome::Accurate).map_or(String::new(), range);
-        let stable = up_to(&|outcome| outcome <= StabilityOutcome::Unjudged).map_or(String::new(), range);
+        let stable = up_to(&|outcome| outcome <= StabilityOutcome::Still).map_or(String::new(), range);
         let mut ways: Vec<&str> = Vec::new();
         for outcome in
-            columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > StabilityOutcome::Unjudged)
+            columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > StabilityOutcome::Still)
         {
             if !ways.contains(&outcome.category().label) {
                 ways.push(outcome.category().label);
@@ -417,6 +434,9 @@ impl StabilityReport<'_> {
             }
             _ => String::new(),
         };
+        if columns.iter().flat_map(|column| column.iter()).all(|outcome| *outcome == StabilityOutcome::Still) {
+            return format!("{name}: untested, since nothing moves.{theory}");
+        }
         format!("{name}: accurate {accurate}; stable {stable}{beyond}.{theory}")
     }
 

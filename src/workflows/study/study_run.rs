@@ -378,6 +378,11 @@ impl StudyRun {
         self.tip.iter().map(distance).fold(MIN_TRAVEL * self.length, f64::max)
     }
 
+    /// True if the tip moves by more than its rounding error.
+    pub fn moves(&self) -> bool {
+        self.travel() > MIN_TRAVEL * self.length
+    }
+
     /// True if the run reached its end.
     pub fn is_complete(&self, options: RunOptions) -> bool {
         self.failure.is_none() && self.tip.len() > options.samples

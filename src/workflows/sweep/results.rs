@@ -192,8 +192,8 @@ impl<'a> SweepResults<'a> {
         let (figures, page) = std::thread::scope(|scope| {
             // Where no thread is to be had the tables come after the page.
             let _ = jobs::spawn(scope, || made = Some(tables()));
-            let figures = cases.figures();
-            let page = cases.page(&figures);
+            let (figures, left_out) = cases.figures();
+            let page = cases.page(&figures, &left_out);
             (figures, page)
         });
         let made = made.unwrap_or_else(tables);

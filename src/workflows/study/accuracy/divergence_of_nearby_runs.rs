@@ -5,8 +5,9 @@ use serde_json::json;
 use super::quantities::{describe_errors, quantities};
 use super::reference::{Reference, SAMPLES};
 use crate::error::Result;
+use crate::number_format::in_sentence;
 use crate::report::Findings;
-use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
 
@@ -66,11 +67,15 @@ pub fn without_reference(
     if let Some((rate, end)) = growth(&apart, length) {
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
         let common = format!(
-            "Two runs that start {INITIAL_PERTURBATION:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            "Two runs that start {INITIAL_PERTURBATION:e} of the length apart separate as e^({} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            in_sentence(rate, 3),
             widest / length
         );
-        findings.answers.push(if widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length {
+        let apart = widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length;
+        findings.answers.push(if apart && is_chaotic(rate, end) {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
+        } else if apart {
+            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller --steps may find a reference, and the notes of a run of this scene may say what is wrong.")
         } else {
             format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
         });
@@ -90,8 +95,13 @@ pub fn without_reference(
     };
     let caption =
         "How fast two runs part that begin almost together: where that has no end, no run can be called accurate.";
-    findings.figures.push(Figure::new("separation.svg", caption, chart.svg()));
+    findings.figures.extend(chart.figure("separation.svg", caption));
     Ok(findings)
+}
+
+/// True if a distance that grows at this rate (1/s) until this time (s) is that of chaos, and not of a jump.
+fn is_chaotic(rate: f64, until: f64) -> bool {
+    rate * until > CHAOTIC_GROWTH.ln()
 }
 
 /// Growth rate (1/s) of a distance by a least-squares fit of its logarithm, until it reaches a thousandth of `length` (at the time
@@ -105,4 +115,14 @@ fn growth(apart: &[(f64, f64)], length: f64) -> Option<(f64, f64)> {
     let along: f64 = logs.iter().map(|p| (p.0 - t).powi(2)).sum();
     let rate = logs.iter().map(|p| (p.0 - t) * (p.1 - y)).sum::<f64>() / along;
     rate.is_finite().then(|| (rate, logs[logs.len() - 1].0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_chaotic;
+
+    #[test]
+    fn runs_that_part_at_once_and_then_keep_their_distance_are_not_chaotic() {
+        assert!(is_chaotic(15.0, 1.0) && !is_chaotic(5.0, 1.0) && !is_chaotic(-0.000_36, 1.0));
+    }
 }

@@ -6,7 +6,7 @@ use super::explanations::{AccuracyReport, AccuracyRow};
 use super::reference::RunResults;
 use crate::error::Result;
 use crate::integrator::StepControl;
-use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::study::study_run::{StudyRun, TABLE_MEASURES};
 
@@ -49,7 +49,7 @@ impl AccuracyReport<'_> {
                     scale: Scale::LogLog,
                     series,
                 };
-                findings.figures.push(Figure::new(format!("{key}-{file}.svg"), caption, chart.svg()));
+                findings.figures.extend(chart.figure(format!("{key}-{file}.svg"), caption));
             }
         }
         if let Some((limit, ..)) = limit {
@@ -58,7 +58,7 @@ impl AccuracyReport<'_> {
                 self.quantities()[0].name
             );
             let chart = self.decomposition(rows, limit);
-            findings.figures.push(Figure::new("decomposition.svg", caption, chart.svg()));
+            findings.figures.extend(chart.figure("decomposition.svg", caption));
         }
         Ok(())
     }

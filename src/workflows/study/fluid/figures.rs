@@ -3,7 +3,7 @@
 use super::explanations::{FluidModelRow, FluidReport};
 use super::model_run::{ForceBreakdown, PHASES};
 use crate::number_format::percent;
-use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Animation, Findings, Frame};
 
 /// Width of a lane of the animation over the widest motion, and its least width over the length.
@@ -63,7 +63,7 @@ impl FluidReport<'_> {
                 "Difference of the {what} from {} against the time that the run takes, one dot per law; {} itself stands at what it is uncertain by. Dots below the level differ by less than that.",
                 reference.model, reference.model
             );
-            findings.figures.push(Figure::new(format!("{what}-time.svg"), caption, chart.svg()));
+            findings.figures.extend(chart.figure(format!("{what}-time.svg"), caption));
         }
         let own = rows.iter().find(|row| row.model.own && !row.is_reference && !row.swim.parts.is_empty());
         for (row, file) in [(Some(reference), "reference"), (own, "own")] {
@@ -88,11 +88,7 @@ impl FluidReport<'_> {
                 return;
             }
             let chart = Chart::new(format!("{title}: {whose}"), x, y, Scale::Linear, series);
-            findings.figures.push(Figure::new(
-                format!("{name}-{file}.svg"),
-                format!("{caption} ({whose})."),
-                chart.svg(),
-            ));
+            findings.figures.extend(chart.figure(format!("{name}-{file}.svg"), format!("{caption} ({whose}).")));
         };
         let at = |values: &[f64]| -> Vec<(f64, f64)> {
             let last = values.len().saturating_sub(1).max(1) as f64;
