@@ -167,6 +167,10 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     });
     bar.finish_and_clear();
     trajectory.finish(&stepper);
+    if outcome.ending == Ending::Interrupted {
+        let films = if films.is_empty() { "" } else { ": no film is made of a part of the run" };
+        print_error(&format!("interrupted at t = {} s{films}", stepper.time()));
+    }
     if arguments.vtk {
         let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
         let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
@@ -178,7 +182,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         found.map_or(&[][..], |column| &column.values[..])
     };
     let motion = RodMotion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
-    for path in films {
+    for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {
         let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
         Folder::export(place, owner(), Claim::forced(arguments.force))?.exports().admit(&name)?;
         let bar = progress_bar();
@@ -187,9 +191,12 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             raised()
         });
         bar.finish_and_clear();
-        if drawn?.is_break() {
+        if drawn == Err(Error::Interrupted) {
+            let kept = if path.exists() { "; the earlier one is kept" } else { "" };
+            print_error(&format!("interrupted: {} was not written{kept}", path.display()));
             return Ok(ExitCode::from(exit::INTERRUPTED));
         }
+        drawn?;
         print_unless_quiet(&format!("{} was written", path.display()));
     }
     Ok(match outcome.ending {

@@ -4,9 +4,9 @@ use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use gif::{Encoder, Frame, Repeat};
 
@@ -39,6 +39,9 @@ const MAX_FRAMES: f64 = 100_000.0;
 
 /// Most frames per second of a GIF: its delays are hundredths of a second, and many viewers take a delay of one for ten.
 const MAX_GIF_RATE: u32 = 50;
+
+/// Allowed pixels per px of the figure, which is some hundreds of px wide.
+const SHARPNESS: RangeInclusive<f64> = 0.05..=20.0;
 
 /// The motion of a rod: positions in rows, one per time with one entry per node.
 #[derive(Debug, Clone, Copy)]
@@ -96,8 +99,8 @@ impl FilmSettings {
     /// Checks a film of a run from the first to the last of these times (s) that is to be written to `path`.
     ///
     /// # Errors
-    /// [`Error::Write`] for an extension other than .gif and .mp4, a run of one time, a window outside the run, and rates that are not
-    /// positive or too large.
+    /// [`Error::Write`] for an extension other than .gif and .mp4, a run of one time, a window outside the run, a
+    /// sharpness that is out of range, and rates that are not positive or too large.
     pub fn check(&self, path: &Path, run: [f64; 2]) -> Result<()> {
         self.plan(path, run).map(|_| ())
     }
@@ -116,8 +119,12 @@ impl FilmSettings {
         }
         let [from, until] = self.window;
         let (first, last) = (begin.max(from), end.min(until));
-        if first.partial_cmp(&last) != Some(Ordering::Less) {
+        if from.is_nan() || until.is_nan() || first.partial_cmp(&last) != Some(Ordering::Less) {
             return refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s"));
+        }
+        if !SHARPNESS.contains(&self.sharpness) {
+            let (least, most) = (SHARPNESS.start(), SHARPNESS.end());
+            return refuse(format!("found a sharpness of {}; allowed: {least} to {most}", self.sharpness));
         }
         let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
         if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
@@ -132,16 +139,17 @@ impl FilmSettings {
     }
 
     /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
-    /// may stop it.
+    /// may stop it. A file of that name is replaced by a complete film only.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check); [`Error::Write`] for no ffmpeg for an MP4, or a full disk.
+    /// Those of [`check`](Self::check); [`Error::Write`] for no ffmpeg for an MP4, or a full disk; [`Error::Interrupted`] where `watch`
+    /// stops it.
     pub fn write(
         &self,
         path: &Path,
         motion: &RodMotion<'_>,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
-    ) -> Result<ControlFlow<()>> {
+    ) -> Result<()> {
         let run = [motion.times.first(), motion.times.last()].map(|time| time.copied().unwrap_or(f64::NAN));
         let (is_gif, [first, last], count) = self.plan(path, run)?;
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
@@ -150,17 +158,14 @@ impl FilmSettings {
             let time = first + (last - first) * n / (count - 1.0);
             painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)
         };
-        let mut stopped = ControlFlow::Continue(());
-        let mut frames = (0..count as usize).map(|n| n as f64).map_while(|n| {
-            stopped = watch(n / count);
-            stopped.is_continue().then(|| draw(n))
+        let mut frames = (0..count as usize).map(|n| n as f64).map(|n| match watch(n / count) {
+            ControlFlow::Continue(()) => draw(n),
+            ControlFlow::Break(()) => Err(Error::Interrupted),
         });
         write_atomically(path, |file| match is_gif {
             true => self.gif(path, file.path(), &mut frames),
             false => self.mp4(path, file.path(), &mut frames),
-        })?;
-        drop(frames);
-        Ok(stopped)
+        })
     }
 
     fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
@@ -181,14 +186,20 @@ impl FilmSettings {
             frame.delay = (end(n + 1) - end(n)) as u16;
             encoder.iter_mut().try_for_each(|encoder| encoder.write_frame(&frame)).map_err(failed)?;
         }
-        Ok(())
+        // Where they are dropped, the error of the last bytes is lost.
+        let out = encoder.map(|encoder| encoder.into_inner().map_err(failed)).transpose()?;
+        out.map_or(Ok(()), |mut out| out.flush()).map_err(|error| write_error(path, &error))
     }
 
     fn mp4(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
         let refuse = |reason: Cow<'_, str>| Error::Write { path: path.to_path_buf(), reason: reason.into_owned() };
-        let mut ffmpeg = None;
+        let mut ffmpeg: Option<Child> = None;
         for pixels in frames {
-            let pixels = pixels?;
+            let pixels = pixels.inspect_err(|_| {
+                if let Some(ffmpeg) = &mut ffmpeg {
+                    let _ = ffmpeg.kill().and_then(|()| ffmpeg.wait()); // the film is given up
+                }
+            })?;
             if ffmpeg.is_none() {
                 let size = format!("{}x{}", pixels.width(), pixels.height());
                 let child = Command::new("ffmpeg")

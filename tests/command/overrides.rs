@@ -428,12 +428,12 @@ fn a_misspelt_key_of_an_axis_is_asked_for() {
 
 #[test]
 fn an_override_is_named_as_who_gave_it_calls_it() {
-    for (named, place) in [("override", "override rod.nodes=1: "), ("--set", "--set rod.nodes=1: ")] {
+    for (named, place) in [("", "rod.nodes=1: "), ("--set ", "--set rod.nodes=1: ")] {
         let mut document = Document::new("tail.toml", TAIL);
         document.set_as(named, "rod.nodes=1").unwrap();
         assert!(document.scene().unwrap_err().to_string().starts_with(place));
         let wrong = document.set_as(named, "rod.nodes").unwrap_err().to_string();
-        assert!(wrong.starts_with(&format!("{named} rod.nodes: ")), "{wrong}");
+        assert!(wrong.starts_with(&format!("{named}rod.nodes: ")), "{wrong}");
     }
     let mut document = Document::new("tail.toml", TAIL);
     document.set("rod.nodes=1").unwrap();

@@ -9,6 +9,7 @@ use crate::report::Findings;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
+use crate::wording::Word;
 
 /// Initial distance of two nearby runs, over the length.
 pub const INITIAL_PERTURBATION: f64 = 1e-9;
@@ -72,7 +73,7 @@ pub fn without_reference(
         findings.answers.push(if widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
         } else {
-            format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
+            format!("{common}: the motion is not chaotic but not resolved; smaller {} may find a reference.", Word::Steps)
         });
     }
     findings.answers.push("No errors are given, because there is nothing to measure them against.".to_string());
