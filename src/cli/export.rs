@@ -10,7 +10,7 @@ use caudal::report::film::{FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, Owner};
+use caudal::report::{Claim, Folder, Owner, VTK_FOLDER};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -172,7 +172,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         print_error(&format!("interrupted at t = {} s{films}", stepper.time()));
     }
     if arguments.vtk {
-        let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
+        let out = arguments.out.clone().unwrap_or_else(|| own.join(VTK_FOLDER));
         let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
         whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));

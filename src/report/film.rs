@@ -235,3 +235,47 @@ impl FilmSettings {
 }
 
 type Frames<'a> = &'a mut dyn Iterator<Item = Result<resvg::tiny_skia::Pixmap>>;
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+
+    use super::*;
+
+    const MOTION: RodMotion<'_> = RodMotion {
+        name: "rod",
+        times: &[0.0, 1.0],
+        x: &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0],
+        y: &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1],
+    };
+
+    #[test]
+    fn a_film_that_is_stopped_leaves_the_earlier_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rod.gif");
+        let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
+        settings.write(&path, &MOTION, |_| ControlFlow::Continue(())).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        assert_eq!(whole.last(), Some(&b';'), "a GIF ends with its trailer");
+        for stop in [0.0, 0.5] {
+            let watch = |part: f64| if part >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            assert_eq!(settings.write(&path, &MOTION, watch), Err(Error::Interrupted));
+            assert_eq!(std::fs::read(&path).unwrap(), whole);
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_sharpness_or_a_window_that_is_no_number_is_refused() {
+        let refused =
+            |settings: FilmSettings| settings.check(Path::new("rod.gif"), [0.0, 1.0]).unwrap_err().to_string();
+        for sharpness in [f64::NAN, 0.0, -1.0, 1e9] {
+            let said = refused(FilmSettings { sharpness, ..FilmSettings::default() });
+            assert!(said.contains(&format!("found a sharpness of {sharpness}; allowed: 0.05 to 20")), "{said}");
+        }
+        for window in [[f64::NAN, 1.0], [0.0, f64::NAN]] {
+            let said = refused(FilmSettings { window, ..FilmSettings::default() });
+            assert!(said.contains("allowed: a part of the run, 0 to 1 s"), "{said}");
+        }
+    }
+}

@@ -22,6 +22,9 @@ use crate::wording::Word;
 /// Name of the manifest.
 pub const MANIFEST: &str = "manifest.json";
 
+/// The folder in that of a run for its VTK files, which has a manifest of its own.
+pub const VTK_FOLDER: &str = "vtk";
+
 /// Extension of journals, which store unfinished work.
 pub const JOURNAL: &str = ".journal";
 
@@ -560,17 +563,32 @@ impl FolderWriter<'_> {
 }
 
 impl Folder {
-    /// Removes films and pictures of the results that were here before, if these had another content.
+    /// Removes films, pictures and VTK files of the results that were here before, if these had another content.
     fn remove_outdated_exports(&mut self) {
         let before = self.manifest.owner.as_ref().filter(|before| before.fingerprint != self.owner.fingerprint);
         let Some(Owner { fingerprint, .. }) = before.cloned() else { return };
         let here = self.path.canonicalize().ok();
         let is_outdated =
             |Export { of, .. }: &Export| of.fingerprint == fingerprint || here.as_ref() == Some(&of.source);
+        self.remove_exports(is_outdated);
+        let within = self.path.join(VTK_FOLDER);
+        if within.join(MANIFEST).is_file()
+            && let Ok(mut exported) = Self::export(&within, self.owner.clone(), Claim::Own)
+            && exported.remove_exports(is_outdated)
+        {
+            let _ = exported.save(); // that of before lists what is there, and more
+            exported.new = true; // so that it goes where nothing is left
+            exported.made = CreatedFolders::again(&within);
+        }
+    }
+
+    /// Removes such exports, and says whether there were any; the manifest is not saved.
+    fn remove_exports(&mut self, is_meant: impl Fn(&Export) -> bool) -> bool {
         let exports = std::mem::take(&mut self.manifest.exports);
-        let (outdated, others): (Vec<_>, Vec<_>) = exports.into_iter().partition(is_outdated);
-        self.remove(outdated.iter().flat_map(|export| &export.files));
+        let (meant, others): (Vec<_>, Vec<_>) = exports.into_iter().partition(is_meant);
+        self.remove(meant.iter().flat_map(|export| &export.files));
         self.manifest.exports = others;
+        !meant.is_empty()
     }
 
     /// Lists files as results or exports, unless they are listed.
@@ -611,5 +629,29 @@ fn is_at(handle: &File, path: &Path) -> bool {
     {
         let _ = (handle, path);
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Owner;
+
+    fn owner(kind: &str, source: &str, fingerprint: &str) -> Owner {
+        Owner { kind: kind.into(), name: "eel".into(), source: source.into(), fingerprint: fingerprint.into() }
+    }
+
+    #[test]
+    fn scenes_without_a_file_are_told_apart_by_their_content() {
+        assert!(owner("run", "/a/eel.toml", "1").is_same(&owner("run", "/a/eel.toml", "2")));
+        assert!(owner("run", "scene", "1").is_same(&owner("run", "scene", "1")));
+        let [one, other] = [owner("run", "scene", "1"), owner("run", "scene", "2")];
+        assert!(!one.is_same(&other));
+        assert_eq!(one.in_place_of(&other), ["a run of `eel` with other values", "with these"]);
+    }
+
+    #[test]
+    fn files_of_one_name_are_told_apart() {
+        let [one, other] = [owner("export", "/a/eel.toml", "1"), owner("export", "/b/eel.toml", "2")];
+        assert_eq!(one.in_place_of(&other), ["an export of `eel` by another file, /b/eel.toml", "by /a/eel.toml"]);
     }
 }

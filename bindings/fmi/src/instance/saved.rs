@@ -1,7 +1,6 @@
 //! Saved states of an instance, in memory or serialised.
 
 use caudal::scene::NODES;
-use caudal::stepper::Stepper;
 use caudal::stepper::snapshot::{self, Snapshot};
 use caudal::variable::{Size, VARIABLES};
 use serde::{Deserialize, Serialize};

@@ -61,7 +61,7 @@ def numbers_of(value: Any, argument: str) -> npt.NDArray[np.float64]:
     if array.dtype.kind not in "fiub":
         found = f"an array of the shape {array.shape} and the type {array.dtype}" if array.ndim else repr(value)
         raise TypeError(f"{argument}: found {found}; {allowed}")
-    return np.require(array, np.float64, ["C", "A"]).reshape(array.shape)  # which makes one dimension of none
+    return np.require(array, np.float64, ["C", "A"])
 
 
 def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]], argument: str = "values") -> list[tuple[str, Any]]:

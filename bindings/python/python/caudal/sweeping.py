@@ -339,7 +339,8 @@ def _as_files(
     replaced = axes.keys() - (set or {}).keys()
     overrides = [override for override, key in zip(overrides, _overridden_keys(scene)) if key not in replaced]
     # A table that was overridden with the key of an axis in it, or the other way, is no line of its own.
-    parts = any(_is_within(axis, key) or _is_within(key, axis) for axis in replaced for key in _overridden_keys(scene))
+    inherited = _overridden_keys(scene)[: len(scene.overrides) - len(set or {})]
+    parts = any(_is_within(axis, key) or _is_within(key, axis) for axis in replaced for key in inherited)
     if parts or not (_is_unchanged(scene) and _is_order_independent(scene)):
         base, overrides = folder / "scene.toml", []
         sources.update((folder / name, content) for name, content in scene._standalone(base.name))
