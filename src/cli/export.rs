@@ -184,13 +184,17 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     let motion = RodMotion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
     for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {
         let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
-        Folder::export(place, owner(), Claim::forced(arguments.force))?.exports().admit(&name)?;
+        let mut held = Folder::export(place, owner(), Claim::forced(arguments.force))?;
+        held.exports().admit(&name)?;
+        held.let_others();
         let bar = progress_bar();
         let drawn = film.write(&path, &motion, |part| {
             bar.set_position((part * bar.length().unwrap_or(0) as f64) as u64);
             raised()
         });
         bar.finish_and_clear();
+        let _ = held.relock(); // what it lists is removed with it where no film came
+        drop(held);
         if drawn == Err(Error::Interrupted) {
             let kept = if path.exists() { "; the earlier one is kept" } else { "" };
             print_error(&format!("interrupted: {} was not written{kept}", path.display()));

@@ -90,8 +90,8 @@ pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
             return Ok(ExitCode::from(exit::WRONG_INPUT));
         }
     }
-    let name = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
-    let text = scene(&name, kind, fluid, length, frequency);
+    let stem = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
+    let text = scene(&stem, kind, fluid, length, frequency);
     Document::new(file.clone(), text.clone()).scene()?;
     write_file(file, text)?;
     print_unless_quiet(&format!("{}: caudal run {}", file.display(), for_a_shell(&file.display().to_string())));
@@ -148,7 +148,8 @@ fn short(x: f64) -> String {
 /// The scene, with a word on every key.
 fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, frequency: f64) -> String {
     let file = for_a_shell(&format!("{name}.toml")).replace(char::is_control, " "); // in a comment, which ends with its line
-    let quoted = toml::Value::String(name.to_string());
+    // A name is a folder's too, on any system.
+    let quoted = toml::Value::String(name.replace(|c: char| c.is_control() || c == '\\', "-"));
     let [viscosity, density] = fluid.properties();
     // So stiff that a body takes the shape it is told, in its own inertia and in the fluid; a tail so soft that it yields.
     let by_inertia = density * (frequency * length).powi(2);

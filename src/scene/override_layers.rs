@@ -117,7 +117,12 @@ pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>, path: &
                 }
             }
             (None, (DeValue::Table(over), _)) if are_places(&over) => {
-                apply_to_entries(&mut DeArray::new(), over, &place)?
+                apply_to_entries(&mut DeArray::new(), over, &place)?;
+            }
+            (None, (DeValue::Table(over), span)) if !over.contains_key(WHOLE_TABLE) => {
+                let mut own = DeTable::new();
+                apply_layer(&mut own, over, &place)?;
+                base.insert(key, Spanned::new(span, DeValue::Table(own)));
             }
             (_, (mut value, span)) => {
                 remove_marks(&mut value);

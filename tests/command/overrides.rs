@@ -447,7 +447,7 @@ fn a_place_that_a_list_does_not_have_says_how_many_there_are() {
         ("medium.layers.1.density_kg_m3=2.0", "found place 1 of a list with one entry; allowed: 0"),
         ("medium.layers.0.x=1.0", "unknown key"),
     ] {
-        let layered = TAIL.replace("[drag]", "layers = [{ density_kg_m3 = 900.0, viscosity_pa_s = 1e-3 }]\n[drag]");
+        let layered = TAIL.replace("[drag]", "layers = [{ normal = [0.0, 1.0], offset_m = 0.1, thickness_m = 0.01, density_kg_m3 = 900.0, viscosity_pa_s = 1e-3 }]\n[drag]");
         let mut document = Document::new("tail.toml", layered);
         document.set(text).unwrap();
         let said = document.scene().unwrap_err().to_string();
