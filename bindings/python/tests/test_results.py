@@ -267,4 +267,4 @@ def test_mistakes_in_a_sweep_of_objects_speak_of_objects(tmp_path):
         caudal.study("fluid", scene, points=3, out=tmp_path / "four")
     with pytest.raises(caudal.errors.SceneError) as caught:
         caudal.run(caudal.load(scene, set={"record.variables": ["joint_moment"]}))
-    assert caught.value.place.startswith("override record.variables"), caught.value.place
+    assert caught.value.place.startswith("record.variables"), caught.value.place
