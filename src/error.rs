@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use crate::wording::Word;
+
 /// How a run comes to smaller steps, whoever chooses them.
 const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance where that is not given)";
 
@@ -41,7 +43,7 @@ pub enum Error {
         reason: String,
     },
     /// A folder holds other results than those that would be written.
-    #[error("{}: holds {holds}, not {wanted}; choose another folder with --out, or replace it with --force", path.display())]
+    #[error("{}: holds {holds}, not {wanted}; {}, or {}", path.display(), Word::OtherFolder, Word::Replace)]
     Occupied {
         /// The folder.
         path: PathBuf,
@@ -51,7 +53,7 @@ pub enum Error {
         wanted: String,
     },
     /// Another program is at work in a folder of results.
-    #[error("{}: another program is at work in it; wait for its end, or choose another folder with --out", path.display())]
+    #[error("{}: another program is at work in it; wait for its end, or {}", path.display(), Word::OtherFolder)]
     Busy {
         /// The folder.
         path: PathBuf,
@@ -83,7 +85,7 @@ pub enum Error {
         problem: String,
     },
     /// The system allows fewer threads than were requested.
-    #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with --jobs {}", (*started / 2).max(1))]
+    #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with {}{}", Word::Jobs, (*started / 2).max(1))]
     Threads {
         /// The number of requested threads.
         wanted: usize,
@@ -325,7 +327,7 @@ fn remedy(needs: Option<&str>, nearest: Option<&str>) -> String {
     }
     match nearest {
         Some(_) => did_you_mean(nearest),
-        None => "; `caudal variables SCENE` lists them".to_string(),
+        None => format!("; {} them", Word::ListsVariables),
     }
 }
 

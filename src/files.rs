@@ -51,6 +51,13 @@ impl CreatedFolders {
     }
 }
 
+impl CreatedFolders {
+    /// The folder at `path`, as if it had been created here.
+    pub fn again(path: &Path) -> Self {
+        Self(vec![path.to_path_buf()])
+    }
+}
+
 impl Drop for CreatedFolders {
     fn drop(&mut self) {
         for folder in &self.0 {

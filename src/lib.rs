@@ -77,6 +77,8 @@ pub use nalgebra;
 // From the ground up: each module imports only from those above it (`tests/layers.rs`). Folders that are no public modules group
 // several, in the order of their `mod.rs`.
 
+pub mod wording;
+
 pub mod error;
 
 pub mod files;

@@ -10,7 +10,7 @@ use caudal::report::film::{FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, Owner};
+use caudal::report::{Claim, Folder, Owner, VTK_FOLDER};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -167,8 +167,12 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     });
     bar.finish_and_clear();
     trajectory.finish(&stepper);
+    if outcome.ending == Ending::Interrupted {
+        let films = if films.is_empty() { "" } else { ": no film is made of a part of the run" };
+        print_error(&format!("interrupted at t = {} s{films}", stepper.time()));
+    }
     if arguments.vtk {
-        let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
+        let out = arguments.out.clone().unwrap_or_else(|| own.join(VTK_FOLDER));
         let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
         whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));
@@ -178,18 +182,25 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         found.map_or(&[][..], |column| &column.values[..])
     };
     let motion = RodMotion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
-    for path in films {
+    for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {
         let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
-        Folder::export(place, owner(), Claim::forced(arguments.force))?.exports().admit(&name)?;
+        let mut held = Folder::export(place, owner(), Claim::forced(arguments.force))?;
+        held.exports().admit(&name)?;
+        held.let_others();
         let bar = progress_bar();
         let drawn = film.write(&path, &motion, |part| {
             bar.set_position((part * bar.length().unwrap_or(0) as f64) as u64);
             raised()
         });
         bar.finish_and_clear();
-        if drawn?.is_break() {
+        let _ = held.relock(); // what it lists is removed with it where no film came
+        drop(held);
+        if drawn == Err(Error::Interrupted) {
+            let kept = if path.exists() { "; the earlier one is kept" } else { "" };
+            print_error(&format!("interrupted: {} was not written{kept}", path.display()));
             return Ok(ExitCode::from(exit::INTERRUPTED));
         }
+        drawn?;
         print_unless_quiet(&format!("{} was written", path.display()));
     }
     Ok(match outcome.ending {

@@ -12,9 +12,10 @@ mod study;
 mod sweep;
 mod variables;
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::{Error, Result};
@@ -157,7 +158,7 @@ impl SceneArguments {
     fn read(&self) -> Result<(Document, Scene)> {
         let mut document = Document::read(&self.scene)?;
         for assignment in &self.set {
-            document.set_as("--set", assignment)?;
+            document.set_as("--set ", assignment)?;
         }
         let scene = document.scene()?;
         Ok((document, scene))
@@ -166,7 +167,7 @@ impl SceneArguments {
     /// The scene, and the stepper at its start.
     fn prepare(&self) -> Result<(Document, Scene, Stepper)> {
         let (document, scene) = self.read()?;
-        let stepper = Stepper::of(&scene).map_err(|error| document.located(error))?;
+        let stepper = document.stepper(&scene)?;
         Ok((document, scene, stepper))
     }
 }
@@ -218,14 +219,21 @@ pub fn main() -> ExitCode {
         Command::Completions { shell } => Ok(shell::completions(shell)),
         Command::Man { folder } => shell::man(&folder),
     };
-    outcome.unwrap_or_else(|error| {
+    let code = outcome.unwrap_or_else(|error| {
         print_error(&error.to_string());
         ExitCode::from(match error {
             Error::Interrupted => exit::INTERRUPTED,
             error if error.is_bad_input() => exit::WRONG_INPUT,
             _ => exit::FAILED,
         })
-    })
+    });
+    match LOST_OUTPUT.get() {
+        None => code,
+        Some(reason) => {
+            print_error(&format!("the standard output: cannot be written: {reason}"));
+            if code == ExitCode::SUCCESS { ExitCode::from(exit::FAILED) } else { code }
+        }
+    }
 }
 
 /// True where only errors are printed.
@@ -260,9 +268,16 @@ fn print_unless_quiet(line: &str) {
     }
 }
 
-/// Prints a line of output; a closed pipe is not an error.
+/// Why a line of output was lost, if one was.
+static LOST_OUTPUT: OnceLock<String> = OnceLock::new();
+
+/// Prints a line of output; a closed pipe is not an error, and any other is told at the end, as the work goes on.
 fn print(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
+    let mut output = std::io::stdout();
+    match writeln!(output, "{line}").and_then(|()| output.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => drop(LOST_OUTPUT.set(error.to_string())),
+        _ => {}
+    }
 }
 
 /// Prints an error, or several, one a line.

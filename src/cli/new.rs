@@ -90,12 +90,21 @@ pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
             return Ok(ExitCode::from(exit::WRONG_INPUT));
         }
     }
-    let name = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
-    let text = scene(&name, kind, fluid, length, frequency);
+    let stem = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
+    let text = scene(&stem, kind, fluid, length, frequency);
     Document::new(file.clone(), text.clone()).scene()?;
     write_file(file, text)?;
-    print_unless_quiet(&format!("{}: caudal run {}", file.display(), file.display()));
+    print_unless_quiet(&format!("{}: caudal run {}", file.display(), for_a_shell(&file.display().to_string())));
     Ok(ExitCode::SUCCESS)
+}
+
+/// A word as a shell takes it whole.
+fn for_a_shell(word: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:,@%".contains(c);
+    match word.chars().all(is_plain) {
+        true => word.to_string(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
 }
 
 fn by_name<T: ValueEnum>(text: &str) -> Option<T> {
@@ -138,6 +147,9 @@ fn short(x: f64) -> String {
 
 /// The scene, with a word on every key.
 fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, frequency: f64) -> String {
+    let file = for_a_shell(&format!("{name}.toml")).replace(char::is_control, " "); // in a comment, which ends with its line
+    // A name is a folder's too, on any system.
+    let quoted = toml::Value::String(name.replace(|c: char| c.is_control() || c == '\\', "-"));
     let [viscosity, density] = fluid.properties();
     // So stiff that a body takes the shape it is told, in its own inertia and in the fluid; a tail so soft that it yields.
     let by_inertia = density * (frequency * length).powi(2);
@@ -193,8 +205,8 @@ angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency}, phase_rad = 1.570796
     format!(
         r#"#:schema scene.schema.json
 # An editor that knows the schema completes and checks keys: caudal schema > scene.schema.json
-# caudal check {name}.toml says what this will compute; caudal run {name}.toml computes it.
-name = "{name}"
+# caudal check {file} says what this will compute; caudal run {file} computes it.
+name = {quoted}
 reactive = "auto"                  # the water that the body accelerates, where it matters
 
 [rod]

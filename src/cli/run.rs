@@ -64,10 +64,12 @@ pub fn run(
     });
     bar.finish_and_clear();
     let mut summary = Summary::of(&scene, &stepper, &outcome, &warnings);
+    let mut compared = true;
     if verify && outcome.ending == Ending::Complete {
         // A comparison that fails, or is interrupted, takes nothing from the run.
         match Verification::of(&scene, &stepper, |_| raised()) {
-            Ok(verification) => summary.verification = verification,
+            Ok(Some(verification)) => summary.verification = Some(verification),
+            Ok(None) => compared = false,
             Err(error) => summary.notes.push(format!("the full model could not be run for comparison: {error}")),
         }
     }
@@ -125,7 +127,11 @@ pub fn run(
         print(&text);
     }
     Ok(match outcome.ending {
-        Ending::Complete => whole,
+        Ending::Complete if compared => whole,
+        Ending::Complete => {
+            print_error("interrupted: the run is complete, and was not compared with the full model");
+            ExitCode::from(exit::INTERRUPTED)
+        }
         Ending::Interrupted => {
             print_error(&format!("interrupted: the files are complete and valid up to t = {} s", summary.end_time_s));
             ExitCode::from(exit::INTERRUPTED)

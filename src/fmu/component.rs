@@ -35,7 +35,7 @@ impl<'a> Fmu<'a> {
     /// Those of the scene and of its first state.
     pub fn of(document: &'a Document) -> Result<Self> {
         let scene = document.scene()?;
-        let stepper = Stepper::of(&scene)?;
+        let stepper = document.stepper(&scene)?;
         let catalogue = Catalogue::of(&scene, &stepper);
         Ok(Self { document, scene, stepper, catalogue, options: FmuOptions::default() })
     }

@@ -11,6 +11,7 @@ use super::component::Fmu;
 use super::{documentation, terminals};
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error};
+use crate::wording::Word;
 
 /// The folders of binaries in FMI 2.0 and 3.0 for the platform of a shared library, and its suffix.
 fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
@@ -112,9 +113,10 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
     near.into_iter().chain(packages).map(place).find(|place| place.is_file()).ok_or_else(|| {
         Error::Fmu(format!(
             "the library {} is neither in {} nor in ../lib of it; `cargo build --release` in the project's folder \
-             makes it, or give its place with --library",
+             makes it, or give its place with {}",
             library_name(),
-            folder.display()
+            folder.display(),
+            Word::Library
         ))
     })
 }

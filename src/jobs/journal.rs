@@ -12,6 +12,7 @@ use twox_hash::{XxHash3_64, XxHash3_128};
 
 use crate::error::{Error, Result};
 use crate::files::write_error;
+use crate::wording::Word;
 
 /// A power cut costs at most the results of about this time.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
@@ -103,7 +104,7 @@ fn note_held(file: &File, held: bool) {
 
 /// The error for a journal at `path` of another job, with the `difference` between the two.
 pub(crate) fn of_another_job(path: &Path, difference: &str) -> Error {
-    let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
+    let remedy = format!("finish that one, {}, or {}", Word::OtherFolder, Word::Restart);
     journal_error(path, format!("it holds the results of another job: {difference}; {remedy}"))
 }
 
@@ -183,8 +184,8 @@ impl Journal {
                 }
             }
             FirstLine::Other => {
-                let problem = "it is no journal of results, or its beginning is damaged; --restart begins anew";
-                return Err(journal_error(path, problem.to_string()));
+                let problem = format!("it is no journal of results, or its beginning is damaged; {}", Word::Restart);
+                return Err(journal_error(path, problem));
             }
         }
         let end = journal.end;

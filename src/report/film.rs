@@ -4,9 +4,9 @@ use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use gif::{Encoder, Frame, Repeat};
 
@@ -39,6 +39,9 @@ const MAX_FRAMES: f64 = 100_000.0;
 
 /// Most frames per second of a GIF: its delays are hundredths of a second, and many viewers take a delay of one for ten.
 const MAX_GIF_RATE: u32 = 50;
+
+/// Allowed pixels per px of the figure, which is some hundreds of px wide.
+const SHARPNESS: RangeInclusive<f64> = 0.05..=20.0;
 
 /// The motion of a rod: positions in rows, one per time with one entry per node.
 #[derive(Debug, Clone, Copy)]
@@ -96,8 +99,8 @@ impl FilmSettings {
     /// Checks a film of a run from the first to the last of these times (s) that is to be written to `path`.
     ///
     /// # Errors
-    /// [`Error::Write`] for an extension other than .gif and .mp4, a run of one time, a window outside the run, and rates that are not
-    /// positive or too large.
+    /// [`Error::Write`] for an extension other than .gif and .mp4, a run of one time, a window outside the run, a
+    /// sharpness that is out of range, and rates that are not positive or too large.
     pub fn check(&self, path: &Path, run: [f64; 2]) -> Result<()> {
         self.plan(path, run).map(|_| ())
     }
@@ -116,8 +119,12 @@ impl FilmSettings {
         }
         let [from, until] = self.window;
         let (first, last) = (begin.max(from), end.min(until));
-        if first.partial_cmp(&last) != Some(Ordering::Less) {
+        if from.is_nan() || until.is_nan() || first.partial_cmp(&last) != Some(Ordering::Less) {
             return refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s"));
+        }
+        if !SHARPNESS.contains(&self.sharpness) {
+            let (least, most) = (SHARPNESS.start(), SHARPNESS.end());
+            return refuse(format!("found a sharpness of {}; allowed: {least} to {most}", self.sharpness));
         }
         let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
         if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
@@ -132,16 +139,17 @@ impl FilmSettings {
     }
 
     /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
-    /// may stop it.
+    /// may stop it. A file of that name is replaced by a complete film only.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check); [`Error::Write`] for no ffmpeg for an MP4, or a full disk.
+    /// Those of [`check`](Self::check); [`Error::Write`] for no ffmpeg for an MP4, or a full disk; [`Error::Interrupted`] where `watch`
+    /// stops it.
     pub fn write(
         &self,
         path: &Path,
         motion: &RodMotion<'_>,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
-    ) -> Result<ControlFlow<()>> {
+    ) -> Result<()> {
         let run = [motion.times.first(), motion.times.last()].map(|time| time.copied().unwrap_or(f64::NAN));
         let (is_gif, [first, last], count) = self.plan(path, run)?;
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
@@ -150,17 +158,14 @@ impl FilmSettings {
             let time = first + (last - first) * n / (count - 1.0);
             painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)
         };
-        let mut stopped = ControlFlow::Continue(());
-        let mut frames = (0..count as usize).map(|n| n as f64).map_while(|n| {
-            stopped = watch(n / count);
-            stopped.is_continue().then(|| draw(n))
+        let mut frames = (0..count as usize).map(|n| n as f64).map(|n| match watch(n / count) {
+            ControlFlow::Continue(()) => draw(n),
+            ControlFlow::Break(()) => Err(Error::Interrupted),
         });
         write_atomically(path, |file| match is_gif {
             true => self.gif(path, file.path(), &mut frames),
             false => self.mp4(path, file.path(), &mut frames),
-        })?;
-        drop(frames);
-        Ok(stopped)
+        })
     }
 
     fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
@@ -181,14 +186,20 @@ impl FilmSettings {
             frame.delay = (end(n + 1) - end(n)) as u16;
             encoder.iter_mut().try_for_each(|encoder| encoder.write_frame(&frame)).map_err(failed)?;
         }
-        Ok(())
+        // Where they are dropped, the error of the last bytes is lost.
+        let out = encoder.map(|encoder| encoder.into_inner().map_err(failed)).transpose()?;
+        out.map_or(Ok(()), |mut out| out.flush()).map_err(|error| write_error(path, &error))
     }
 
     fn mp4(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
         let refuse = |reason: Cow<'_, str>| Error::Write { path: path.to_path_buf(), reason: reason.into_owned() };
-        let mut ffmpeg = None;
+        let mut ffmpeg: Option<Child> = None;
         for pixels in frames {
-            let pixels = pixels?;
+            let pixels = pixels.inspect_err(|_| {
+                if let Some(ffmpeg) = &mut ffmpeg {
+                    let _ = ffmpeg.kill().and_then(|()| ffmpeg.wait()); // the film is given up
+                }
+            })?;
             if ffmpeg.is_none() {
                 let size = format!("{}x{}", pixels.width(), pixels.height());
                 let child = Command::new("ffmpeg")
@@ -224,3 +235,47 @@ impl FilmSettings {
 }
 
 type Frames<'a> = &'a mut dyn Iterator<Item = Result<resvg::tiny_skia::Pixmap>>;
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+
+    use super::*;
+
+    const MOTION: RodMotion<'_> = RodMotion {
+        name: "rod",
+        times: &[0.0, 1.0],
+        x: &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0],
+        y: &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1],
+    };
+
+    #[test]
+    fn a_film_that_is_stopped_leaves_the_earlier_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rod.gif");
+        let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
+        settings.write(&path, &MOTION, |_| ControlFlow::Continue(())).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        assert_eq!(whole.last(), Some(&b';'), "a GIF ends with its trailer");
+        for stop in [0.0, 0.5] {
+            let watch = |part: f64| if part >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            assert_eq!(settings.write(&path, &MOTION, watch), Err(Error::Interrupted));
+            assert_eq!(std::fs::read(&path).unwrap(), whole);
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_sharpness_or_a_window_that_is_no_number_is_refused() {
+        let refused =
+            |settings: FilmSettings| settings.check(Path::new("rod.gif"), [0.0, 1.0]).unwrap_err().to_string();
+        for sharpness in [f64::NAN, 0.0, -1.0, 1e9] {
+            let said = refused(FilmSettings { sharpness, ..FilmSettings::default() });
+            assert!(said.contains(&format!("found a sharpness of {sharpness}; allowed: 0.05 to 20")), "{said}");
+        }
+        for window in [[f64::NAN, 1.0], [0.0, f64::NAN]] {
+            let said = refused(FilmSettings { window, ..FilmSettings::default() });
+            assert!(said.contains("allowed: a part of the run, 0 to 1 s"), "{said}");
+        }
+    }
+}

@@ -17,12 +17,13 @@ use crate::error::{Error, Result};
 use crate::files::{CreatedFolders, PARTIAL, WrittenFiles, partial_file, partial_file_with, persist, write_error};
 use crate::jobs::{BUILD, Journal};
 use crate::scene::Scene;
+use crate::wording::Word;
 
 /// Name of the manifest.
 pub const MANIFEST: &str = "manifest.json";
 
-/// The error of a file of its name that is not a manifest.
-const NO_MANIFEST: &str = "it is no manifest of results; choose another folder with --out, or replace it with --force";
+/// The folder in that of a run for its VTK files, which has a manifest of its own.
+pub const VTK_FOLDER: &str = "vtk";
 
 /// Extension of journals, which store unfinished work.
 pub const JOURNAL: &str = ".journal";
@@ -52,14 +53,37 @@ impl Owner {
 
     /// True if kind and name are equal, and the file or its content too.
     fn is_same(&self, other: &Self) -> bool {
+        let same_file = self.has_file() && self.source == other.source;
+        self.is_namesake(other) && (same_file || self.fingerprint == other.fingerprint)
+    }
+
+    /// True if kind and name are equal.
+    fn is_namesake(&self, other: &Self) -> bool {
         (&self.kind, &self.name) == (&other.kind, &other.name)
-            && (self.source == other.source || self.fingerprint == other.fingerprint)
+    }
+
+    /// False of a scene that a program made in memory, whose source is no place on the disk.
+    fn has_file(&self) -> bool {
+        self.source.is_absolute()
+    }
+
+    /// What is there, of `other`, and what this one would put in its place, as [`Error::Occupied`] says it.
+    fn in_place_of(&self, other: &Self) -> [String; 2] {
+        match self.is_namesake(other) {
+            false => [other.to_string(), self.to_string()],
+            true if self.has_file() || other.has_file() => [
+                format!("{other} by another file, {}", other.source.display()),
+                format!("by {}", self.source.display()),
+            ],
+            true => [format!("{other} with other values"), "with these".to_string()],
+        }
     }
 }
 
 impl fmt::Display for Owner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "a {} of `{}`", self.kind, self.name)
+        let article = if self.kind.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
+        write!(f, "{article} {} of `{}`", self.kind, self.name)
     }
 }
 
@@ -118,7 +142,10 @@ impl Manifest {
                 Ok(manifest) if manifest.all().all(|name| Path::new(name).file_name() == Some(name.as_ref())) => {
                     Ok(Some(manifest))
                 }
-                _ => Err(Error::Read { path: file, reason: NO_MANIFEST.to_string() }),
+                _ => {
+                    let reason = format!("it is no manifest of results; {}, or {}", Word::OtherFolder, Word::Replace);
+                    Err(Error::Read { path: file, reason })
+                }
             },
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(e) => Err(Error::Read { path: file, reason: e.to_string() }),
@@ -257,14 +284,8 @@ impl Folder {
         }
         let occupied = |holds: String, wanted: String| Err(Error::Occupied { path: self.path.clone(), holds, wanted });
         if let Some(other) = other {
-            let same_name = (&other.kind, &other.name) == (&owner.kind, &owner.name);
-            return match same_name {
-                true => occupied(
-                    format!("{other} by another file, {}", other.source.display()),
-                    format!("by {}", owner.source.display()),
-                ),
-                false => occupied(other.to_string(), owner.to_string()),
-            };
+            let [holds, wanted] = owner.in_place_of(other);
+            return occupied(holds, wanted);
         }
         let foreign: Vec<&str> = certain.iter().copied().filter(|name| there(name) && !manifest.lists(name)).collect();
         match foreign.is_empty() {
@@ -377,12 +398,12 @@ impl Folder {
         if self.claim == Claim::Force || !path.exists() || empty() {
             return Ok(());
         }
-        let holds = match self.manifest.exports.iter().find(|export| exported(export)) {
-            Some(export) => export.of.to_string(),
+        let [holds, wanted] = match self.manifest.exports.iter().find(|export| exported(export)) {
+            Some(export) => self.owner.in_place_of(&export.of),
             None if self.manifest.lists(name) => return Ok(()),
-            None => format!("a file that no {MANIFEST} lists"),
+            None => [format!("a file that no {MANIFEST} lists"), self.owner.to_string()],
         };
-        Err(Error::Occupied { path, holds, wanted: self.owner.to_string() })
+        Err(Error::Occupied { path, holds, wanted })
     }
 
     /// Starts writing results.
@@ -542,17 +563,32 @@ impl FolderWriter<'_> {
 }
 
 impl Folder {
-    /// Removes films and pictures of the results that were here before, if these had another content.
+    /// Removes films, pictures and VTK files of the results that were here before, if these had another content.
     fn remove_outdated_exports(&mut self) {
         let before = self.manifest.owner.as_ref().filter(|before| before.fingerprint != self.owner.fingerprint);
         let Some(Owner { fingerprint, .. }) = before.cloned() else { return };
         let here = self.path.canonicalize().ok();
         let is_outdated =
             |Export { of, .. }: &Export| of.fingerprint == fingerprint || here.as_ref() == Some(&of.source);
+        self.remove_exports(is_outdated);
+        let within = self.path.join(VTK_FOLDER);
+        if within.join(MANIFEST).is_file()
+            && let Ok(mut exported) = Self::export(&within, self.owner.clone(), Claim::Own)
+            && exported.remove_exports(is_outdated)
+        {
+            let _ = exported.save(); // that of before lists what is there, and more
+            exported.new = true; // so that it goes where nothing is left
+            exported.made = CreatedFolders::again(&within);
+        }
+    }
+
+    /// Removes such exports, and says whether there were any; the manifest is not saved.
+    fn remove_exports(&mut self, is_meant: impl Fn(&Export) -> bool) -> bool {
         let exports = std::mem::take(&mut self.manifest.exports);
-        let (outdated, others): (Vec<_>, Vec<_>) = exports.into_iter().partition(is_outdated);
-        self.remove(outdated.iter().flat_map(|export| &export.files));
+        let (meant, others): (Vec<_>, Vec<_>) = exports.into_iter().partition(is_meant);
+        self.remove(meant.iter().flat_map(|export| &export.files));
         self.manifest.exports = others;
+        !meant.is_empty()
     }
 
     /// Lists files as results or exports, unless they are listed.
@@ -593,5 +629,29 @@ fn is_at(handle: &File, path: &Path) -> bool {
     {
         let _ = (handle, path);
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Owner;
+
+    fn owner(kind: &str, source: &str, fingerprint: &str) -> Owner {
+        Owner { kind: kind.into(), name: "eel".into(), source: source.into(), fingerprint: fingerprint.into() }
+    }
+
+    #[test]
+    fn scenes_without_a_file_are_told_apart_by_their_content() {
+        assert!(owner("run", "/a/eel.toml", "1").is_same(&owner("run", "/a/eel.toml", "2")));
+        assert!(owner("run", "scene", "1").is_same(&owner("run", "scene", "1")));
+        let [one, other] = [owner("run", "scene", "1"), owner("run", "scene", "2")];
+        assert!(!one.is_same(&other));
+        assert_eq!(one.in_place_of(&other), ["a run of `eel` with other values", "with these"]);
+    }
+
+    #[test]
+    fn files_of_one_name_are_told_apart() {
+        let [one, other] = [owner("export", "/a/eel.toml", "1"), owner("export", "/b/eel.toml", "2")];
+        assert_eq!(one.in_place_of(&other), ["an export of `eel` by another file, /b/eel.toml", "by /a/eel.toml"]);
     }
 }

@@ -27,7 +27,7 @@ pub mod vtk;
 
 pub use chart::Figure;
 pub use findings::{Findings, Table};
-pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner};
+pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner, VTK_FOLDER};
 pub use output::RunOutput;
 pub use page::Animation;
 #[cfg(test)]

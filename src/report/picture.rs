@@ -10,6 +10,7 @@ use resvg::usvg::{Options, Tree, WriteOptions};
 use super::folder::{Claim, Folder, Owner};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
+use crate::wording::Word;
 
 /// The font of figures; its licence lies beside it.
 const FONT: &[u8] = include_bytes!("fonts/DejaVuSans.ttf");
@@ -108,7 +109,7 @@ pub fn convert(
 ) -> Result<WrittenFiles> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
     if !folder.exists() {
-        return Err(read(folder, "there is no such folder; `caudal run SCENE` makes the folder of a run".to_string()));
+        return Err(read(folder, format!("there is no such folder; {} the folder of a run", Word::MakesFolder)));
     }
     let files: Vec<PathBuf> = match names {
         Some(names) => names.iter().map(|name| folder.join(format!("{}.svg", name.trim_end_matches(".svg")))).collect(),
@@ -121,7 +122,7 @@ pub fn convert(
         }
     };
     if files.is_empty() {
-        return Err(read(folder, "it holds no figures (.svg); `caudal run` leaves some".to_string()));
+        return Err(read(folder, format!("it holds no figures (.svg); {} some", Word::LeavesFigures)));
     }
     let painter = SvgRenderer::new();
     let of = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());

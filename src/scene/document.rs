@@ -21,6 +21,7 @@ use super::{
 };
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::reduced::FluidChoice;
+use crate::wording::Word;
 
 /// Size limit of a scene file.
 const MAX_BYTES: u64 = 16 << 20;
@@ -213,15 +214,15 @@ impl Document {
     /// # Errors
     /// [`Error::Scene`] for any other form.
     pub fn set(&mut self, assignment: &str) -> Result<()> {
-        self.set_as("override", assignment)
+        self.set_as(&Word::Override.to_string(), assignment)
     }
 
-    /// The same, where errors call the override `named`, as the option of a command is.
+    /// The same, where errors have `before` in front of the override, as the option of a command.
     ///
     /// # Errors
     /// Those of [`set`](Self::set).
-    pub fn set_as(&mut self, named: &str, assignment: &str) -> Result<()> {
-        let place = || format!("{named} {assignment}");
+    pub fn set_as(&mut self, before: &str, assignment: &str) -> Result<()> {
+        let place = || format!("{before}{assignment}");
         let refuse = |problem: &str| Error::Scene { place: place(), key: String::new(), problem: problem.to_string() };
         let (key, value) = assignment.split_once('=').ok_or_else(|| refuse("allowed: table.key=value"))?;
         let (key, value) = (key.trim(), value.trim());
@@ -232,7 +233,7 @@ impl Document {
         let quoted = || format!("{key}={}", toml::Value::String(value.to_string()));
         let text = if DeTable::parse(&as_is).is_ok() { as_is } else { quoted() };
         DeTable::parse(&text).map_err(|e| refuse(e.message()))?;
-        self.add(format!("{named} {text}"), text);
+        self.add(format!("{before}{text}"), text);
         Ok(())
     }
 
@@ -320,6 +321,8 @@ impl Document {
             texts.push(format!("{}{text}", " ".repeat(start)));
         }
         let mut layer = (0, DeTable::new());
+        let located =
+            |root: &Spanned<DeTable<'_>>, (fault, span): (KeyError, Range<usize>)| self.error(root, Some(span), &fault);
         // Keys take precedence over the tables that contain them, in any order.
         let depth = |text: &str| text.split('=').next().map_or(0, |key| key.matches('.').count());
         let mut order: Vec<usize> = (0..texts.len()).collect();
@@ -330,13 +333,12 @@ impl Document {
             })?;
             mark_functions(table.get_mut(), depth(text) + 1);
             if layer.0 != *number {
-                apply_layer(root.get_mut(), std::mem::replace(&mut layer, (*number, DeTable::new())).1);
+                let over = std::mem::replace(&mut layer, (*number, DeTable::new())).1;
+                apply_layer(root.get_mut(), over, "").map_err(|fault| located(&root, fault))?;
             }
-            if let Err((fault, span)) = merge_layer(&mut layer.1, table.into_inner(), "") {
-                return Err(self.error(&root, Some(span), &fault));
-            }
+            merge_layer(&mut layer.1, table.into_inner(), "").map_err(|fault| located(&root, fault))?;
         }
-        apply_layer(root.get_mut(), layer.1);
+        apply_layer(root.get_mut(), layer.1, "").map_err(|fault| located(&root, fault))?;
         if !texts.is_empty() {
             let starts: Vec<usize> = self.override_offsets().collect();
             // The text before the first override is layer 0.
@@ -349,7 +351,7 @@ impl Document {
 
     fn scene_from(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         if root.get_ref().contains_key("axes") && root.get_ref().contains_key("scene") {
-            let problem = "this is a sweep, not a scene; `caudal sweep` runs it".to_string();
+            let problem = format!("this is a sweep, not a scene; {}", Word::RunsSweep);
             let fault = KeyError { key: "axes".to_string(), problem };
             return Err(self.error(root, span_of(root.get_ref(), &fault.key), &fault));
         }

@@ -49,14 +49,13 @@ pub(crate) fn exclusive_keys(key: &str) -> impl Iterator<Item = String> {
     pairs.filter(move |other| **other != name).map(move |other| format!("{table}.{other}"))
 }
 
+/// The end of work on layers: an error has the place of its key in the texts.
+type Layered = std::result::Result<(), (KeyError, Range<usize>)>;
+
 /// Merges overrides of one layer. A key that is a table in one of them and a value in another is an error.
-pub(super) fn merge_layer<'a>(
-    base: &mut DeTable<'a>,
-    more: DeTable<'a>,
-    path: &str,
-) -> std::result::Result<(), (KeyError, Range<usize>)> {
+pub(super) fn merge_layer<'a>(base: &mut DeTable<'a>, more: DeTable<'a>, path: &str) -> Layered {
     for (key, value) in more {
-        let place = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
+        let place = key_in(path, key.get_ref());
         let there = base.get(&key).map(|value| value.get_ref().is_table());
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
             (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => merge_layer(base, more, &place)?,
@@ -100,18 +99,30 @@ fn remove_marks(value: &mut DeValue<'_>) {
 
 /// Applies a layer to the layers below it, table by table. Functions of time are values where they are [marked](mark_functions). The entries of
 /// a list are keyed by their places from 0, as in `head.position_m.1.amplitude`.
-pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
+///
+/// # Errors
+/// A place that a list does not have.
+pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>, path: &str) -> Layered {
     for (key, value) in over {
+        let place = key_in(path, key.get_ref());
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
             (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !over.contains_key(WHOLE_TABLE) => {
-                apply_layer(base, over);
+                apply_layer(base, over, &place)?;
             }
-            (Some(DeValue::Array(entries)), (DeValue::Table(over), _)) if are_places(&over, entries.len()) => {
-                apply_to_entries(entries, over);
+            (Some(DeValue::Array(entries)), (DeValue::Table(over), _)) if are_places(&over) => {
+                apply_to_entries(entries, over, &place)?;
                 // The list is this layer's now.
                 if let Some(list) = base.remove(&key) {
                     base.insert(key, list);
                 }
+            }
+            (None, (DeValue::Table(over), _)) if are_places(&over) => {
+                apply_to_entries(&mut DeArray::new(), over, &place)?;
+            }
+            (None, (DeValue::Table(over), span)) if !over.contains_key(WHOLE_TABLE) => {
+                let mut own = DeTable::new();
+                apply_layer(&mut own, over, &place)?;
+                base.insert(key, Spanned::new(span, DeValue::Table(own)));
             }
             (_, (mut value, span)) => {
                 remove_marks(&mut value);
@@ -120,23 +131,41 @@ pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
             }
         }
     }
+    Ok(())
 }
 
-/// True if all keys are places in a list of so many entries.
-fn are_places(table: &DeTable<'_>, count: usize) -> bool {
-    !table.is_empty() && table.keys().all(|key| key.get_ref().parse::<usize>().is_ok_and(|place| place < count))
+/// The dotted key of `key` in the table at `path`.
+fn key_in(path: &str, key: &str) -> String {
+    if path.is_empty() { key.to_string() } else { format!("{path}.{key}") }
+}
+
+/// True if all keys are places in a list.
+fn are_places(table: &DeTable<'_>) -> bool {
+    !table.is_empty() && table.keys().all(|key| key.get_ref().parse::<usize>().is_ok())
 }
 
 /// Applies a layer to the entries of a list.
-fn apply_to_entries<'a>(base: &mut DeArray<'a>, over: DeTable<'a>) {
+fn apply_to_entries<'a>(base: &mut DeArray<'a>, over: DeTable<'a>, path: &str) -> Layered {
+    let count = base.len();
     for (key, value) in over {
-        let Some(entry) = key.get_ref().parse().ok().and_then(|place: usize| base.get_mut(place)) else { continue };
+        let place = key_in(path, key.get_ref());
+        let Some(entry) = key.get_ref().parse().ok().and_then(|place: usize| base.get_mut(place)) else {
+            let problem = match count {
+                0 => refused("a place in a list without entries", "the whole list, in brackets"),
+                1 => refused(format!("place {} of a list with one entry", key.get_ref()), "0"),
+                _ => refused(
+                    format!("place {} of a list with {count} entries", key.get_ref()),
+                    format!("0 to {}", count - 1),
+                ),
+            };
+            return Err((KeyError { key: place, problem }, key.span()));
+        };
         match (entry.get_mut(), value.into_inner_with_span()) {
             (DeValue::Table(base), (DeValue::Table(over), _)) if !over.contains_key(WHOLE_TABLE) => {
-                apply_layer(base, over)
+                apply_layer(base, over, &place)?;
             }
-            (DeValue::Array(base), (DeValue::Table(over), _)) if are_places(&over, base.len()) => {
-                apply_to_entries(base, over);
+            (DeValue::Array(base), (DeValue::Table(over), _)) if are_places(&over) => {
+                apply_to_entries(base, over, &place)?;
             }
             (_, (mut value, span)) => {
                 remove_marks(&mut value);
@@ -144,6 +173,7 @@ fn apply_to_entries<'a>(base: &mut DeArray<'a>, over: DeTable<'a>) {
             }
         }
     }
+    Ok(())
 }
 
 /// True for a complete function of time.

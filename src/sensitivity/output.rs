@@ -191,6 +191,16 @@ fn names() -> impl Iterator<Item = &'static str> {
     recorded.map(|variable| variable.name).chain(["tip_x_m", "tip_y_m"])
 }
 
+/// The error for a `name` that is no output of `model`: a variable without a derivative, or no variable of this scene.
+fn not_there(name: &str, model: &Model) -> Error {
+    let there = |name: &str| VARIABLES.iter().any(|variable| variable.name == name && variable.exists_in(model));
+    if !there(name) {
+        return variable::unknown(name, names().filter(|name| there(name)));
+    }
+    let allowed: Vec<&str> = names().filter(|name| there(name)).collect();
+    Error::Derivative { problem: format!("`{name}` cannot be differentiated; allowed: {}", allowed.join(", ")) }
+}
+
 /// The quantity that `name` reads of one of so many tendons.
 fn tendon_reading(name: &str, tendons: usize) -> Option<Quantity> {
     let (number, what) = name.strip_prefix("tendon_")?.split_once('_')?;
@@ -297,7 +307,7 @@ impl Output {
             }
             _ => match tendon_reading(name, model.tendons.len()) {
                 Some(quantity) => quantity.into(),
-                None => return Err(variable::unknown(name, names())),
+                None => return Err(not_there(name, model)),
             },
         })
     }

@@ -33,7 +33,7 @@ use crate::model::input_extrapolation::HIGHEST_ORDER;
 use crate::model::{Dynamics, InputExtrapolation, Inputs, Mechanics, Model};
 use crate::newton::{Newton, SolverWork};
 use crate::reduced::{ModelChoice, ModelStepper};
-use crate::scene::Scene;
+use crate::scene::{Document, Scene};
 use crate::system::{Form, State, System};
 use crate::variable::{self, Causality, VARIABLES, Variable, View};
 
@@ -114,6 +114,16 @@ impl Clock {
     /// The time (s) after `count` more steps of `step` (s).
     fn at(self, count: u64, step: f64) -> f64 {
         self.origin + (self.count + count) as f64 * step
+    }
+}
+
+impl Document {
+    /// Prepares the run of its `scene`, or of one that was made from that, with the place in the document in errors of a key.
+    ///
+    /// # Errors
+    /// Those of [`Stepper::of`].
+    pub fn stepper(&self, scene: &Scene) -> Result<Stepper> {
+        Stepper::of(scene).map_err(|error| self.located(error))
     }
 }
 

@@ -596,3 +596,112 @@ fn wrong_options_are_named_as_they_were_given() {
     }
     assert!(!file.exists());
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn output_that_is_lost_on_a_full_disk_is_an_error() {
+    for arguments in ["schema", "variables", "completions bash", "check models/glycerol.toml --json"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .args(arguments.split(' '))
+            .stdout(std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap())
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments}");
+        let said = text(&output.stderr);
+        assert!(
+            said.starts_with("error: the standard output: cannot be written: No space left"),
+            "{arguments}: {said}"
+        );
+    }
+}
+
+#[test]
+fn new_takes_any_file_name() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["my \"best\" fish.toml", "a\\b.toml", "it's.toml", "plain.toml"] {
+        let at = |arguments: &[&str]| {
+            Command::new(env!("CARGO_BIN_EXE_caudal")).current_dir(folder.path()).args(arguments).output().unwrap()
+        };
+        let output = at(&["new", name]);
+        assert!(output.status.success(), "{name}: {}", text(&output.stderr));
+        let said = text(&output.stdout);
+        let run = said.trim_end().strip_prefix(&format!("{name}: caudal run ")).unwrap();
+        if cfg!(unix) {
+            let echoed = Command::new("sh").args(["-c", &format!("printf %s {run}")]).output().unwrap();
+            assert_eq!(text(&echoed.stdout), name);
+        }
+        assert!(at(&["check", name]).status.success());
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_comparison_that_ctrl_c_ends_is_said_to_be_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        // The run takes a moment, the whole model beside it minutes.
+        .args([
+            "run",
+            "models/eel.toml",
+            "--verify",
+            "--set",
+            "solver.time_step_s=0.05",
+            "--set",
+            "solver.duration_s=200",
+        ])
+        .args(["--set", "record.every=100", "--out"])
+        .arg(folder.path())
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(5));
+    crate::interrupt(&child);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    let summary = summary(folder.path());
+    assert_eq!(summary["ending"], "complete");
+    assert_eq!(summary["verification"], Value::Null);
+    assert!(text(&output.stderr).contains("was not compared with the full model"), "{}", text(&output.stderr));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_film_that_ctrl_c_ends_leaves_the_earlier_one_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.2", "--gif", "--out", out];
+    assert!(caudal(&all).status.success());
+    let film = folder.path().join("baseline.gif");
+    let whole = std::fs::read(&film).unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(all)
+        .args(["--speed", "1e-4"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(4));
+    crate::interrupt(&child);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(text(&output.stderr).contains("baseline.gif was not written; the earlier one is kept"));
+    assert_eq!(std::fs::read(&film).unwrap(), whole);
+}
+
+#[test]
+fn vtk_files_go_with_the_run_that_they_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let short = ["--set", "solver.duration_s=0.05"];
+    assert!(run("models/baseline.toml", &out, &short).status.success());
+    let export = [&["export", out.to_str().unwrap(), "--vtk"][..], &short].concat();
+    assert!(caudal(&export).status.success());
+    assert!(out.join("vtk/baseline.pvd").exists());
+    assert!(run("models/baseline.toml", &out, &short).status.success());
+    assert!(out.join("vtk/baseline.pvd").exists(), "the same run again");
+    assert!(run("models/baseline.toml", &out, &["--set", "solver.duration_s=0.06"]).status.success());
+    assert!(!out.join("vtk").exists(), "{:?}", files(&out.join("vtk")));
+}

@@ -251,7 +251,7 @@ fn restart_begins_anew_over_a_damaged_journal_and_takes_no_other_file_for_one() 
         std::fs::write(&journal, &damaged).unwrap();
         let refused = caudal(folder.path(), "sweep sweep.toml");
         assert_eq!(refused.status.code(), Some(2), "byte {at}");
-        assert!(errors(&refused).contains("--restart begins anew"), "{}", errors(&refused));
+        assert!(errors(&refused).contains("begin anew with --restart"), "{}", errors(&refused));
         assert_eq!(std::fs::read(&journal).unwrap(), damaged);
         let anew = caudal(folder.path(), "sweep sweep.toml --restart");
         assert_eq!(anew.status.code(), Some(0), "byte {at}: {}", errors(&anew));

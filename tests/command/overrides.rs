@@ -428,14 +428,39 @@ fn a_misspelt_key_of_an_axis_is_asked_for() {
 
 #[test]
 fn an_override_is_named_as_who_gave_it_calls_it() {
-    for (named, place) in [("override", "override rod.nodes=1: "), ("--set", "--set rod.nodes=1: ")] {
+    for (named, place) in [("", "rod.nodes=1: "), ("--set ", "--set rod.nodes=1: ")] {
         let mut document = Document::new("tail.toml", TAIL);
         document.set_as(named, "rod.nodes=1").unwrap();
         assert!(document.scene().unwrap_err().to_string().starts_with(place));
         let wrong = document.set_as(named, "rod.nodes").unwrap_err().to_string();
-        assert!(wrong.starts_with(&format!("{named} rod.nodes: ")), "{wrong}");
+        assert!(wrong.starts_with(&format!("{named}rod.nodes: ")), "{wrong}");
     }
     let mut document = Document::new("tail.toml", TAIL);
     document.set("rod.nodes=1").unwrap();
     assert!(document.scene().unwrap_err().to_string().starts_with("override rod.nodes=1: "));
+}
+
+#[test]
+fn a_place_that_a_list_does_not_have_says_how_many_there_are() {
+    for (text, problem) in [
+        ("loads.point.0.node=7", "found a place in a list without entries; allowed: the whole list, in brackets"),
+        ("medium.layers.1.density_kg_m3=2.0", "found place 1 of a list with one entry; allowed: 0"),
+        ("medium.layers.0.x=1.0", "unknown key"),
+    ] {
+        let layered = TAIL.replace("[drag]", "layers = [{ normal = [0.0, 1.0], offset_m = 0.1, thickness_m = 0.01, density_kg_m3 = 900.0, viscosity_pa_s = 1e-3 }]\n[drag]");
+        let mut document = Document::new("tail.toml", layered);
+        document.set(text).unwrap();
+        let said = document.scene().unwrap_err().to_string();
+        assert!(said.starts_with(&format!("override {text}: ")) && said.contains(problem), "{said}");
+    }
+}
+
+#[test]
+fn what_shows_at_the_start_alone_is_located_too() {
+    let mut document = Document::new("tail.toml", TAIL);
+    for text in ["solver.form=positions", "rod.nodes=1000001"] {
+        document.set(text).unwrap();
+    }
+    let said = document.stepper(&document.scene().unwrap()).unwrap_err().to_string();
+    assert!(said.starts_with("override rod.nodes=1000001: rod.nodes: "), "{said}");
 }

@@ -215,7 +215,7 @@ pub unsafe extern "C" fn caudal_load(
         for assignment in values(overrides, count)? {
             document.set(text(*assignment, "override")?)?;
         }
-        let stepper = Stepper::of(&document.scene()?)?;
+        let stepper = document.stepper(&document.scene()?)?;
         let fluid_note = stepper.fluid_note();
         let variables = stepper.variables().to_vec();
         let owned = |text: &str| CString::new(text).unwrap_or_default();

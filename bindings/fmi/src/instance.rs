@@ -129,7 +129,7 @@ impl Instance {
         if own != host_token {
             return Err(Error::Fmu(format!("the host expects the token {host_token}, this FMU has {own}")));
         }
-        let stepper = Stepper::of(&scene)?;
+        let stepper = document.stepper(&scene)?;
         let catalogue = Catalogue::of(&scene, &stepper);
         let parameters = catalogue.parameters.iter().map(|parameter| parameter.value).collect();
         let original = Settings { nodes: scene.nodes() as u64, parameters, tolerance: None };
@@ -217,8 +217,8 @@ impl Instance {
         !matches!(self.mode, InstanceMode::Instantiated | InstanceMode::Configuration | InstanceMode::Initialization)
     }
 
-    /// The scene with these settings.
-    fn configured(&self, settings: &Settings) -> Result<Scene> {
+    /// The scene with these settings, and its document.
+    fn configured(&self, settings: &Settings) -> Result<(Document, Scene)> {
         let mut document = self.document.clone();
         document.begin_layer();
         for text in parameter::overrides(&self.catalogue.parameters, &settings.parameters) {
@@ -230,7 +230,8 @@ impl Instance {
         if let Some(tolerance) = settings.tolerance {
             document.set(&format!("solver.tolerance={tolerance:e}"))?;
         }
-        document.scene()
+        let scene = document.scene()?;
+        Ok((document, scene))
     }
 
     /// The stepper with all settings and inputs of the host. Nothing changes on error.
@@ -246,13 +247,13 @@ impl Instance {
 
     /// Builds the stepper with the host's settings and inputs, or changes its tunable parameters after the start.
     fn rebuild(&mut self) -> FmiResult {
-        let scene = self.configured(&self.settings)?;
+        let (document, scene) = self.configured(&self.settings)?;
         if self.has_started() {
             self.stepper
                 .get_mut()
                 .map_or_else(|| refuse("there is no model"), |stepper| Ok(stepper.change_parameters(&scene)?))?;
         } else {
-            let mut stepper = Stepper::of(&scene)?;
+            let mut stepper = document.stepper(&scene)?;
             stepper.set_entries(self.inputs.changes(stepper.model(), true).into_iter())?;
             self.stepper.own = Some(Box::new(stepper));
             self.inputs.mark_applied();
@@ -313,7 +314,7 @@ impl Instance {
     }
 
     pub fn reset(&mut self) -> FmiResult {
-        let stepper = Stepper::of(&self.scene)?;
+        let stepper = self.document.stepper(&self.scene)?;
         self.stepper.own = Some(Box::new(stepper));
         self.settings.clone_from(&self.original);
         self.built.clone_from(&self.original);

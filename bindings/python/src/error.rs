@@ -23,30 +23,24 @@ fn raised(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
             Err(single) => fields.set_item("value", single.into_inner())?,
         }
     }
-    let exception = class.call1((as_arguments(&error.to_string()),))?;
+    let exception = class.call1((error.to_string(),))?;
     for (name, value) in &fields {
         exception.setattr(name.cast_into::<PyString>()?, value)?;
     }
     Ok(PyErr::from_value(exception))
 }
 
-/// Rewrites messages about options of the command as messages about the arguments of Python.
-fn as_arguments(text: &str) -> String {
-    let options = [
-        ("--out", "`out=`"),
-        ("--force", "`force=True`"),
-        ("--restart", "`restart=True`"),
-        ("--jobs ", "jobs="),
-        ("--set ", ""),
-        ("override ", ""),
-        ("`caudal sweep` runs it", "`caudal.sweep` runs it"),
-        ("`caudal run` runs it", "`caudal.run` runs it"),
-        ("`caudal run SCENE` makes the folder of a run", "`caudal.run` with `out=` makes the folder of a run"),
-        ("`caudal run` leaves some", "`caudal.run` with `out=` leaves some"),
-        ("Simulation::pull_back", "`Simulation.pull_back`"),
-        ("`caudal variables SCENE` lists them", "`Stepper.variables` lists them"),
-    ];
-    options.into_iter().fold(text.to_string(), |text, (option, argument)| text.replace(option, argument))
+/// The exception to raise of two, the other of which is its cause.
+pub fn first_of(py: Python<'_>, first: Option<PyErr>, other: Option<PyErr>) -> Option<PyErr> {
+    match first {
+        Some(failure) => {
+            if other.is_some() {
+                failure.set_cause(py, other);
+            }
+            Some(failure)
+        }
+        None => other,
+    }
 }
 
 /// Turns the library's results into Python's.

@@ -19,7 +19,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::attention::Attention;
-use crate::error::{OrRaise, exception};
+use crate::error::{OrRaise, exception, first_of};
 use crate::scene::Scene;
 use crate::stepper::Variable;
 
@@ -36,7 +36,7 @@ pub fn run<'py>(
 ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
     let prepared = py.detach(|| {
-        let stepper = caudal::stepper::Stepper::of(scene).map_err(|error| document.located(error))?;
+        let stepper = document.stepper(scene)?;
         let warnings = Assessment::of_run(scene, &stepper)?.warnings;
         Ok((stepper, warnings))
     });
@@ -72,13 +72,14 @@ pub fn run<'py>(
         });
         trajectory.finish(&stepper);
         let summary = Summary::of(scene, &stepper, &outcome, &warnings);
-        let html = trajectory.player(&summary)?;
-        if let Some(output) = output {
-            output.finish(&stepper, &summary, document, &summary.notes).complete()?;
-        }
-        Ok((outcome.ending, summary, html))
+        let player = trajectory.player(&summary);
+        let written = output
+            .map_or(Ok(()), |output| output.finish(&stepper, &summary, document, &summary.notes).complete().map(drop));
+        (outcome.ending, summary, player, written)
     });
-    let (ending, summary, html) = finished.or_raise(py)?;
+    let (ending, summary, player, written) = finished;
+    // What cannot be written takes nothing from what was computed.
+    let unwritten = player.as_ref().err().cloned().or(written.err()).map(|error| exception(py, &error));
     if ending == Ending::Complete
         && let Err(failure) = tell(py, stepper.time())
     {
@@ -102,12 +103,12 @@ pub fn run<'py>(
     content.set_item("variables", variables)?;
     content.set_item("arrays", arrays)?;
     content.set_item("nodes", PyArray1::from_vec(py, scene.recorded_nodes()))?;
-    content.set_item("html", html)?;
+    content.set_item("html", player.unwrap_or_default())?;
     let failure = match ending {
         Ending::Failed(error) => Some(exception(py, &error)),
         Ending::Complete | Ending::Interrupted => attention.failure,
     };
-    Ok((content, failure))
+    Ok((content, first_of(py, failure, unwritten)))
 }
 
 /// Writes what was recorded of a run as VTK files; their paths.
@@ -118,6 +119,7 @@ pub fn write_vtk(
     scene: &Bound<'_, Scene>,
     folder: PathBuf,
     arrays: Vec<(String, PyReadonlyArrayDyn<'_, f64>)>,
+    force: bool,
 ) -> PyResult<Vec<PathBuf>> {
     let Scene { scene, .. } = scene.get();
     let model = scene.model().or_raise(py)?;
@@ -132,7 +134,7 @@ pub fn write_vtk(
         columns.push(TrajectoryColumn { variable, nodes, values: array.as_array().iter().copied().collect() });
     }
     let written = py.detach(|| {
-        let mut folder = Folder::export(&folder, Owner::of("export", scene), Claim::Own)?;
+        let mut folder = Folder::export(&folder, Owner::of("export", scene), Claim::forced(force))?;
         vtk::write(&mut folder, &scene.name, &model.rod, &columns)?.complete()
     });
     written.or_raise(py)
@@ -147,6 +149,7 @@ pub fn pictures(
     figures: Option<Vec<String>>,
     formats: Vec<String>,
     out: PathBuf,
+    force: bool,
 ) -> PyResult<Vec<PathBuf>> {
     let format = |name: &String| match name.as_str() {
         "png" => Ok(PictureFormat::Png),
@@ -154,7 +157,8 @@ pub fn pictures(
         _ => Err(PyValueError::new_err(format!("found {name:?}; allowed: \"png\", \"pdf\""))),
     };
     let formats = formats.iter().map(format).collect::<PyResult<Vec<_>>>()?;
-    py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, Claim::Own)?.complete()).or_raise(py)
+    let claim = Claim::forced(force);
+    py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, claim)?.complete()).or_raise(py)
 }
 
 /// Writes a film of a rod whose nodes have these positions, a row per time; `look` is pictures per second, speed, pixels per px,
@@ -179,6 +183,6 @@ pub fn write_film(
     });
     match attention.failure {
         Some(failure) => Err(failure),
-        None => written.map(|_| ()).or_raise(py),
+        None => written.or_raise(py),
     }
 }

@@ -129,7 +129,7 @@ impl Scene {
     ///     Where a run would be meaningless.
     fn check(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let assessment = py.detach(|| {
-            let stepper = caudal::stepper::Stepper::of(&self.scene).map_err(|error| self.document.located(error))?;
+            let stepper = self.document.stepper(&self.scene)?;
             Assessment::of(&self.scene, &stepper)
         });
         Ok(assessment.or_raise(py)?.all_warnings().cloned().collect())

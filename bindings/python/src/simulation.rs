@@ -51,9 +51,10 @@ fn by_name<'py>(py: Python<'py>, names: &[String], arrays: Vec<Array>) -> PyResu
 #[pyfunction]
 #[pyo3(name = "_parameters")]
 pub fn parameters<'py>(py: Python<'py>, scene: &Bound<'py, Scene>) -> PyResult<Bound<'py, PyDict>> {
-    let scene = &scene.get().scene;
+    let Scene { scene, document, .. } = scene.get();
     let found = PyDict::new(py);
-    for named in py.detach(|| simulation::parameters(scene)).or_raise(py)? {
+    let known = py.detach(|| simulation::parameters(scene).map_err(|error| document.located(error)));
+    for named in known.or_raise(py)? {
         found.set_item(named.name, (shown(py, named.value)?, named.unit, named.description))?;
     }
     Ok(found)
@@ -79,7 +80,9 @@ impl Simulation {
     #[new]
     fn new(py: Python<'_>, scene: &Bound<'_, Scene>, values: Given<'_>, outputs: Vec<String>) -> PyResult<Self> {
         let (document, values) = (&scene.get().document, arrays(&values));
-        let own = py.detach(|| Own::of(document, &texts(&outputs), &values)).or_raise(py)?;
+        let own = py
+            .detach(|| Own::of(document, &texts(&outputs), &values).map_err(|error| document.located(error)))
+            .or_raise(py)?;
         Ok(Self { inner: Mutex::new(own) })
     }
 

@@ -238,8 +238,8 @@ impl Stepper {
             Ok(scene) => scene.clone(),
             Err(_) => py.get_type::<Scene>().call1((scene,))?.cast_into()?,
         };
-        let content = &scene.get().scene;
-        let stepper = py.detach(|| caudal::stepper::Stepper::of(content)).or_raise(py)?;
+        let super::scene::Scene { scene: content, document, .. } = scene.get();
+        let stepper = py.detach(|| document.stepper(content)).or_raise(py)?;
         if let Some(note) = stepper.fluid_note() {
             warn(py, note)?;
         }

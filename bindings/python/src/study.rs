@@ -11,7 +11,7 @@ use pyo3::types::{PyBytes, PyDict};
 
 use crate::attention::Progress;
 use crate::distributed::{JobHandle, lines};
-use crate::error::OrRaise;
+use crate::error::{OrRaise, exception, first_of};
 use crate::scene::Scene;
 use crate::values::plain;
 
@@ -53,7 +53,7 @@ pub fn runs<'py>(
     Ok(lines(py, py.detach(|| make_runs(bundle, &indices)).or_raise(py)?))
 }
 
-/// Runs a study of this kind and writes its files; returns its findings.
+/// Runs a study of this kind and writes its files; returns its findings, and the exception of what could not be written.
 #[pyfunction]
 #[pyo3(name = "_study")]
 pub fn study<'py>(
@@ -64,7 +64,7 @@ pub fn study<'py>(
     out: Option<PathBuf>,
     force: bool,
     progress: Option<Py<PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
     let study = asked(kind, options)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
@@ -79,8 +79,9 @@ pub fn study<'py>(
         }
     };
     let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
-    py.detach(|| write_findings(&findings, &mut held, &scene.name, document)?.complete()).or_raise(py)?;
-    told.tell(py, progress.as_ref())?;
+    let written = py.detach(|| write_findings(&findings, &mut held, &scene.name, document)?.complete());
+    let unwritten = written.err().map(|error| exception(py, &error));
+    let failure = first_of(py, told.tell(py, progress.as_ref()).err(), unwritten);
     let Findings { subject, answers, numbers, figures, tables, .. } = findings;
     let content = PyDict::new(py);
     content.set_item("folder", folder)?;
@@ -101,5 +102,5 @@ pub fn study<'py>(
         all.set_item(table.file.trim_end_matches(".csv"), columns)?;
     }
     content.set_item("tables", all)?;
-    Ok(content)
+    Ok((content, failure))
 }

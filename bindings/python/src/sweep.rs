@@ -15,7 +15,7 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::attention::Progress;
 use crate::distributed::lines;
-use crate::error::OrRaise;
+use crate::error::{OrRaise, exception};
 use crate::locks::{lock, lock_detached};
 use crate::values::to_toml;
 
@@ -171,9 +171,10 @@ impl SweepAtWork {
         py.detach(|| drop(journal));
     }
 
-    /// Writes table, figures and report of the cases that are there, and closes the journal; the rows as dictionaries, none of
-    /// them unless `wanted`.
-    fn finish<'py>(&self, py: Python<'py>, wanted: bool) -> PyResult<Bound<'py, PyList>> {
+    /// Writes table, figures and report of the cases that are there, and closes the journal: the rows as dictionaries, none of
+    /// them unless `wanted`, the numbers of cases and of those that did not reach their end, and the exception of what could not be
+    /// written.
+    fn finish<'py>(&self, py: Python<'py>, wanted: bool) -> PyResult<(Bound<'py, PyList>, [usize; 2], Option<PyErr>)> {
         let journal = lock(py, &self.journal).take();
         let mut journal = journal.ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
         let results = py.detach(|| {
@@ -184,13 +185,18 @@ impl SweepAtWork {
             held.relock()?;
             let written = results.write(&mut held);
             held.let_others();
-            written?.kept.complete()?;
-            Ok(results)
+            Ok((results, written.and_then(|written| written.kept.complete())))
         });
-        let results = results.or_raise(py)?;
+        let (results, written) = results.or_raise(py)?;
         let rows = PyList::empty(py);
-        for row in results.rows().take_while(|_| wanted) {
+        let [mut cases, mut failed] = [0, 0];
+        for row in results.rows() {
             let (index, row) = row.or_raise(py)?;
+            cases += 1;
+            failed += usize::from(!row.complete());
+            if !wanted {
+                continue;
+            }
             let dictionary = PyDict::new(py);
             dictionary.set_item("case", index)?;
             let case = self.sweep.case(index).or_raise(py)?;
@@ -202,7 +208,7 @@ impl SweepAtWork {
             }
             rows.append(dictionary)?;
         }
-        Ok(rows)
+        Ok((rows, [cases, failed], written.err().map(|error| exception(py, &error))))
     }
 }
 

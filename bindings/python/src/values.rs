@@ -11,14 +11,12 @@ pub fn fields<'py>(dictionary: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDic
     Ok(class.call1((dictionary,))?.cast_into()?)
 }
 
-/// Numbers from Python: an array of contiguous doubles is used in place, others are converted.
+/// Numbers from Python: an array of contiguous, aligned doubles is used in place, others are converted.
 pub enum Numbers<'py> {
     /// One for all entries.
     One(f64),
-    /// One each, in place.
+    /// One each.
     Borrowed(PyReadonlyArray1<'py, f64>),
-    /// One each, with gaps in memory.
-    Copied(Vec<f64>),
 }
 
 impl<'py> Numbers<'py> {
@@ -28,8 +26,8 @@ impl<'py> Numbers<'py> {
             return Ok(Self::One(number.value()));
         }
         let array = match values.cast::<PyArray1<f64>>() {
-            Ok(array) => array.clone(),
-            Err(_) => {
+            Ok(array) if array.try_readonly().is_ok_and(|array| array.as_slice().is_ok()) => array.clone(),
+            _ => {
                 let arguments = values.py().import("caudal.arguments")?;
                 let array = arguments.call_method1("numbers_of", (values, argument))?;
                 let shape = array.getattr("shape")?;
@@ -43,8 +41,7 @@ impl<'py> Numbers<'py> {
                 array.cast_into().map_err(wrong)?
             }
         };
-        let array = array.try_readonly()?;
-        Ok(if array.as_slice().is_ok() { Self::Borrowed(array) } else { Self::Copied(array.as_array().to_vec()) })
+        Ok(Self::Borrowed(array.try_readonly()?))
     }
 
     /// As many as a variable of `count` entries wants, where that can be told; `buffer` holds one repeated.
@@ -56,7 +53,6 @@ impl<'py> Numbers<'py> {
                 buffer
             }
             Self::Borrowed(array) => array.as_slice()?,
-            Self::Copied(values) => values,
         })
     }
 }

@@ -14,6 +14,7 @@ use crate::files::free_space;
 use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Frame, Owner};
 use crate::scene::{Document, Files, KeyError, Scene, exclusive_keys};
+use crate::wording::Word;
 
 /// The files that every sweep writes.
 pub(super) const TABLE: &str = "table.csv";
@@ -249,7 +250,7 @@ impl Sweep {
         let document = Document::read_from(files.clone(), path)?;
         if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
         {
-            let problem = "this is a scene, not a sweep; `caudal run` runs it".to_string();
+            let problem = format!("this is a scene, not a sweep; {}", Word::RunsScene);
             return Err(document.error_at(&KeyError { key: "rod".to_string(), problem }));
         }
         let file: SweepFile = document.read_as()?;
@@ -281,14 +282,14 @@ impl Sweep {
         }
         base.begin_layer();
         for assignment in set {
-            base.set_as("--set", assignment)?;
+            base.set_as(&Word::Set.to_string(), assignment)?;
         }
         let asked = base.overrides()[base.overrides().len() - set.len()..].to_vec();
         for text in asked {
             let mut keys = Vec::new();
             axis::leaves(&text.parse().unwrap_or_default(), "", &mut keys);
             for (key, value) in keys {
-                let place = format!("--set {text}");
+                let place = format!("{}{text}", Word::Set);
                 excluded(&axes, &key, &value).map_err(|problem| Error::Scene { place, key, problem })?;
             }
         }

@@ -1,7 +1,6 @@
 //! Saved states of an instance, in memory or serialised.
 
 use caudal::scene::NODES;
-use caudal::stepper::Stepper;
 use caudal::stepper::snapshot::{self, Snapshot};
 use caudal::variable::{Size, VARIABLES};
 use serde::{Deserialize, Serialize};
@@ -46,7 +45,8 @@ impl Instance {
         match &mut self.stepper.own {
             Some(stepper) if self.built == state.built => stepper.restore(&state.snapshot)?,
             _ => {
-                let mut stepper = Stepper::of(&self.configured(&state.built)?)?;
+                let (document, scene) = self.configured(&state.built)?;
+                let mut stepper = document.stepper(&scene)?;
                 stepper.restore(&state.snapshot)?;
                 self.stepper.own = Some(Box::new(stepper));
                 self.built.clone_from(&state.built);

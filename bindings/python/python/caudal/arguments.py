@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numbers
+import os
 from collections.abc import Iterable, Mapping
 from typing import Any, Optional, Union
 
@@ -19,6 +20,12 @@ def check_count(name: str, value: Optional[int]) -> None:
     """Refuse what is neither None nor a whole number from 1 on."""
     if value is not None and (not is_number(value) or not isinstance(value, numbers.Integral) or value < 1):
         raise ValueError(f"{name}: found {value!r}; allowed: a whole number, 1 or more")
+
+
+def check_folder(name: str, path: Union[str, os.PathLike[str], None]) -> None:
+    """Refuse an empty path, which would be the working directory."""
+    if path is not None and not os.fspath(path):
+        raise ValueError(f"{name}: found ''; allowed: the path of a folder, \".\" for the working directory")
 
 
 def check_function(name: str, function: Any, required: bool = False) -> None:
@@ -54,7 +61,7 @@ def numbers_of(value: Any, argument: str) -> npt.NDArray[np.float64]:
     if array.dtype.kind not in "fiub":
         found = f"an array of the shape {array.shape} and the type {array.dtype}" if array.ndim else repr(value)
         raise TypeError(f"{argument}: found {found}; {allowed}")
-    return np.asarray(array, dtype=np.float64, order="C")
+    return np.require(array, np.float64, ["C", "A"])
 
 
 def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]], argument: str = "values") -> list[tuple[str, Any]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 from ._caudal import Scene, _design, _design_parts
-from .arguments import check_function
+from .arguments import check_folder, check_function
 from .distributing import Engine
 from .errors import Error
 from .fields import Fields
@@ -152,6 +152,7 @@ def design(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     check_function("progress", progress)
+    check_folder("out", out)
     told = _OncePerIteration(progress)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
         while (parts := told.next(scene, out, force)) is not None:

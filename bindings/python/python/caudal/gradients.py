@@ -188,11 +188,22 @@ class ValueAndGrad(tuple[float, dict[str, Value]]):
     """A number and its derivatives by name: a pair, which also has the notes of its simulation."""
 
     _content: _Simulation
+    _made_of: tuple[Any, ...]
 
     @functools.cached_property
     def notes(self) -> list[str]:
         """The notes of the simulation, see `Simulation.notes`."""
         return self._content.notes()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (tuple(self), *self._made_of)
+
+
+def _again(found: tuple[float, dict[str, Value]], scene: Scene, values: list[tuple[str, Any]], read: list[str]) -> ValueAndGrad:
+    """The pair, with a simulation for its notes that has not run yet."""
+    pair = ValueAndGrad(found)
+    pair._content, pair._made_of = _Simulation(scene, values, read), (scene, values, read)
+    return pair
 
 
 def value_and_grad(
@@ -235,9 +246,10 @@ def value_and_grad(
     if not isinstance(output, str):
         raise TypeError(f"output: found {output!r}; allowed: one name; of several Simulation.pull_back has derivatives")
     read = [] if output.startswith("cycle_") else [output]
-    content = _Simulation(scene, arrays_of(values), read)
+    given = arrays_of(values)
+    content = _Simulation(scene, given, read)
     found = ValueAndGrad(content.value_and_grad(output, names_of(with_respect_to, "with_respect_to")))
-    found._content = content
+    found._content, found._made_of = content, (scene, given, read)
     return found
 
 

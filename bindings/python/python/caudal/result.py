@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _film, _pictures, _run, _vtk
-from .arguments import check_function, mapping_of, names_of
+from .arguments import check_folder, check_function, mapping_of, names_of
 from .fields import Fields, unknown
 from .optional import optional
 
@@ -74,7 +74,7 @@ def run(
     """Run a scene over its duration.
 
     Other Python threads run meanwhile. Ctrl-C ends the run; what was computed is ``result`` of the exception, as it is
-    where a step fails.
+    where a step fails, or a file cannot be written.
 
     Parameters
     ----------
@@ -115,6 +115,7 @@ def run(
     scene = scene if isinstance(scene, Scene) else load(scene)
     names = None if record is None else names_of(record, "record")
     check_function("progress", progress)
+    check_folder("out", out)
     content, failure = _run(scene, names, out, force, progress)
     result = Result(scene, content)
     if failure is not None:
@@ -129,6 +130,7 @@ def export(
     *,
     figures: Optional[Union[str, Iterable[str]]] = None,
     out: Optional[Union[str, os.PathLike[str]]] = None,
+    force: bool = False,
 ) -> list[str]:
     """Turn the figures of a run, sweep, study or design into other files.
 
@@ -142,6 +144,8 @@ def export(
         Names of figures, such as ``"shape"``; by default all.
     out : str or os.PathLike, optional
         Folder for the files; by default that of the figures.
+    force : bool, optional
+        Replace files of the same names that were made of other results, which are refused otherwise.
 
     Returns
     -------
@@ -164,7 +168,9 @@ def export(
     ['shape.png', 'shape.pdf']
     """
     names = None if figures is None else names_of(figures, "figures")
-    return [os.fspath(file) for file in _pictures(folder, names, names_of(formats, "formats"), folder if out is None else out)]
+    check_folder("out", out)
+    out = folder if out is None else out
+    return [os.fspath(file) for file in _pictures(folder, names, names_of(formats, "formats"), out, force)]
 
 
 #: Where a legend covers no curve.
@@ -379,14 +385,15 @@ class Result(Mapping[str, Array]):
         speed : float, optional
             Seconds of the run per second of the film.
         sharpness : float, optional
-            Pixels per px of a picture that is 640 px wide.
+            Pixels per px of a picture that is 640 px wide, 0.05 to 20.
         window : tuple of float, optional
             First and last time that it shows (s), as far as the run has them.
 
         Raises
         ------
         caudal.errors.WriteError
-            For another ending, without ffmpeg for an ``.mp4``, and where the file cannot be written.
+            For another ending, without ffmpeg for an ``.mp4``, and where the file cannot be written. An earlier film is replaced
+            by a complete one only: after Ctrl-C it is as it was.
         """
         for name in ("x_m", "y_m"):
             if name not in self:
@@ -394,7 +401,7 @@ class Result(Mapping[str, Array]):
         positions = [np.ascontiguousarray(self[name]) for name in ("x_m", "y_m")]
         _film(path, self.scene.name, self["time_s"], positions, (fps, speed, sharpness, window))
 
-    def to_vtk(self, folder: Union[str, os.PathLike[str]]) -> list[str]:
+    def to_vtk(self, folder: Union[str, os.PathLike[str]], *, force: bool = False) -> list[str]:
         """Write the run for ParaView and other programs that read VTK.
 
         Parameters
@@ -402,6 +409,8 @@ class Result(Mapping[str, Array]):
         folder : str or os.PathLike
             It gets a collection, ``<name>.pvd``, and one file for every time. What is recorded becomes fields: of nodes and
             joints at the points, pairs of velocities as vectors, numbers as field data. ``x_m`` and ``y_m`` must be among it.
+        force : bool, optional
+            Replace files of the same names that were made of other results, which are refused otherwise.
 
         Returns
         -------
@@ -409,7 +418,8 @@ class Result(Mapping[str, Array]):
             The files.
         """
         columns = [(name, np.ascontiguousarray(values)) for name, values in self.items()]
-        return _vtk(self.scene, os.fspath(folder), columns)
+        check_folder("folder", folder)
+        return _vtk(self.scene, os.fspath(folder), columns, force)
 
     def to_html(self) -> str:
         """A self-contained page that plays the run.

@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, Callable, Literal, Optional, Union
 
 from ._caudal import Scene, _runs_of, _study
-from .arguments import check_function
+from .arguments import check_folder, check_function
 from .distributing import Engine
 from .fields import Fields
 from .optional import optional
@@ -73,6 +73,8 @@ def study(
         For options that are not allowed, and for an engine where the study is of this machine.
     caudal.errors.EngineError, caudal.errors.LostCasesError
         Where the engine cannot go on, and for runs that end the worker that makes them.
+    caudal.errors.WriteError
+        Where a file cannot be written; what was found is its ``result``.
 
     Examples
     --------
@@ -84,10 +86,16 @@ def study(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     check_function("progress", progress)
+    check_folder("out", out)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
         while (runs := _runs_of(scene, kind, asked, out, force)) is not None:
             engine.do(runs, progress)
-    return Findings(_study(scene, kind, asked, out, force, progress))
+    content, failure = _study(scene, kind, asked, out, force, progress)
+    found = Findings(content)
+    if failure is not None:
+        failure.result = found  # type: ignore[attr-defined]
+        raise failure
+    return found
 
 
 class Findings:

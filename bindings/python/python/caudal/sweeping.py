@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Scene, _rebuild, _Sweep, _toml, _units
-from .arguments import check_count, check_function, mapping_of
+from .arguments import check_count, check_folder, check_function, mapping_of
 from .distributing import Distribution, Engine, lost_error
 from .errors import Error
 from .fields import Fields, unknown
@@ -37,10 +37,17 @@ class Sweep(list[dict[str, Any]]):
         What the column of each axis shows at each level.
     sampled : set of str
         The axes that go together through the points of a sample.
+    cases : int
+        The number of its cases, with ``rows=False`` too.
+    failed : int
+        The number of those that did not reach their end.
     """
 
-    def __init__(self, rows: list[dict[str, Any]], folder: Path, axes: list[tuple[str, list[Any], bool]]) -> None:
+    def __init__(
+        self, rows: list[dict[str, Any]], folder: Path, axes: list[tuple[str, list[Any], bool]], cases: int, failed: int
+    ) -> None:
         super().__init__(map(Fields, rows))
+        self.cases, self.failed = cases, failed
         self.folder = folder
         self.axes = {name: labels for name, labels, _ in axes}
         self.sampled = {name for name, _, sampled in axes if sampled}
@@ -48,15 +55,20 @@ class Sweep(list[dict[str, Any]]):
     @property
     def complete(self) -> bool:
         """True if every case reached its end."""
-        return all(row["complete"] for row in self)
+        return self.failed == 0
+
+    def _check_rows(self) -> None:
+        """Refuse to work without rows."""
+        if self.cases and not self:
+            raise ValueError(f"this sweep was read without its rows (rows=False): {self.folder / 'table.csv'} has them, and table.parquet")
 
     def __repr__(self) -> str:
         axes = ", ".join(f"{name} ({len(levels)})" for name, levels in self.axes.items())
-        failed = sum(not row["complete"] for row in self)
-        return f"<caudal.Sweep of {len(self)} cases over {axes}; {failed} failed>"
+        return f"<caudal.Sweep of {self.cases} cases over {axes}; {self.failed} failed>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Sweep, (list(self), self.folder, [(name, axis, name in self.sampled) for name, axis in self.axes.items()])
+        axes = [(name, axis, name in self.sampled) for name, axis in self.axes.items()]
+        return Sweep, (list(self), self.folder, axes, self.cases, self.failed)
 
     def to_pandas(self) -> pandas.DataFrame:
         """The table as a data frame.
@@ -66,6 +78,7 @@ class Sweep(list[dict[str, Any]]):
         pandas.DataFrame
             One row per case, whose number is the index.
         """
+        self._check_rows()
         pd = optional("pandas", "to_pandas()")
         frame: pandas.DataFrame = pd.DataFrame(list(self)).set_index("case")
         return frame
@@ -80,6 +93,7 @@ class Sweep(list[dict[str, Any]]):
             pairs and profiles, are text. Cases that are not there, did not reach their end or have no such number are NaN, but for
             ``complete`` and ``end_time_s``. Variables of the table of variables have ``units`` and ``long_name``.
         """
+        self._check_rows()
         xr = optional("xarray", "to_xarray()")
         dimensions: dict[str, int] = {}
         coordinates: dict[str, Any] = {}
@@ -118,6 +132,7 @@ class Sweep(list[dict[str, Any]]):
         matplotlib.figure.Figure
             The figure.
         """
+        self._check_rows()
         optional("matplotlib", "plot()")
         from matplotlib.figure import Figure
 
@@ -263,6 +278,8 @@ def sweep(
         Where the engine cannot go on: its scheduler is gone, or a worker has another version.
     caudal.errors.LostCasesError
         For cases that end the worker that runs them; the table has all others.
+    caudal.errors.WriteError
+        Where a file cannot be written; the rows are its ``result``.
 
     Examples
     --------
@@ -273,6 +290,7 @@ def sweep(
     >>> rows
     <caudal.Sweep of 4 cases over actuation.kappa_amp (2), rod.nodes (2); 0 failed>
     """
+    check_folder("out", out)
     sources: dict[Path, bytes] = {}
     if axes is not None or isinstance(path, (Scene, Mapping)):
         path, out, sources = _as_files(path, mapping_of(axes, "axes"), samples, set, out)
@@ -289,14 +307,18 @@ def sweep(
                 at_work.run(told)
             else:
                 lost = Distribution(at_work, engine, told).run()
-        table = at_work.finish(rows)
+        table, (cases, failed), unwritten = at_work.finish(rows)
     finally:
         at_work.close()
     if lost:
         error = lost_error(at_work, lost)
         error.rows = table
-        raise error
-    return Sweep(table, at_work.folder, at_work.axes)
+        raise error from unwritten
+    found = Sweep(table, at_work.folder, at_work.axes, cases, failed)
+    if unwritten is not None:
+        unwritten.result = found  # type: ignore[attr-defined]
+        raise unwritten
+    return found
 
 
 def _as_files(
@@ -316,7 +338,10 @@ def _as_files(
     # An axis replaces what the source overrides; `set` of an axis stays, and is refused.
     replaced = axes.keys() - (set or {}).keys()
     overrides = [override for override, key in zip(overrides, _overridden_keys(scene)) if key not in replaced]
-    if not (_is_unchanged(scene) and _is_order_independent(scene)):
+    # A table that was overridden with the key of an axis in it, or the other way, is no line of its own.
+    inherited = _overridden_keys(scene)[: len(scene.overrides) - len(set or {})]
+    parts = any(_is_within(axis, key) or _is_within(key, axis) for axis in replaced for key in inherited)
+    if parts or not (_is_unchanged(scene) and _is_order_independent(scene)):
         base, overrides = folder / "scene.toml", []
         sources.update((folder / name, content) for name, content in scene._standalone(base.name))
     lines = [f"name = {_toml(f'{scene.name}-sweep')}", f"scene = {_toml(str(base.resolve()))}", "[set]", *overrides]
@@ -326,6 +351,10 @@ def _as_files(
     path = folder / "sweep.toml"
     sources[path] = ("\n".join(lines) + "\n").encode()
     return path, out, sources
+
+
+def _is_within(key: str, table: str) -> bool:
+    return key.startswith(f"{table}.")
 
 
 def _overridden_keys(scene: Scene) -> list[str]:

@@ -10,6 +10,7 @@ use crate::report::Findings;
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
+use crate::wording::Word;
 
 /// Initial distance of two nearby runs, over the length.
 pub const INITIAL_PERTURBATION: f64 = 1e-9;
@@ -77,7 +78,7 @@ pub fn without_reference(
         } else if apart {
             format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller --steps may find a reference, and the notes of a run of this scene may say what is wrong.")
         } else {
-            format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
+            format!("{common}: the motion is not chaotic but not resolved; smaller {} may find a reference.", Word::Steps)
         });
     }
     findings.answers.push("No errors are given, because there is nothing to measure them against.".to_string());

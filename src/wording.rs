@@ -1,0 +1,99 @@
+//! Words that each face of the program says in its own way: what is an option of the command is an argument in Python.
+//!
+//! A message is composed with a [`Word`], which is written as the face of this program says it. No finished text is searched, so the
+//! names of a user's files stay as they are.
+
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What a user speaks to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Face {
+    /// The command, and hosts without words of their own.
+    Command,
+    /// The Python package.
+    Python,
+}
+
+/// True where this program is the Python package.
+static IS_PYTHON: AtomicBool = AtomicBool::new(false);
+
+/// From now on all messages of this program are in the words of `face`; they are the command's at first.
+pub fn speak_as(face: Face) {
+    IS_PYTHON.store(face == Face::Python, Ordering::Relaxed);
+}
+
+/// What faces say differently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Word {
+    /// Choose another folder.
+    OtherFolder,
+    /// Replace what is there.
+    Replace,
+    /// Begin anew.
+    Restart,
+    /// Take so many threads; a number follows.
+    Jobs,
+    /// Before an override of a key.
+    Override,
+    /// Before an override of a key that was given to a sweep.
+    Set,
+    /// What runs a sweep.
+    RunsSweep,
+    /// What runs a scene.
+    RunsScene,
+    /// What makes the folder of a run.
+    MakesFolder,
+    /// What leaves figures.
+    LeavesFigures,
+    /// What lists the variables of a scene.
+    ListsVariables,
+    /// Where the shared library of an FMU is given.
+    Library,
+    /// The steps of a study.
+    Steps,
+}
+
+impl Word {
+    /// As a face says it.
+    fn said_by(self, face: Face) -> &'static str {
+        let [command, python] = match self {
+            Self::OtherFolder => ["choose another folder with --out", "choose another folder"],
+            Self::Replace => ["replace it with --force", "replace it with `force=True`"],
+            Self::Restart => ["begin anew with --restart", "begin anew with `restart=True`"],
+            Self::Jobs => ["--jobs ", "jobs="],
+            Self::Override => ["override ", ""],
+            Self::Set => ["--set ", ""],
+            Self::RunsSweep => ["`caudal sweep` runs it", "`caudal.sweep` runs it"],
+            Self::RunsScene => ["`caudal run` runs it", "`caudal.run` runs it"],
+            Self::MakesFolder => ["`caudal run SCENE` makes", "`caudal.run` with `out=` makes"],
+            Self::LeavesFigures => ["`caudal run` leaves", "`caudal.run` with `out=` leaves"],
+            Self::ListsVariables => ["`caudal variables SCENE` lists", "`Stepper.variables` lists"],
+            Self::Library => ["--library", "`library=`"],
+            Self::Steps => ["--steps", "`steps=`"],
+        };
+        match face {
+            Face::Command => command,
+            Face::Python => python,
+        }
+    }
+}
+
+impl fmt::Display for Word {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let face = if IS_PYTHON.load(Ordering::Relaxed) { Face::Python } else { Face::Command };
+        f.write_str(self.said_by(face))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Face, Word};
+
+    #[test]
+    fn an_option_of_the_command_is_an_argument_in_python() {
+        assert_eq!(Word::Replace.said_by(Face::Command), "replace it with --force");
+        assert_eq!(Word::Replace.said_by(Face::Python), "replace it with `force=True`");
+        assert_eq!(Word::Replace.to_string(), "replace it with --force");
+    }
+}
