@@ -998,7 +998,7 @@ mod tests {
         let cases = two_axes([("a", &[1.0, 2.0, 3.0]), ("b", &[1.0, 2.0])], way);
         let column = &cases.columns[0];
         let (effects, caption) = cases.effects(&[0, 1], &QUANTITIES[0], column, &cases.parts()).unwrap();
-        let [a, b] = &effects.series[0].1[..] else { panic!() };
+        let (a, b) = (&effects.series[0].1[0], &effects.series[0].1[1]);
         assert!((b[1] / b[0] - 2.0).abs() < 1e-12, "{b:?}");
         assert!((a[1] / a[0] - 2.0).abs() < 1e-12 && (a[2] / a[0] - 1000.0).abs() < 1e-9, "{a:?}");
         assert!(caption.contains("1 of 2 for a, 2 of 3 for b"), "{caption}");
