@@ -52,6 +52,10 @@ pub(crate) enum Word {
     Library,
     /// The steps of a study.
     Steps,
+    /// What has derivatives of sums over times and nodes.
+    PullsBack,
+    /// What tells the natural modes of a scene.
+    TellsModes,
 }
 
 impl Word {
@@ -71,6 +75,8 @@ impl Word {
             Self::ListsVariables => ["`caudal variables SCENE` lists", "`Stepper.variables` lists"],
             Self::Library => ["--library", "`library=`"],
             Self::Steps => ["--steps", "`steps=`"],
+            Self::PullsBack => ["Simulation::pull_back", "`Simulation.pull_back`"],
+            Self::TellsModes => ["`caudal study modes` says", "`caudal.study(\"modes\", scene)` says"],
         };
         match face {
             Face::Command => command,

@@ -14,6 +14,7 @@ use super::trajectory::Trajectory;
 use crate::cycle::derivatives;
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::scene::{Document, Scene};
+use crate::wording::Word;
 
 /// Numbers in rows: one (no dimension), a list, or a row per time.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -709,7 +710,7 @@ impl Simulation {
         let values = self.outputs()?.into_iter().find(|(name, _)| *name == output).map(|(_, values)| values);
         let Some(Array { shape, mut values }) = values else { return Err(refusal(format!("`{output}` was not read"))) };
         let Some(value) = values.last().copied().filter(|_| shape.len() == 1) else {
-            return Err(refusal(format!("{output} has a number for every node; weigh them in Simulation::pull_back")));
+            return Err(refusal(format!("{output} has a number for every node; weigh them in {}", Word::PullsBack)));
         };
         values.fill(0.0);
         values.last_mut().into_iter().for_each(|last| *last = 1.0);
