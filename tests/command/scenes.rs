@@ -338,7 +338,7 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
         ),
         (
             "loads.point.9.node=3",
-            "override loads.point.9.node=3: loads.point.9: found a place in a list without entries; allowed: the whole list, in brackets",
+            "override loads.point.9.node=3: loads.point.9: found place 9 of a list with 2 entries; allowed: 0 to 1",
         ),
         ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
         (
