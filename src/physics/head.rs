@@ -266,6 +266,9 @@ fn longest_in_table(rows: &[Row], t: f64, wanted: f64) -> f64 {
         return longest;
     }
     for count in (0..).map(|power| 1_usize << power) {
+        if longest.min(reached - t) >= wanted {
+            break;
+        }
         let Some([between @ .., last]) = rows.get(after..after + count + 1) else { break };
         let mean = (last.value - from.value) / (last.time - from.time);
         let evenly = |row: &Row| from.value + mean * (row.time - from.time);
@@ -277,9 +280,6 @@ fn longest_in_table(rows: &[Row], t: f64, wanted: f64) -> f64 {
         }
         longest = longest.max((last.time - from.time) / STEPS_PER_INTERPOLATED_SPAN);
         reached = last.time;
-        if longest.min(reached - t) >= wanted {
-            break;
-        }
     }
     // What is beyond the rows that were looked at may be a burst.
     longest.min(reached - t)
