@@ -44,7 +44,7 @@ impl Default for ModesOptions {
 }
 
 /// A motion with at least this damping ratio hardly resonates: its largest amplitude is 15 % above that of a slow drive.
-const OVERDAMPED: f64 = 0.5;
+const STRONGLY_DAMPED: f64 = 0.5;
 
 /// Fraction of the density that stands for no fluid, since drag laws may divide by it.
 const VACUUM: f64 = 1e-12;
@@ -87,7 +87,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     }
     if let Some(drive) = drive {
         let ratio = TAU * drive / first.frequency;
-        let damped = damping.filter(|damping| *damping >= OVERDAMPED);
+        let damped = damping.filter(|damping| *damping >= STRONGLY_DAMPED);
         let says = if ratio < 0.1 {
             "far below it: the rod takes the curvature of the actuation, and the fluid determines its motion"
                 .to_string()

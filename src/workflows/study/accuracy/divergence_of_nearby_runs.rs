@@ -76,7 +76,7 @@ pub fn without_reference(
         findings.answers.push(if apart && is_chaotic(rate, end) {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
         } else if apart {
-            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller --steps may find a reference, and the notes of a run of this scene may say what is wrong.")
+            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller {} may find a reference, and the notes of a run of this scene may say what is wrong.", Word::Steps)
         } else {
             format!("{common}: the motion is not chaotic but not resolved; smaller {} may find a reference.", Word::Steps)
         });
