@@ -1,6 +1,6 @@
 //! Words that each face of the program says in its own way: what is an option of the command is an argument in Python.
 //!
-//! A message is composed with a [`Word`], which is written as the face of this program says it. No finished text is searched, so the
+//! A message is composed with a `Word`, which is written as the face of this program says it. No finished text is searched, so the
 //! names of a user's files stay as they are.
 
 use std::fmt;
@@ -25,6 +25,7 @@ pub fn speak_as(face: Face) {
 
 /// What faces say differently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(feature = "cli"), allow(dead_code, reason = "the parts that say some of them are left out"))]
 pub(crate) enum Word {
     /// Choose another folder.
     OtherFolder,

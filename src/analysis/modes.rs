@@ -122,8 +122,7 @@ impl Modes {
         Self::of_matrices(&Matrices::of_natural_modes(model)?, winches)
     }
 
-    /// The modes of M and K of `matrices`, of which K is that of rod and servo alone, beside
-    /// [`winches`](crate::tendons::Tendons::stiffness_over_inertia).
+    /// The modes of M and K of `matrices`, of which K is that of rod and servo alone, beside [`winches`](Self::winches).
     ///
     /// # Errors
     /// Those of [`of`](Self::of).
