@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// How a run comes to smaller steps, whoever chooses them.
 const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance where that is not given)";
@@ -43,7 +43,7 @@ pub enum Error {
         reason: String,
     },
     /// A folder holds other results than those that would be written.
-    #[error("{}: holds {holds}, not {wanted}; {}, or {}", path.display(), Word::OtherFolder, Word::Replace)]
+    #[error("{}: holds {holds}, not {wanted}; {}, or {}", path.display(), Phrase::OtherFolder, Phrase::Replace)]
     Occupied {
         /// The folder.
         path: PathBuf,
@@ -53,7 +53,7 @@ pub enum Error {
         wanted: String,
     },
     /// Another program is at work in a folder of results.
-    #[error("{}: another program is at work in it; wait for its end, or {}", path.display(), Word::OtherFolder)]
+    #[error("{}: another program is at work in it; wait for its end, or {}", path.display(), Phrase::OtherFolder)]
     Busy {
         /// The folder.
         path: PathBuf,
@@ -85,7 +85,7 @@ pub enum Error {
         problem: String,
     },
     /// The system allows fewer threads than were requested.
-    #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with {}{}", Word::Jobs, (*started / 2).max(1))]
+    #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with {}{}", Phrase::Jobs, (*started / 2).max(1))]
     Threads {
         /// The number of requested threads.
         wanted: usize,
@@ -327,7 +327,7 @@ fn remedy(needs: Option<&str>, nearest: Option<&str>) -> String {
     }
     match nearest {
         Some(_) => did_you_mean(nearest),
-        None => format!("; {} them", Word::ListsVariables),
+        None => format!("; {} them", Phrase::ListsVariables),
     }
 }
 

@@ -49,11 +49,9 @@ impl CreatedFolders {
         }
         Ok(made)
     }
-}
 
-impl CreatedFolders {
-    /// The folder at `path`, as if it had been created here.
-    pub fn again(path: &Path) -> Self {
+    /// The folder at `path`, which is there, as if it had been created here.
+    pub fn adopted(path: &Path) -> Self {
         Self(vec![path.to_path_buf()])
     }
 }

@@ -1,6 +1,6 @@
-//! Words that each face of the program says in its own way: what is an option of the command is an argument in Python.
+//! Phrases that each front end of the program says in its own way: what is an option of the command is an argument in Python.
 //!
-//! A message is composed with a `Word`, which is written as the face of this program says it. No finished text is searched, so the
+//! A message is composed with a `Phrase`, which is written as the front end of this program says it. No finished text is searched, so the
 //! names of a user's files stay as they are.
 
 use std::fmt;
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a user speaks to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Face {
+pub enum Frontend {
     /// The command, and hosts without words of their own.
     Command,
     /// The Python package.
@@ -18,15 +18,15 @@ pub enum Face {
 /// True where this program is the Python package.
 static IS_PYTHON: AtomicBool = AtomicBool::new(false);
 
-/// From now on all messages of this program are in the words of `face`; they are the command's at first.
-pub fn speak_as(face: Face) {
-    IS_PYTHON.store(face == Face::Python, Ordering::Relaxed);
+/// From now on all messages of this program are in the words of `frontend`; they are the command's at first.
+pub fn set_frontend(frontend: Frontend) {
+    IS_PYTHON.store(frontend == Frontend::Python, Ordering::Relaxed);
 }
 
-/// What faces say differently.
+/// What front ends say differently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(not(feature = "cli"), allow(dead_code, reason = "the parts that say some of them are left out"))]
-pub(crate) enum Word {
+pub(crate) enum Phrase {
     /// Choose another folder.
     OtherFolder,
     /// Replace what is there.
@@ -59,9 +59,9 @@ pub(crate) enum Word {
     TellsModes,
 }
 
-impl Word {
-    /// As a face says it.
-    fn said_by(self, face: Face) -> &'static str {
+impl Phrase {
+    /// As a front end says it.
+    fn said_by(self, frontend: Frontend) -> &'static str {
         let [command, python] = match self {
             Self::OtherFolder => ["choose another folder with --out", "choose another folder"],
             Self::Replace => ["replace it with --force", "replace it with `force=True`"],
@@ -79,28 +79,28 @@ impl Word {
             Self::PullsBack => ["Simulation::pull_back", "`Simulation.pull_back`"],
             Self::TellsModes => ["`caudal study modes` says", "`caudal.study(\"modes\", scene)` says"],
         };
-        match face {
-            Face::Command => command,
-            Face::Python => python,
+        match frontend {
+            Frontend::Command => command,
+            Frontend::Python => python,
         }
     }
 }
 
-impl fmt::Display for Word {
+impl fmt::Display for Phrase {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let face = if IS_PYTHON.load(Ordering::Relaxed) { Face::Python } else { Face::Command };
-        f.write_str(self.said_by(face))
+        let frontend = if IS_PYTHON.load(Ordering::Relaxed) { Frontend::Python } else { Frontend::Command };
+        f.write_str(self.said_by(frontend))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Face, Word};
+    use super::{Frontend, Phrase};
 
     #[test]
     fn an_option_of_the_command_is_an_argument_in_python() {
-        assert_eq!(Word::Replace.said_by(Face::Command), "replace it with --force");
-        assert_eq!(Word::Replace.said_by(Face::Python), "replace it with `force=True`");
-        assert_eq!(Word::Replace.to_string(), "replace it with --force");
+        assert_eq!(Phrase::Replace.said_by(Frontend::Command), "replace it with --force");
+        assert_eq!(Phrase::Replace.said_by(Frontend::Python), "replace it with `force=True`");
+        assert_eq!(Phrase::Replace.to_string(), "replace it with --force");
     }
 }

@@ -27,7 +27,7 @@ use crate::stepper::Stepper;
 use crate::system::Form;
 use crate::tendons::Tendon;
 use crate::variable::Variable;
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³. So is what follows from
 /// the shapes that the drive prescribes, which are many whole states.
@@ -936,7 +936,7 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
         let [least, most] = damping.range(rod).map(|time| significant(time, 3));
         return format!(
             "τ = {least} to {most} s in bending along the rod; {} the damping ratios of its modes",
-            Word::TellsModes
+            Phrase::TellsModes
         );
     };
     let ratios: Vec<String> = modes.bending.iter().take(3).map(|omega| significant(0.5 * time * omega, 3)).collect();

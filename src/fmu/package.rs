@@ -11,7 +11,7 @@ use super::component::Fmu;
 use super::{documentation, terminals};
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error};
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// The folders of binaries in FMI 2.0 and 3.0 for the platform of a shared library, and its suffix.
 fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
@@ -116,7 +116,7 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
              makes it, or give its place with {}",
             library_name(),
             folder.display(),
-            Word::Library
+            Phrase::Library
         ))
     })
 }

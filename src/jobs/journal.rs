@@ -12,7 +12,7 @@ use twox_hash::{XxHash3_64, XxHash3_128};
 
 use crate::error::{Error, Result};
 use crate::files::write_error;
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// A power cut costs at most the results of about this time.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
@@ -104,7 +104,7 @@ fn note_held(file: &File, held: bool) {
 
 /// The error for a journal at `path` of another job, with the `difference` between the two.
 pub(crate) fn of_another_job(path: &Path, difference: &str) -> Error {
-    let remedy = format!("finish that one, {}, or {}", Word::OtherFolder, Word::Restart);
+    let remedy = format!("finish that one, {}, or {}", Phrase::OtherFolder, Phrase::Restart);
     journal_error(path, format!("it holds the results of another job: {difference}; {remedy}"))
 }
 
@@ -184,7 +184,7 @@ impl Journal {
                 }
             }
             FirstLine::Other => {
-                let problem = format!("it is no journal of results, or its beginning is damaged; {}", Word::Restart);
+                let problem = format!("it is no journal of results, or its beginning is damaged; {}", Phrase::Restart);
                 return Err(journal_error(path, problem));
             }
         }

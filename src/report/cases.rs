@@ -229,14 +229,14 @@ fn unevenness(numbers: &[f64], onto: fn(f64) -> f64) -> f64 {
 }
 
 /// Cases whose averages compare like with like: those of the combinations of the other axes that have a value at every level of one.
-struct Balanced {
+struct BalancedCases {
     cases: Vec<usize>,
     /// The number of these combinations, and that of all; none for a sampled axis, whose cases have no combinations in common.
     complete: usize,
     combinations: usize,
 }
 
-impl Balanced {
+impl BalancedCases {
     fn is_whole(&self) -> bool {
         self.complete == self.combinations
     }
@@ -512,10 +512,14 @@ impl Cases {
     }
 
     /// The cases of `cases` to average over at each level of an axis.
-    fn balanced(&self, axis: usize, groups: &Groups, column: &[f64], cases: &[usize]) -> Balanced {
+    fn balanced(&self, axis: usize, groups: &Groups, column: &[f64], cases: &[usize]) -> BalancedCases {
         let known = |i: &usize| column[*i].is_finite();
         if self.axes[axis].sampled {
-            return Balanced { cases: cases.iter().copied().filter(known).collect(), complete: 0, combinations: 0 };
+            return BalancedCases {
+                cases: cases.iter().copied().filter(known).collect(),
+                complete: 0,
+                combinations: 0,
+            };
         }
         let mut found: BTreeMap<Vec<usize>, (BTreeSet<usize>, Vec<usize>)> = BTreeMap::new();
         for i in cases {
@@ -531,7 +535,7 @@ impl Cases {
         let complete = found.len();
         let mut cases: Vec<usize> = found.into_values().flat_map(|(_, own)| own).collect();
         cases.sort_unstable(); // sums in the order of the cases
-        Balanced { cases, complete, combinations }
+        BalancedCases { cases, complete, combinations }
     }
 
     fn titled(&self, what: &str, label: &str) -> String {
@@ -690,15 +694,15 @@ impl Cases {
     ) -> Option<(Effects, String)> {
         let values = || column.iter().filter(|x| x.is_finite());
         let relative = values().all(|x| *x > 0.0) || values().all(|x| *x < 0.0);
-        struct Panel {
+        struct EffectPanel {
             axis: usize,
             groups: Groups,
-            parts: Vec<Balanced>,
+            parts: Vec<BalancedCases>,
         }
         let panel = |axis: &usize| {
             let groups = self.axes[*axis].groups();
             let parts = parts.iter().map(|(_, cases)| self.balanced(*axis, &groups, column, cases)).collect();
-            Panel { axis: *axis, groups, parts }
+            EffectPanel { axis: *axis, groups, parts }
         };
         let (panels, empty): (Vec<_>, Vec<_>) =
             shown.iter().map(panel).partition(|panel| panel.parts.iter().any(|part| !part.cases.is_empty()));
@@ -706,7 +710,7 @@ impl Cases {
             return None;
         }
         let series = parts.iter().enumerate().map(|(k, (label, _))| {
-            let of = |Panel { axis, groups, parts }: &Panel| {
+            let of = |EffectPanel { axis, groups, parts }: &EffectPanel| {
                 let cases = &parts[k].cases;
                 let mean = cases.iter().map(|i| column[*i]).sum::<f64>() / cases.len() as f64;
                 let scale = if relative { mean } else { 1.0 };
@@ -714,14 +718,14 @@ impl Cases {
             };
             (label.clone(), panels.iter().map(of).collect())
         });
-        let name = |panel: &Panel| self.axes[panel.axis].name.as_str();
-        let is_whole = panels.iter().flat_map(|panel| &panel.parts).all(Balanced::is_whole);
+        let name = |panel: &EffectPanel| self.axes[panel.axis].name.as_str();
+        let is_whole = panels.iter().flat_map(|panel| &panel.parts).all(BalancedCases::is_whole);
         let mut caption = format!("The {} at each level of an axis, averaged over ", quantity.name);
         if is_whole && empty.is_empty() {
             caption += "all other axes.";
         } else {
-            let count = |panel: &Panel| {
-                let sum = |of: fn(&Balanced) -> usize| panel.parts.iter().map(of).sum::<usize>();
+            let count = |panel: &EffectPanel| {
+                let sum = |of: fn(&BalancedCases) -> usize| panel.parts.iter().map(of).sum::<usize>();
                 let (complete, all) = (sum(|part| part.complete), sum(|part| part.combinations));
                 (all > 0).then(|| format!("{complete} of {all} for {}", name(panel)))
             };
@@ -733,14 +737,14 @@ impl Cases {
                 caption += &format!(" {} is left out: it has no such combination.", names.join(", "));
             }
         }
-        let uneven = |panel: &Panel| {
+        let uneven = |panel: &EffectPanel| {
             let axis = &self.axes[panel.axis];
             axis.numbers.is_some() && !axis.sampled && unevenness(&panel.groups.at, |x| x) > 1.0 + EVEN_TOLERANCE
         };
         if panels.iter().any(uneven) {
             caption += " Levels are drawn equally far apart, whatever their values.";
         }
-        let axis = |Panel { axis, groups, .. }: &Panel| {
+        let axis = |EffectPanel { axis, groups, .. }: &EffectPanel| {
             let CaseAxis { name, numbers, .. } = &self.axes[*axis];
             EffectAxis { name: name.clone(), labels: groups.labels.clone(), joined: numbers.is_some() }
         };

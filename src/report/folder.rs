@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::files::{CreatedFolders, PARTIAL, WrittenFiles, partial_file, partial_file_with, persist, write_error};
 use crate::jobs::{BUILD, Journal};
 use crate::scene::Scene;
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// Name of the manifest.
 pub const MANIFEST: &str = "manifest.json";
@@ -143,7 +143,8 @@ impl Manifest {
                     Ok(Some(manifest))
                 }
                 _ => {
-                    let reason = format!("it is no manifest of results; {}, or {}", Word::OtherFolder, Word::Replace);
+                    let reason =
+                        format!("it is no manifest of results; {}, or {}", Phrase::OtherFolder, Phrase::Replace);
                     Err(Error::Read { path: file, reason })
                 }
             },
@@ -578,7 +579,7 @@ impl Folder {
         {
             let _ = exported.save(); // that of before lists what is there, and more
             exported.new = true; // so that it goes where nothing is left
-            exported.made = CreatedFolders::again(&within);
+            exported.made = CreatedFolders::adopted(&within);
         }
     }
 

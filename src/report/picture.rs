@@ -10,7 +10,7 @@ use resvg::usvg::{Options, Tree, WriteOptions};
 use super::folder::{Claim, Folder, Owner};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// The font of figures; its licence lies beside it.
 const FONT: &[u8] = include_bytes!("fonts/DejaVuSans.ttf");
@@ -109,7 +109,7 @@ pub fn convert(
 ) -> Result<WrittenFiles> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
     if !folder.exists() {
-        return Err(read(folder, format!("there is no such folder; {} the folder of a run", Word::MakesFolder)));
+        return Err(read(folder, format!("there is no such folder; {} the folder of a run", Phrase::MakesFolder)));
     }
     let files: Vec<PathBuf> = match names {
         Some(names) => names.iter().map(|name| folder.join(format!("{}.svg", name.trim_end_matches(".svg")))).collect(),
@@ -122,7 +122,7 @@ pub fn convert(
         }
     };
     if files.is_empty() {
-        return Err(read(folder, format!("it holds no figures (.svg); {} some", Word::LeavesFigures)));
+        return Err(read(folder, format!("it holds no figures (.svg); {} some", Phrase::LeavesFigures)));
     }
     let painter = SvgRenderer::new();
     let of = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());

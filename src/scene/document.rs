@@ -21,7 +21,7 @@ use super::{
 };
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::reduced::FluidChoice;
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// Size limit of a scene file.
 const MAX_BYTES: u64 = 16 << 20;
@@ -214,7 +214,7 @@ impl Document {
     /// # Errors
     /// [`Error::Scene`] for any other form.
     pub fn set(&mut self, assignment: &str) -> Result<()> {
-        self.set_as(&Word::Override.to_string(), assignment)
+        self.set_as(&Phrase::Override.to_string(), assignment)
     }
 
     /// The same, where errors have `before` in front of the override, as the option of a command.
@@ -351,7 +351,7 @@ impl Document {
 
     fn scene_from(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         if root.get_ref().contains_key("axes") && root.get_ref().contains_key("scene") {
-            let problem = format!("this is a sweep, not a scene; {}", Word::RunsSweep);
+            let problem = format!("this is a sweep, not a scene; {}", Phrase::RunsSweep);
             let fault = KeyError { key: "axes".to_string(), problem };
             return Err(self.error(root, span_of(root.get_ref(), &fault.key), &fault));
         }

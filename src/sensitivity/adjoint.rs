@@ -1,6 +1,6 @@
 //! Adjoint (reverse) derivatives of one number by all parameters: backwards over a stored simulation, one transposed solve per step.
 
-use super::checkpoints::{Checkpoints, StepMaker, StoredStates};
+use super::checkpoints::{Checkpoints, ReverseStates, StepSolver};
 use super::controls::{Controls, Cotangents, Weights};
 use super::equations::Equations;
 use super::output::{ActuatorState, Gradient, LocalDerivatives, Output, OutputContext};
@@ -33,9 +33,9 @@ impl Problem {
         if weights.len() != expected {
             return Err(Error::WrongLength { name: "weights", expected, found: weights.len() });
         }
-        trajectory.check(self.model(), (0..self.steps.count() + 1).map(|n| self.steps.time(n)))?;
+        let states = self.states_of(trajectory)?;
         let weights = Weights { outputs: weights, ..Weights::default() };
-        Ok(self.backward_pass(parameters, outputs, weights, StoredStates::of(trajectory), [false; 2])?.parameters)
+        Ok(self.backward_pass(parameters, outputs, weights, states, [false; 2])?.parameters)
     }
 
     /// The same for a simulation of this problem of which `checkpoints` are kept.
@@ -62,8 +62,14 @@ impl Problem {
         weights: Weights<'_>,
         trajectory: &Trajectory,
     ) -> Result<Cotangents> {
+        let states = self.states_of(trajectory)?;
+        self.backward_pass(parameters, outputs, weights, states, [true; 2])
+    }
+
+    /// The states of a `trajectory`, if it is one of this problem.
+    fn states_of<'a>(&self, trajectory: &'a Trajectory) -> Result<ReverseStates<'a>> {
         trajectory.check(self.model(), (0..self.steps.count() + 1).map(|n| self.steps.time(n)))?;
-        self.backward_pass(parameters, outputs, weights, StoredStates::of(trajectory), [true; 2])
+        Ok(ReverseStates::of(trajectory))
     }
 
     /// Goes back over the `states`; `by_controls`: by the natural curvature of each time, too, and by the forces.
@@ -72,7 +78,7 @@ impl Problem {
         parameters: &[Parameter],
         outputs: &[Output],
         weights: Weights<'_>,
-        mut states: StoredStates<'_>,
+        mut states: ReverseStates<'_>,
         [by_natural, by_forces]: [bool; 2],
     ) -> Result<Cotangents> {
         self.check(parameters, outputs)?;
@@ -102,7 +108,7 @@ impl Problem {
         let mut state = State::zeros(unknowns);
         let newton = self.newton()?;
         let Self { dynamics, finite_differences, directions, controls, start: given, integrator, .. } = self;
-        let mut again = StepMaker { newton, integrator: integrator.as_mut(), controls, grid: steps };
+        let mut again = StepSolver { newton, integrator: integrator.as_mut(), controls, grid: steps };
         let mut scratch = Gradient::new(&dynamics.model, &[]);
         let held = dynamics.model.head.is_some();
         let joints = dynamics.model.rod.joints();

@@ -49,22 +49,22 @@ impl Checkpoints {
     }
 
     /// The states, to go back over.
-    pub(super) fn states(&self) -> StoredStates<'_> {
-        StoredStates { every: self.every, kept: &self.kept, memory: &self.memory, interval: None }
+    pub(super) fn states(&self) -> ReverseStates<'_> {
+        ReverseStates { every: self.every, kept: &self.kept, memory: &self.memory, interval: None }
     }
 }
 
-/// Makes the steps of a simulation.
+/// Solves the steps of a simulation.
 #[derive(Debug)]
-pub(super) struct StepMaker<'a> {
+pub(super) struct StepSolver<'a> {
     pub(super) newton: Newton,
     pub(super) integrator: &'a mut dyn Integrator,
     pub(super) controls: &'a Controls,
     pub(super) grid: TimeGrid,
 }
 
-impl StepMaker<'_> {
-    /// Makes the step from `state` to time `n`, with the result in both, and what was in `state` nowhere.
+impl StepSolver<'_> {
+    /// Moves `state` by the step to time `n`; `next` is room to work in.
     pub(super) fn step(&mut self, dynamics: &mut Dynamics, n: usize, [state, next]: [&mut State; 2]) -> Result<()> {
         next.t = self.grid.time(n);
         self.controls.apply(dynamics, n);
@@ -76,7 +76,7 @@ impl StepMaker<'_> {
 
 /// The states of a simulation, which are asked for from the last to the first.
 #[derive(Debug)]
-pub(super) struct StoredStates<'a> {
+pub(super) struct ReverseStates<'a> {
     every: usize,
     kept: &'a Trajectory,
     memory: &'a [f64],
@@ -84,7 +84,7 @@ pub(super) struct StoredStates<'a> {
     interval: Option<(usize, Trajectory)>,
 }
 
-impl<'a> StoredStates<'a> {
+impl<'a> ReverseStates<'a> {
     /// Those of a trajectory, which has all.
     pub(super) fn of(trajectory: &'a Trajectory) -> Self {
         Self { every: 1, kept: trajectory, memory: &[], interval: None }
@@ -96,7 +96,7 @@ impl<'a> StoredStates<'a> {
         n: usize,
         state: &mut State,
         dynamics: &mut Dynamics,
-        steps: &mut StepMaker<'_>,
+        steps: &mut StepSolver<'_>,
     ) -> Result<()> {
         if self.every == 1 {
             self.kept.load(n, state);
@@ -118,7 +118,7 @@ impl<'a> StoredStates<'a> {
         i: usize,
         state: &mut State,
         dynamics: &mut Dynamics,
-        steps: &mut StepMaker<'_>,
+        steps: &mut StepSolver<'_>,
     ) -> Result<(usize, Trajectory)> {
         let first = i * self.every;
         self.kept.load(i, state);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::checkpoints::{Checkpoints, StepMaker};
+use super::checkpoints::{Checkpoints, StepSolver};
 use super::controls::Controls;
 use super::finite_difference::FiniteDifference;
 use super::output::Output;
@@ -337,7 +337,7 @@ impl Problem {
         let check_interruption = self.check_interruption();
         let newton = self.newton()?;
         let Self { dynamics, integrator, controls, steps: grid, start, .. } = self;
-        let mut steps = StepMaker { newton, integrator: integrator.as_mut(), controls, grid: *grid };
+        let mut steps = StepSolver { newton, integrator: integrator.as_mut(), controls, grid: *grid };
         controls.apply(dynamics, 0);
         let mut state = dynamics.first_state();
         if start.write([&mut state.q, &mut state.v]) {

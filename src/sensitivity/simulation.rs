@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::checkpoints::{Checkpoints, StoredStates};
+use super::checkpoints::{Checkpoints, ReverseStates};
 use super::controls::{Controls, Weights};
 use super::forward::Sensitivities;
 use super::output::Output;
@@ -14,7 +14,7 @@ use super::trajectory::Trajectory;
 use crate::cycle::derivatives;
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::scene::{Document, Scene};
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// Numbers in rows: one (no dimension), a list, or a row per time.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -241,7 +241,7 @@ const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
 ///
 /// What is kept of the states of a simulation.
 #[derive(Debug)]
-enum SimulatedStates {
+enum KeptStates {
     /// All of them, which are read.
     All(Trajectory),
     /// What derivatives need.
@@ -266,7 +266,7 @@ pub struct Simulation {
     phase: f64,
     /// Names of the parameters given over time.
     over_time: Vec<String>,
-    simulated: Option<(SimulatedStates, Sensitivities)>,
+    simulated: Option<(KeptStates, Sensitivities)>,
     /// A mean over cycles was asked for.
     has_mean: bool,
 }
@@ -461,10 +461,10 @@ impl Simulation {
             let reads_states = self.reads.iter().any(|(_, read)| !matches!(read, OutputSource::Output(_)));
             self.simulated = Some(if reads_states {
                 let (trajectory, values) = self.problem.simulate_with(&self.outputs)?;
-                (SimulatedStates::All(trajectory), values)
+                (KeptStates::All(trajectory), values)
             } else {
                 let (checkpoints, values) = self.problem.simulate_with_checkpoints(&self.outputs)?;
-                (SimulatedStates::Checkpoints(checkpoints), values)
+                (KeptStates::Checkpoints(checkpoints), values)
             });
         }
         Ok(())
@@ -479,10 +479,10 @@ impl Simulation {
         let (nodes, Some((states, values))) = (self.nodes(), &self.simulated) else { return Ok(Vec::new()) };
         let times = 0..values.times.len();
         let rows = |of: fn(&Trajectory, usize) -> &[f64], i: usize| match states {
-            SimulatedStates::All(trajectory) => {
+            KeptStates::All(trajectory) => {
                 Array::rows(times.clone().flat_map(|n| along(of(trajectory, n), i)).collect(), nodes)
             }
-            SimulatedStates::Checkpoints(_) => Array::rows(Vec::new(), nodes), // nothing is read of them
+            KeptStates::Checkpoints(_) => Array::rows(Vec::new(), nodes), // nothing is read of them
         };
         let read = |read: OutputSource| match read {
             OutputSource::Output(o) => times.clone().map(|n| values.value(n, o)).collect::<Vec<f64>>().into(),
@@ -629,8 +629,8 @@ impl Simulation {
         let parameters = self.parameters(&by)?;
         let Some((states, _)) = &self.simulated else { return Ok(Vec::new()) };
         let states = match states {
-            SimulatedStates::All(trajectory) => StoredStates::of(trajectory),
-            SimulatedStates::Checkpoints(checkpoints) => checkpoints.states(),
+            KeptStates::All(trajectory) => ReverseStates::of(trajectory),
+            KeptStates::Checkpoints(checkpoints) => checkpoints.states(),
         };
         let weights = Weights { outputs: &all[0], positions: &all[1], velocities: &all[2] };
         let by_natural = by.contains(&WithRespectTo::Natural);
@@ -710,7 +710,7 @@ impl Simulation {
         let values = self.outputs()?.into_iter().find(|(name, _)| *name == output).map(|(_, values)| values);
         let Some(Array { shape, mut values }) = values else { return Err(refusal(format!("`{output}` was not read"))) };
         let Some(value) = values.last().copied().filter(|_| shape.len() == 1) else {
-            return Err(refusal(format!("{output} has a number for every node; weigh them in {}", Word::PullsBack)));
+            return Err(refusal(format!("{output} has a number for every node; weigh them in {}", Phrase::PullsBack)));
         };
         values.fill(0.0);
         values.last_mut().into_iter().for_each(|last| *last = 1.0);

@@ -635,31 +635,29 @@ fn new_takes_any_file_name() {
     }
 }
 
+/// What the command tells that Ctrl-C ends after so many seconds.
 #[cfg(unix)]
-#[test]
-fn a_comparison_that_ctrl_c_ends_is_said_to_be_missing() {
-    let folder = tempfile::tempdir().unwrap();
+fn interrupted_after(seconds: u64, arguments: &[&str]) -> std::process::Output {
     let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
-        // The run takes a moment, the whole model beside it minutes.
-        .args([
-            "run",
-            "models/eel.toml",
-            "--verify",
-            "--set",
-            "solver.time_step_s=0.05",
-            "--set",
-            "solver.duration_s=200",
-        ])
-        .args(["--set", "record.every=100", "--out"])
-        .arg(folder.path())
+        .args(arguments)
         .stderr(std::process::Stdio::piped())
         .stdout(std::process::Stdio::null())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_secs(5));
+    std::thread::sleep(Duration::from_secs(seconds));
     crate::interrupt(&child);
-    let output = child.wait_with_output().unwrap();
+    child.wait_with_output().unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_comparison_that_ctrl_c_ends_is_said_to_be_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    // The run takes a moment, the whole model beside it minutes.
+    let sets = ["solver.time_step_s=0.05", "solver.duration_s=200", "record.every=100"].map(|set| ["--set", set]);
+    let more = ["--verify", "--out", folder.path().to_str().unwrap()];
+    let output = interrupted_after(5, &[&["run", "models/eel.toml"], sets.as_flattened(), &more].concat());
     assert_eq!(output.status.code(), Some(130));
     let summary = summary(folder.path());
     assert_eq!(summary["ending"], "complete");
@@ -676,16 +674,7 @@ fn a_film_that_ctrl_c_ends_leaves_the_earlier_one_and_says_so() {
     assert!(caudal(&all).status.success());
     let film = folder.path().join("baseline.gif");
     let whole = std::fs::read(&film).unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(all)
-        .args(["--speed", "1e-4"])
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    std::thread::sleep(Duration::from_secs(4));
-    crate::interrupt(&child);
-    let output = child.wait_with_output().unwrap();
+    let output = interrupted_after(4, &[&all[..], &["--speed", "1e-4"]].concat());
     assert_eq!(output.status.code(), Some(130));
     assert!(text(&output.stderr).contains("baseline.gif was not written; the earlier one is kept"));
     assert_eq!(std::fs::read(&film).unwrap(), whole);

@@ -108,14 +108,7 @@ fn the_report_plays_the_tail_in_a_browser() {
     assert_eq!(page.matches("<figure>").count(), 8);
     assert!(page.contains("net_displacement_m"));
     // What a person would see: the rod's and the trace's colours are on the picture, not only in the text.
-    let picture = folder.path().join("page.png");
-    browse(&browser, &path, 2000, &[format!("--screenshot={}", picture.display())]);
-    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&picture).unwrap()));
-    let mut reader = decoder.read_info().unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-    let channels = reader.next_frame(&mut pixels).unwrap().color_type.samples();
-    let near = |pixel: &[u8], colour: [u8; 3]| pixel.iter().zip(colour).all(|(a, b)| a.abs_diff(b) < 12);
-    let count = |colour| pixels.chunks_exact(channels).filter(|pixel| near(&pixel[..3], colour)).count();
+    let count = pixels_on(&browser, &path, folder.path());
     assert!(count([0, 114, 178]) > 500, "the rod is drawn: {} pixels", count([0, 114, 178]));
     assert!(count([213, 94, 0]) > 50, "the centre of mass is drawn: {} pixels", count([213, 94, 0]));
     // On a telephone nothing is cut, and the page is as light or dark as its reader likes.
@@ -222,6 +215,18 @@ actuation = { kind = "travelling-wave", kappa_amp = 1e6, frequency_hz = 2, wavel
 solver = { duration_s = 0.3, time_step_s = 0.001 }
 "#;
 
+/// Counts the pixels near a colour on a picture of the page at `path`, which is left in `folder`.
+fn pixels_on(browser: &Path, path: &Path, folder: &Path) -> impl Fn([u8; 3]) -> usize {
+    let picture = folder.join("page.png");
+    browse(browser, path, 2000, &[format!("--screenshot={}", picture.display())]);
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&picture).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let channels = reader.next_frame(&mut pixels).unwrap().color_type.samples();
+    let near = |pixel: &[u8], colour: [u8; 3]| pixel.iter().zip(colour).all(|(a, b)| a.abs_diff(b) < 12);
+    move |colour| pixels.chunks_exact(channels).filter(|pixel| near(&pixel[..3], colour)).count()
+}
+
 #[test]
 fn a_rod_of_a_micrometre_is_drawn_and_times_are_those_of_a_person() {
     let folder = tempfile::tempdir().unwrap();
@@ -239,14 +244,7 @@ fn a_rod_of_a_micrometre_is_drawn_and_times_are_those_of_a_person() {
     assert!(source.contains("shapes of the run.") && source.contains("Power over the run"), "not a period");
     assert!(source.contains("up to t = 0.3&nbsp;s") && source.contains("shape at t = 0.3 s"), "rounded times");
     let Some(browser) = chromium() else { return };
-    let picture = folder.path().join("page.png");
-    browse(&browser, &path, 2000, &[format!("--screenshot={}", picture.display())]);
-    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&picture).unwrap()));
-    let mut reader = decoder.read_info().unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-    let channels = reader.next_frame(&mut pixels).unwrap().color_type.samples();
-    let near = |pixel: &[u8], colour: [u8; 3]| pixel.iter().zip(colour).all(|(a, b)| a.abs_diff(b) < 12);
-    let count = |colour| pixels.chunks_exact(channels).filter(|pixel| near(&pixel[..3], colour)).count();
+    let count = pixels_on(&browser, &path, folder.path());
     let [rod, centre] = [[0, 114, 178], [213, 94, 0]].map(count);
     assert!(rod > 500 && centre > 50, "{rod} pixels of the rod, {centre} of its centre of mass");
 }

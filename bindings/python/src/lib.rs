@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 
 #[pymodule]
 fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    caudal::wording::speak_as(caudal::wording::Face::Python);
+    caudal::wording::set_frontend(caudal::wording::Frontend::Python);
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<stepper::Variable>()?;

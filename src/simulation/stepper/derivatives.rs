@@ -473,10 +473,7 @@ impl Stepper {
             self.dynamics.evaluate_at(t);
             accelerations(&self.dynamics)
         });
-        self.dynamics.move_to(t, &mut self.now.state);
-        if self.dynamics.has_winches() {
-            self.dynamics.shape(&self.now.state)?; // they pull as the rod is
-        }
+        self.move_to_now()?;
         let mut rate = Vec::new();
         self.dynamics.natural_acceleration(t, &mut tangent.natural_rate, &mut rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
@@ -527,10 +524,7 @@ impl Stepper {
                 rates.zip(follows(&mut there)).for_each(|(rate, value)| *rate += *value / (2.0 * tau));
             }
             self.newton.work = work;
-            self.dynamics.move_to(t, &mut self.now.state);
-            if self.dynamics.has_winches() {
-                self.dynamics.shape(&self.now.state)?;
-            }
+            self.move_to_now()?;
         }
         if let Some(extrapolation) = &self.dynamics.extrapolation {
             let rate = extrapolation.rate();
@@ -558,6 +552,15 @@ impl Stepper {
         let at_most = now.com.y.abs() >= self.now.metrics.totals.max_lateral;
         tangent.metrics.totals.max_lateral = if at_most && aside > 0.0 { tangent.metrics.now.com.y.abs() } else { 0.0 };
         Ok(self.put_tangent(tangent))
+    }
+
+    /// Moves the dynamics to the current time, with winches that pull as the rod is.
+    fn move_to_now(&mut self) -> Result<()> {
+        self.dynamics.move_to(self.now.state.t, &mut self.now.state);
+        if self.dynamics.has_winches() {
+            self.dynamics.shape(&self.now.state)?;
+        }
+        Ok(())
     }
 
     /// The power and force of inputs that change at a rate, see `Dynamics::medium_change_rates`, at `h` (s) from now.

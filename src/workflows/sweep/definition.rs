@@ -14,7 +14,7 @@ use crate::files::free_space;
 use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Frame, Owner};
 use crate::scene::{Document, Files, KeyError, Scene, exclusive_keys};
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// The files that every sweep writes.
 pub(super) const TABLE: &str = "table.csv";
@@ -250,7 +250,7 @@ impl Sweep {
         let document = Document::read_from(files.clone(), path)?;
         if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
         {
-            let problem = format!("this is a scene, not a sweep; {}", Word::RunsScene);
+            let problem = format!("this is a scene, not a sweep; {}", Phrase::RunsScene);
             return Err(document.error_at(&KeyError { key: "rod".to_string(), problem }));
         }
         let file: SweepFile = document.read_as()?;
@@ -282,14 +282,14 @@ impl Sweep {
         }
         base.begin_layer();
         for assignment in set {
-            base.set_as(&Word::Set.to_string(), assignment)?;
+            base.set_as(&Phrase::Set.to_string(), assignment)?;
         }
         let asked = base.overrides()[base.overrides().len() - set.len()..].to_vec();
         for text in asked {
             let mut keys = Vec::new();
             axis::leaves(&text.parse().unwrap_or_default(), "", &mut keys);
             for (key, value) in keys {
-                let place = format!("{}{text}", Word::Set);
+                let place = format!("{}{text}", Phrase::Set);
                 excluded(&axes, &key, &value).map_err(|problem| Error::Scene { place, key, problem })?;
             }
         }

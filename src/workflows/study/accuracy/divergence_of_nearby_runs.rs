@@ -10,7 +10,7 @@ use crate::report::Findings;
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// Initial distance of two nearby runs, over the length.
 pub const INITIAL_PERTURBATION: f64 = 1e-9;
@@ -76,9 +76,9 @@ pub fn without_reference(
         findings.answers.push(if apart && is_chaotic(rate, end) {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
         } else if apart {
-            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller {} may find a reference, and the notes of a run of this scene may say what is wrong.", Word::Steps)
+            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller {} may find a reference, and the notes of a run of this scene may say what is wrong.", Phrase::Steps)
         } else {
-            format!("{common}: the motion is not chaotic but not resolved; smaller {} may find a reference.", Word::Steps)
+            format!("{common}: the motion is not chaotic but not resolved; smaller {} may find a reference.", Phrase::Steps)
         });
     }
     findings.answers.push("No errors are given, because there is nothing to measure them against.".to_string());

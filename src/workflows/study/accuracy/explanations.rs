@@ -11,7 +11,7 @@ use crate::number_format::{in_sentence, percent, significant, two_digits};
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
 use crate::study::study_run::{SimulationMethod, StudyRun};
-use crate::wording::Word;
+use crate::wording::Phrase;
 
 /// A cheaper model with a larger relative error computes another motion.
 const MEANINGLESS_ERROR: f64 = 1.0;
@@ -344,13 +344,13 @@ impl AccuracyReport<'_> {
                     _ if target < floors[i] => format!(
                         "For {percent} % on the {quantity} of this rod of {nodes} nodes: unknown, since the references tell no errors below \
                          {}; finer {} make them better.",
-                        self::percent(floors[i]), Word::Steps
+                        self::percent(floors[i]), Phrase::Steps
                     ),
                     Some(row) => format!(
                         "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
                         row.setting(), milliseconds(row.run.processor_s), row.run.factorisations
                     ),
-                    None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer {} may.", Word::Steps),
+                    None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer {} may.", Phrase::Steps),
                 });
                 let known = limit.is_some_and(|(_, uncertain, _)| target >= MIN_ERROR_OVER_REFERENCE * uncertain[i]);
                 let total = self.cheapest(rows.iter(), |row| row.total.map(|e| e[i]), target).filter(|_| known);
