@@ -763,6 +763,8 @@ pub enum WorkSource {
     Actuation,
     /// The flow, for a jump of its velocity or of the density.
     Flow,
+    /// Loads, for a motion that a host gives.
+    Load,
 }
 
 /// What the motor of a hinge did at most.
@@ -1039,6 +1041,7 @@ impl RunMetrics {
         let given = match source {
             WorkSource::Actuation => &mut work.actuation,
             WorkSource::Flow => &mut work.flow,
+            WorkSource::Load => &mut work.load,
         };
         *given += next.energy.total() - self.now.energy.total();
         self.totals.max_energy = self.totals.max_energy.max(next.energy.total().abs()).max(self.totals.work.largest());
@@ -1047,6 +1050,7 @@ impl RunMetrics {
         let given = match source {
             WorkSource::Actuation => &mut impulse.head,
             WorkSource::Flow => &mut impulse.flow,
+            WorkSource::Load => &mut impulse.load,
         };
         *given += next.momentum.total() - self.now.momentum.total();
         self.totals.max_lateral = self.totals.max_lateral.max(next.com.y.abs());

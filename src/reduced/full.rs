@@ -55,6 +55,10 @@ impl ModelStepper for Full {
         self.integrator.rule(h)
     }
 
+    fn integrator(&self) -> Option<&dyn Integrator> {
+        Some(&*self.integrator)
+    }
+
     fn step(
         &mut self,
         dynamics: &mut Dynamics,

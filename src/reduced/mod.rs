@@ -144,6 +144,11 @@ pub trait ModelStepper: std::fmt::Debug + Send + Sync {
         None
     }
 
+    /// The integrator of the full model, whose steps can be linearised; `None` of a reduced model.
+    fn integrator(&self) -> Option<&dyn Integrator> {
+        None
+    }
+
     /// True if it has dense output as accurate as the end of the step. Work is then integrated with the midpoint too.
     fn has_dense_output(&self) -> bool {
         false

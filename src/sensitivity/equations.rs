@@ -3,10 +3,10 @@
 //! Vectors have the order of a [`State`]: two entries per node, and the arc of a hinge. Its equation takes the place of the first one of
 //! node 0 in the matrices, as in a step. Winches couple all nodes beside their cables, with the same matrix in both directions.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{DMatrix, Dyn, LU, Matrix2, Vector2};
 
 use crate::error::Result;
-use crate::fluid::Force;
+use crate::fluid::{Force, force};
 use crate::head::hinge::HingeEquation;
 use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, HALF_BANDWIDTH, LinearSolver, PivotedLu};
 use crate::model::{Dynamics, Model};
@@ -15,6 +15,32 @@ use crate::system::{Linearisation, RankOne, State, System};
 
 /// A solution with a larger backward error comes from the pivoted LU instead of the block band's.
 const BACKWARD_ERROR: f64 = 1e-12;
+
+/// The derivatives of a force that couples every node with every other, beside what the bands have of it.
+#[derive(Debug)]
+struct GlobalCoupling {
+    by_q: DMatrix<f64>,
+    by_v: DMatrix<f64>,
+    /// Factors of all of J, or of its transpose.
+    factors: Option<LU<f64, Dyn, Dyn>>,
+}
+
+impl GlobalCoupling {
+    fn of(nodes: usize) -> Box<Self> {
+        let zeros = || DMatrix::zeros(2 * nodes, 2 * nodes);
+        Box::new(Self { by_q: zeros(), by_v: zeros(), factors: None })
+    }
+
+    /// Adds `factor` times `matrix`, or its transpose, times the nodes' part of `x` to `y`.
+    fn add(matrix: &DMatrix<f64>, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
+        for (j, column) in matrix.column_iter().enumerate() {
+            for (i, by) in column.iter().enumerate() {
+                let (from, to) = if transposed { (i, j) } else { (j, i) };
+                y[to] += factor * by * x[from];
+            }
+        }
+    }
+}
 
 /// The linearised equations at a time: matrices, factors and room to work in.
 #[derive(Debug)]
@@ -35,6 +61,8 @@ pub(super) struct Equations {
     /// What winches add to the matrices, and A⁻¹ times its columns.
     winches: Vec<RankOne>,
     solved: Vec<Vec<f64>>,
+    /// What couples every node with every other.
+    global: Option<Box<GlobalCoupling>>,
     band: BlockBand,
     /// Analysed when it is first needed; `pivoted`: it has the factors.
     lu: Option<PivotedLu>,
@@ -58,6 +86,7 @@ impl Equations {
             hinge: None,
             winches: Vec::new(),
             solved: Vec::new(),
+            global: model.forces.global().map(|_| GlobalCoupling::of(nodes)),
             band: BlockBand::analyse(&matrix)?,
             lu: None,
             pivoted: false,
@@ -89,6 +118,27 @@ impl Equations {
             });
             for tip in forces.on_tip(&moving, Some(Direction::POSITIONS)) {
                 place[moving.edges.len()] += tip.own;
+            }
+        }
+        if let Some(global) = &mut self.global {
+            let bent = dynamics.shape(state)?;
+            if let Some(whole) = bent.dynamics.model.forces.global() {
+                let moving = bent.kinematics();
+                let (unknowns, flow) = (2 * moving.edges.len() + 2, Vector2::zeros());
+                let (still, mut unit) = (vec![0.0; unknowns], vec![0.0; unknowns]);
+                global.by_q.fill(0.0);
+                global.by_v.fill(0.0);
+                for j in 0..unknowns {
+                    unit[j] = 1.0;
+                    let mut banded = vec![0.0; unknowns];
+                    force::add_banded_change(whole, &moving, [&unit, &still, &still], flow, &mut banded);
+                    let column = global.by_q.data.as_mut_slice().chunks_mut(unknowns).nth(j).unwrap_or_default();
+                    force::add_change(whole, &moving, [&unit, &still, &still], flow, column);
+                    column.iter_mut().zip(banded).for_each(|(all, banded)| *all -= banded);
+                    let column = global.by_v.data.as_mut_slice().chunks_mut(unknowns).nth(j).unwrap_or_default();
+                    force::add_change(whole, &moving, [&still, &unit, &still], flow, column);
+                    unit[j] = 0.0;
+                }
             }
         }
         let [by_q, by_v, by_a] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS]
@@ -151,6 +201,9 @@ impl Equations {
                 y[i] = [y[i][0] - moved.x, y[i][1] - moved.y];
             }
         }
+        if let Some(global) = &self.global {
+            GlobalCoupling::add(&global.by_q, -self.direction.q, all, sums, transposed);
+        }
         for RankOne { column, row } in &self.winches {
             let size: f64 = row.iter().zip(all).map(|(row, x)| row * x).sum();
             sums.iter_mut().zip(column).for_each(|(sum, column)| *sum -= size * column);
@@ -167,8 +220,21 @@ impl Equations {
         if let Some(damping) = &self.damping {
             damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed);
         }
+        if let Some(global) = &self.global {
+            GlobalCoupling::add(&global.by_v, 1.0, x, &mut self.product, transposed);
+        }
         if let Some([_, own, _]) = &self.hinge {
             add_hinge(own, 1.0, x, &mut self.product, transposed);
+        }
+        &self.product
+    }
+
+    /// f_a x of the nodes, without the mass of each: what it has beside that is zero without forces of inertia.
+    pub(super) fn accelerate(&mut self, x: &[f64]) -> &[f64] {
+        let nodes = 2 * self.matrix.rows().len();
+        self.product.fill(0.0);
+        if let Some(inertia) = &self.inertia {
+            inertia.multiply(&x[..nodes], &mut self.product[..nodes], false);
         }
         &self.product
     }
@@ -230,6 +296,18 @@ impl Equations {
     }
 
     fn factor_band(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
+        if let Some(global) = &mut self.global {
+            let matrix = self.held.as_ref().unwrap_or(&self.matrix);
+            let (unknowns, held) = (matrix.unknowns(), if self.held.is_some() { 2 } else { 0 });
+            let Direction { q, v, .. } = self.direction;
+            let whole = DMatrix::from_fn(unknowns, unknowns, |i, j| {
+                let coupled = if i.min(j) < held { 0.0 } else { q * global.by_q[(i, j)] + v * global.by_v[(i, j)] };
+                matrix.entry(i, j) + coupled
+            });
+            global.factors = Some(if transposed { whole.transpose() } else { whole }.lu());
+            self.solve_band(rhs, transposed);
+            return Ok(());
+        }
         self.residual.copy_from_slice(rhs);
         self.band.factor(self.held.as_ref().unwrap_or(&self.matrix))?;
         self.solve_band(rhs, transposed);
@@ -257,6 +335,15 @@ impl Equations {
     }
 
     fn solve_band(&mut self, rhs: &mut [f64], transposed: bool) {
+        if let Some(factors) = self.global.as_ref().and_then(|global| global.factors.as_ref()) {
+            let mut x = DMatrix::from_column_slice(rhs.len(), 1, rhs);
+            let solved = factors.solve_mut(&mut x);
+            rhs.copy_from_slice(x.as_slice());
+            if !solved {
+                rhs.fill(f64::NAN);
+            }
+            return;
+        }
         match (&mut self.lu, transposed) {
             (Some(lu), false) if self.pivoted => lu.solve(rhs),
             (Some(lu), true) if self.pivoted => lu.solve_transposed(rhs),

@@ -31,6 +31,7 @@ mod problem;
 pub mod scene_parameter;
 mod shaped_start;
 pub mod simulation;
+mod step_derivative;
 mod step_ends;
 mod time_grid;
 mod trajectory;
@@ -42,6 +43,7 @@ pub use output::{HingeQuantity, Output, Quantity, WorkKind};
 pub use parameter::{JointDirection, Parameter};
 pub use problem::Problem;
 pub use simulation::{Array, Simulation, value_and_grad};
+pub use step_derivative::StepDerivative;
 pub use trajectory::Trajectory;
 
 /// The derivatives of a state by one parameter.

@@ -10,6 +10,7 @@ mod parameter_change;
 pub(crate) mod presolved_step;
 mod run_state;
 pub mod snapshot;
+mod state_vector;
 mod step_control;
 mod undo;
 
@@ -23,6 +24,8 @@ use dense_output::DenseOutput;
 pub use head_jump::HeadJump;
 use run_state::RunState;
 pub use snapshot::Snapshot;
+pub(crate) use state_vector::Coordinate;
+pub use state_vector::{Entry, StateCoordinates};
 use step_control::{STEP_FACTORS, step_factor};
 
 use crate::cycle::Cycles;
@@ -356,6 +359,7 @@ impl Stepper {
             cycles: &self.now.cycles,
             work: self.newton.work,
             time_step: self.now.time_step,
+            head_turn: [0.0; 2],
         }
     }
 

@@ -71,6 +71,8 @@ pub struct View<'a> {
     pub work: SolverWork,
     /// Largest internal step, s.
     pub time_step: f64,
+    /// The change of the angle (rad) and of the angular velocity (rad/s) of a held head, in a view of a change; zero in one of the present.
+    pub head_turn: [f64; 2],
 }
 
 impl View<'_> {
@@ -397,6 +399,8 @@ pub struct Variable {
     elastic: bool,
     /// It is the rotation of a held head, a function of time alone.
     turned: bool,
+    /// It is a total since the start or of whole cycles, not of one time.
+    total: bool,
     needs: Requirement,
     get: Get,
     /// Its differential, if it is not linear in state and measurements.
@@ -428,6 +432,7 @@ impl Variable {
             fed_in: |_| true,
             elastic: false,
             turned: false,
+            total: false,
             needs: Requirement { met: |_| true, what: "" },
             get,
             tangent: None,
@@ -466,6 +471,10 @@ impl Variable {
         Self { turned: true, ..self }
     }
 
+    const fn total(self) -> Self {
+        Self { total: true, ..self }
+    }
+
     const fn changing(self, tangent: DerivativeOf) -> Self {
         Self { tangent: Some(tangent), ..self }
     }
@@ -487,6 +496,11 @@ impl Variable {
     /// True if a host sets it.
     pub fn is_input(&self) -> bool {
         self.causality == Causality::Input
+    }
+
+    /// True if it is a total since the start, or of whole cycles, and so no function of state and inputs at one time.
+    pub fn is_total(&self) -> bool {
+        self.total
     }
 
     /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`.
@@ -682,7 +696,7 @@ const fn output(name: &'static str, unit: &'static str, description: &'static st
 
 /// A mean over the last whole cycles. It has no direct feedthrough, and is zero before the end of the first cycle.
 const fn average(measure: &CycleMeasure, get: Get) -> Variable {
-    output(measure.key, measure.unit, measure.description, get).changing(|_, _, _| 0.0)
+    output(measure.key, measure.unit, measure.description, get).changing(|_, _, _| 0.0).total()
 }
 
 /// A requirement of a variable on the scene.
@@ -910,7 +924,7 @@ fn turn_change(now: &View<'_>, change: &View<'_>, k: usize) -> [f64; 2] {
             let Sample { value, rate, .. } = Hinge::angle(change.state, rod.nodes, rod.length);
             [value, rate]
         }
-        Some([_, _, angle]) if k == 0 => [angle.rate, angle.acceleration].map(|rate| rate * change.time),
+        Some(_) if k == 0 => change.head_turn,
         _ => {
             let [edge, velocity] = [&now.state.q, &now.state.v].map(|values| across(values, k));
             let [moved, faster] = [&change.state.q, &change.state.v].map(|values| across(values, k));
@@ -1045,18 +1059,18 @@ pub static VARIABLES: &[Variable] = &[
     output("rod_momentum_y_n_s", "N s", "momentum of the rod, y", |v, _| v.metrics.now.momentum.rod.y).when(INERTIAL_FLUID).recorded(),
     output("fluid_momentum_x_n_s", "N s", "momentum of the fluid that the rod accelerates, relative to the flow, x", |v, _| v.metrics.now.momentum.fluid.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("fluid_momentum_y_n_s", "N s", "momentum of the fluid that the rod accelerates, relative to the flow, y", |v, _| v.metrics.now.momentum.fluid.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("drag_impulse_x_n_s", "N s", "impulse of drag since the start, x", |v, _| v.metrics.totals.impulse.drag.x).when(INERTIAL_FLUID),
-    output("drag_impulse_y_n_s", "N s", "impulse of drag since the start, y", |v, _| v.metrics.totals.impulse.drag.y).when(INERTIAL_FLUID),
-    output("wake_impulse_x_n_s", "N s", "impulse of the wake since the start, x", |v, _| v.metrics.totals.impulse.wake.x).when(INERTIAL_FLUID),
-    output("wake_impulse_y_n_s", "N s", "impulse of the wake since the start, y", |v, _| v.metrics.totals.impulse.wake.y).when(INERTIAL_FLUID),
-    output("flow_impulse_x_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, x", |v, _| v.metrics.totals.impulse.flow.x).when(INERTIAL_FLUID).fed(&FLUID),
-    output("flow_impulse_y_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, y", |v, _| v.metrics.totals.impulse.flow.y).when(INERTIAL_FLUID).fed(&FLUID),
-    output("load_impulse_x_n_s", "N s", "impulse of loads since the start, x", |v, _| v.metrics.totals.impulse.load.x).when(INERTIAL_FLUID),
-    output("load_impulse_y_n_s", "N s", "impulse of loads since the start, y", |v, _| v.metrics.totals.impulse.load.y).when(INERTIAL_FLUID),
-    output("head_impulse_x_n_s", "N s", "impulse of the held head since the start, x", |v, _| v.metrics.totals.impulse.head.x).when(INERTIAL_FLUID),
-    output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.metrics.totals.impulse.head.y).when(INERTIAL_FLUID),
-    output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.metrics.momentum_defect().x).when(INERTIAL_FLUID),
-    output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID),
+    output("drag_impulse_x_n_s", "N s", "impulse of drag since the start, x", |v, _| v.metrics.totals.impulse.drag.x).when(INERTIAL_FLUID).total(),
+    output("drag_impulse_y_n_s", "N s", "impulse of drag since the start, y", |v, _| v.metrics.totals.impulse.drag.y).when(INERTIAL_FLUID).total(),
+    output("wake_impulse_x_n_s", "N s", "impulse of the wake since the start, x", |v, _| v.metrics.totals.impulse.wake.x).when(INERTIAL_FLUID).total(),
+    output("wake_impulse_y_n_s", "N s", "impulse of the wake since the start, y", |v, _| v.metrics.totals.impulse.wake.y).when(INERTIAL_FLUID).total(),
+    output("flow_impulse_x_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, x", |v, _| v.metrics.totals.impulse.flow.x).when(INERTIAL_FLUID).fed(&FLUID).total(),
+    output("flow_impulse_y_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, y", |v, _| v.metrics.totals.impulse.flow.y).when(INERTIAL_FLUID).fed(&FLUID).total(),
+    output("load_impulse_x_n_s", "N s", "impulse of loads since the start, x", |v, _| v.metrics.totals.impulse.load.x).when(INERTIAL_FLUID).total(),
+    output("load_impulse_y_n_s", "N s", "impulse of loads since the start, y", |v, _| v.metrics.totals.impulse.load.y).when(INERTIAL_FLUID).total(),
+    output("head_impulse_x_n_s", "N s", "impulse of the held head since the start, x", |v, _| v.metrics.totals.impulse.head.x).when(INERTIAL_FLUID).total(),
+    output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.metrics.totals.impulse.head.y).when(INERTIAL_FLUID).total(),
+    output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.metrics.momentum_defect().x).when(INERTIAL_FLUID).total(),
+    output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID).total(),
     output("hinge_angle_rad", "rad", "angle of the hinged head, from +x; it goes on beyond a half turn", |v, _| turn(v, 0)[0]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[0]).recorded(),
     output("hinge_spin_rad_s", "rad/s", "angular velocity of the hinged head", |v, _| turn(v, 0)[1]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[1]).recorded(),
     output("hinge_torque_n_m", "N m", "torque of the motor of the hinged head, with that of its servo and within its limit", |v, _| v.metrics.now.hinge.torque).when(HINGE).fed(HINGE_INPUTS).recorded(),
@@ -1074,20 +1088,20 @@ pub static VARIABLES: &[Variable] = &[
     output("tendon_4_length_m", "m", "length of tendon 4", |v, _| v.metrics.now.tendons[3].length).when(TENDON_4).recorded(),
     output("tendon_4_power_w", "W", "power put in by what pulls tendon 4", |v, _| v.metrics.now.tendons[3].power()).when(TENDON_4).fed(TENSION_4).changing(|now, change, _| tendon_power_change(now, change, 3)).recorded(),
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.metrics.net_displacement()),
-    output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral),
-    output("actuation_work_j", "J", "work put in by the moving natural curvature, by active moments and by tendons since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
-    output("material_work_j", "J", "work dissipated by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded(),
-    output("viscous_work_j", "J", "work dissipated by drag since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
-    output("wake_work_j", "J", "work lost to the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
-    output("spray_work_j", "J", "work lost to the spray at interfaces since the start", |v, _| v.metrics.totals.work.spray).when(SPRAY).recorded(),
-    output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.metrics.totals.work.other).when(OTHER_FORCES).recorded(),
-    output("load_work_j", "J", "work put in by loads since the start", |v, _| v.metrics.totals.work.load).recorded(),
-    output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.metrics.totals.work.head).recorded(),
-    output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.metrics.totals.work.flow).fed(&FLUID).fed_in(has_inertial_fluid).recorded(),
-    output("numerical_dissipation_j", "J", "defect of the energy balance since the start", |v, _| v.metrics.numerical_dissipation()).recorded(),
-    output("steps", "1", "number of steps", |v, _| v.metrics.totals.steps as f64),
-    output("newton_iterations", "1", "number of Newton iterations", |v, _| v.work.newton_iterations as f64),
-    output("step_halvings", "1", "number of halved steps", |v, _| v.metrics.totals.halvings as f64),
+    output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral).total(),
+    output("actuation_work_j", "J", "work put in by the moving natural curvature, by active moments and by tendons since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded().total(),
+    output("material_work_j", "J", "work dissipated by the damped material since the start", |v, _| v.metrics.totals.work.material).when(DAMPED).recorded().total(),
+    output("viscous_work_j", "J", "work dissipated by drag since the start", |v, _| v.metrics.totals.work.viscous).recorded().total(),
+    output("wake_work_j", "J", "work lost to the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded().total(),
+    output("spray_work_j", "J", "work lost to the spray at interfaces since the start", |v, _| v.metrics.totals.work.spray).when(SPRAY).recorded().total(),
+    output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.metrics.totals.work.other).when(OTHER_FORCES).recorded().total(),
+    output("load_work_j", "J", "work put in by loads since the start", |v, _| v.metrics.totals.work.load).recorded().total(),
+    output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.metrics.totals.work.head).recorded().total(),
+    output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.metrics.totals.work.flow).fed(&FLUID).fed_in(has_inertial_fluid).recorded().total(),
+    output("numerical_dissipation_j", "J", "defect of the energy balance since the start", |v, _| v.metrics.numerical_dissipation()).recorded().total(),
+    output("steps", "1", "number of steps", |v, _| v.metrics.totals.steps as f64).total(),
+    output("newton_iterations", "1", "number of Newton iterations", |v, _| v.work.newton_iterations as f64).total(),
+    output("step_halvings", "1", "number of halved steps", |v, _| v.metrics.totals.halvings as f64).total(),
     output("x_m", "m", "nodes, x", |v, k| v.state.q[2 * k]).sized(Size::Nodes),
     output("y_m", "m", "nodes, y", |v, k| v.state.q[2 * k + 1]).sized(Size::Nodes),
     output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
@@ -1095,8 +1109,8 @@ pub static VARIABLES: &[Variable] = &[
     output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.metrics.now.kappa[k] / (v.model().rod.joint_part(k) * v.model().rod.spacing)).sized(Size::Joints),
     output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.metrics.now.moment[k] * bend::curvature_per_turning(v.metrics.now.kappa[k])).sized(Size::Joints).fed(&OWN_NATURAL).changing(joint_moment_change),
 
-    output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0),
-    output("cycles_periodic", "1", "1 if these cycles differ by at most 1 %, otherwise 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t), v.dynamics.model.rod.length).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0),
+    output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0).total(),
+    output("cycles_periodic", "1", "1 if these cycles differ by at most 1 %, otherwise 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t), v.dynamics.model.rod.length).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0).total(),
     average(&cycle::PERIOD, |v, _| v.average(&cycle::PERIOD)),
     average(&cycle::SPEED, |v, _| v.average(&cycle::SPEED)),
     average(&cycle::FORWARD_SPEED, |v, _| v.average(&cycle::FORWARD_SPEED)),

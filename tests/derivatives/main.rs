@@ -8,3 +8,4 @@ mod cycle_goals;
 mod derivatives;
 mod gradients;
 mod sensitivity;
+mod step;

@@ -6,7 +6,7 @@
 
 use nalgebra::Complex;
 
-use super::{ExplicitPart, Integrator, Method, Stage, StepError};
+use super::{ExplicitPart, Integrator, Method, Stage, Stages, StepError};
 use crate::error::Result;
 use crate::linear::Direction;
 use crate::newton::{ConvergenceRate, Newton};
@@ -90,13 +90,8 @@ impl Integrator for Esdirk3 {
         for i in 1..STAGES {
             to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
             let Self { v, a } = &*self;
-            let stage = Stage { new: Direction { q: (h * G).powi(2), v: h * G, a: 1.0 }, h };
-            let weights = WEIGHTS[i].map(|weight| h * weight);
-            stage.solve(system, newton, &mut known, from, to, |k| {
-                let sum = |of: &[Vec<f64>; STAGES - 1]| -> f64 { (0..i).map(|j| weights[j] * of[j][k]).sum() };
-                let v_star = from.v[k] + sum(a);
-                ExplicitPart { dq: sum(v) + h * G * v_star, v: v_star, guess: a[i - 1][k] }
-            })?;
+            let stage = Stage { new: direction(h), h };
+            stage.solve(system, newton, &mut known, from, to, |k| explicit_part(i, h, |j| [v[j][k], a[j][k]]))?;
             if i < STAGES - 1 {
                 self.v[i].copy_from_slice(&to.v);
                 self.a[i].copy_from_slice(&to.a);
@@ -104,6 +99,54 @@ impl Integrator for Esdirk3 {
         }
         Ok(StepError { position: error(h, &self.v, &to.v), velocity: error(h, &self.a, &to.a) })
     }
+
+    fn stages(&self, h: f64) -> Option<Stages> {
+        Some(Stages { count: STAGES - 1, direction: direction(h) })
+    }
+
+    fn write_stages(&self, from: &State, h: f64, to: &State, states: &mut [State]) {
+        for (i, state) in states.iter_mut().enumerate().map(|(i, state)| (i + 1, state)) {
+            state.copy_from(to);
+            if i < STAGES - 1 {
+                state.t = if i == 1 { from.t + TIMES[i] * h } else { to.t };
+                state.links.clear();
+                state.v.copy_from_slice(&self.v[i]);
+                state.a.copy_from_slice(&self.a[i]);
+                for (k, q) in state.q.iter_mut().enumerate() {
+                    let part = explicit_part(i, h, |j| [self.v[j][k], self.a[j][k]]);
+                    *q = from.q[k] + part.dq + direction(h).q * self.a[i][k];
+                }
+            }
+        }
+    }
+
+    fn step_linear(&self, from: &State, h: f64, states: &mut [State], solve: &mut dyn FnMut(usize, &mut State)) {
+        for i in 1..STAGES {
+            let Some((before, [stage, ..])) = states.split_at_mut_checked(i - 1) else { return };
+            for (k, (q, v)) in stage.q.iter_mut().zip(&mut stage.v).enumerate() {
+                let part = explicit_part(i, h, |j| match j.checked_sub(1) {
+                    None => [from.v[k], from.a[k]],
+                    Some(j) => [before[j].v[k], before[j].a[k]],
+                });
+                (*q, *v) = (from.q[k] + part.dq, part.v);
+            }
+            solve(i - 1, stage);
+        }
+    }
+}
+
+/// How every implicit stage of a step of `h` (s) moves the state.
+fn direction(h: f64) -> Direction {
+    Direction { q: (h * G).powi(2), v: h * G, a: 1.0 }
+}
+
+/// The explicit part of stage `i` of a step of `h` (s) for one unknown, from its velocity and acceleration at the beginning and in the
+/// stages before.
+#[inline(always)]
+fn explicit_part(i: usize, h: f64, before: impl Fn(usize) -> [f64; 2]) -> ExplicitPart {
+    let sum = |of: usize| -> f64 { (0..i).map(|j| h * WEIGHTS[i][j] * before(j)[of]).sum() };
+    let v_star = before(0)[0] + sum(1);
+    ExplicitPart { dq: sum(0) + h * G * v_star, v: v_star, guess: before(i - 1)[1] }
 }
 
 /// The largest difference between the method and its embedded one after a step of `h` (s), from the rates of the first

@@ -109,6 +109,31 @@ pub trait Integrator: std::fmt::Debug + Send + Sync {
     fn rule(&self, _h: f64) -> Option<StepWeights> {
         None
     }
+
+    /// The implicit stages of a step of `h` (s); `None` of a method whose steps are not linearised.
+    fn stages(&self, _h: f64) -> Option<Stages> {
+        None
+    }
+
+    /// Writes the states of the stages of the last step, which led from `from` by `h` (s) to `to`, to `states`, one for each of
+    /// its [`stages`](Self::stages).
+    fn write_stages(&self, _from: &State, _h: f64, to: &State, states: &mut [State]) {
+        states.iter_mut().for_each(|state| state.copy_from(to));
+    }
+
+    /// The step of `h` (s) of a linear system from `from`, for one of each of its [`stages`](Self::stages) in `states`. `solve` is called
+    /// in their order: it gets the stage with its explicit part, q = q* and v = v*, and makes positions, velocities and accelerations
+    /// fulfil the equation of motion. The last stage is then the end of the step.
+    fn step_linear(&self, _from: &State, _h: f64, _states: &mut [State], _solve: &mut dyn FnMut(usize, &mut State)) {}
+}
+
+/// The implicit stages of a step: how many, and how each moves the state along its new accelerations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stages {
+    /// Their number.
+    pub count: usize,
+    /// q = q* + A a and v = v* + B a.
+    pub direction: Direction,
 }
 
 /// Largest modulus of the roots of λ² − `trace` λ + `determinant`.
@@ -191,6 +216,21 @@ impl<T: OneStage> Integrator for T {
 
     fn rule(&self, h: f64) -> Option<StepWeights> {
         Some(OneStage::rule(self, h))
+    }
+
+    fn stages(&self, h: f64) -> Option<Stages> {
+        Some(Stages { count: 1, direction: OneStage::rule(self, h).direction() })
+    }
+
+    fn step_linear(&self, from: &State, h: f64, states: &mut [State], solve: &mut dyn FnMut(usize, &mut State)) {
+        let (rule, [to, ..]) = (OneStage::rule(self, h), states) else { return };
+        let explicit = rule.explicit_parts(from, h);
+        for (i, (q, v)) in to.q.iter_mut().zip(&mut to.v).enumerate() {
+            let part = explicit(i);
+            (*q, *v) = (from.q[i] + part.dq, part.v);
+        }
+        solve(0, to);
+        rule.remember(from, to);
     }
 }
 

@@ -783,9 +783,20 @@ fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl 
 /// Adds to `out` (two entries per node) how much more `force` opposes every node with where positions, velocities and
 /// accelerations change by `change`, the flow by `flow` (m/s).
 pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], flow: Vector2<f64>, out: &mut [f64]) {
-    if let Some(whole) = force.global() {
-        return whole.add_change(rod, [change[0], change[1]], flow, out);
+    match force.global() {
+        Some(whole) => whole.add_change(rod, [change[0], change[1]], flow, out),
+        None => add_banded_change(force, rod, change, flow, out),
     }
+}
+
+/// The part of [`add_change`] that the matrix of the rod has within its band.
+pub(crate) fn add_banded_change(
+    force: &dyn Force,
+    rod: &Kinematics<'_>,
+    change: [&[f64]; 3],
+    flow: Vector2<f64>,
+    out: &mut [f64],
+) {
     for (i, along) in directions(force).iter().enumerate() {
         let against = if i == 1 && force.is_of_fluid() { flow } else { Vector2::zeros() };
         let d = |k: usize| node(change[i], k) - against;

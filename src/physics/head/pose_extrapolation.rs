@@ -439,6 +439,16 @@ impl CoordinateExtrapolation {
         if sudden { span / STEPS_PER_DECAY } else { f64::INFINITY }
     }
 
+    /// True where the host has said something of it at time `t` (s), which no step has followed yet.
+    pub(crate) fn is_given_at(&self, t: f64) -> bool {
+        self.fresh && self.latest.time == t
+    }
+
+    /// The derivative of `order` that the host has said at time `t` (s), if it did, and no step has followed it yet.
+    pub(crate) fn given_at(&self, t: f64, order: usize) -> Option<f64> {
+        (self.is_given_at(t) && *self.given.get(order)?).then(|| self.latest.derivatives[order])
+    }
+
     /// The derivative of `order` as the host gave it last; `None` where it gave none of that order.
     pub fn given_derivative(&self, order: usize) -> Option<f64> {
         (order <= self.latest.order).then(|| self.latest.derivatives[order])

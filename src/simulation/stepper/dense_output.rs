@@ -89,6 +89,7 @@ impl Stepper {
                 cycles: &self.now.cycles,
                 work: self.newton.work,
                 time_step: self.now.time_step,
+                head_turn: [0.0; 2],
             })
         });
         self.dynamics.move_to(self.now.state.t, &mut self.now.state);

@@ -6,13 +6,16 @@
 //! derivatives of drag, bending and stretching that Newton's matrix is made of. The rate of a measurement follows the
 //! motion; only the head's pose, and what inputs bring that change by a rate, are differenced once more.
 
+mod step_inputs;
+
 use nalgebra::Vector2;
+pub(crate) use step_inputs::InputDirection;
 
 use super::Stepper;
 use crate::error::{Error, Result};
 use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::medium::{Property, by_key};
-use crate::fluid::{Fluid, Kinematics, Layers, PowerKind};
+use crate::fluid::{Fluid, Force, Kinematics, Layers, PowerKind};
 use crate::head::MotorCommand;
 use crate::linear::Direction;
 use crate::metrics::{Energy, HingeReading, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
@@ -33,9 +36,20 @@ const MAX_DIFFERENCED_STEP: f64 = 0.1;
 /// Step of the difference by fluid properties, relative to densities, speeds and thicknesses, for inputs with a rate.
 const FLUID_DIFFERENCE: f64 = 1e-4;
 
+/// What changes along a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Along {
+    /// Inputs that change at once, where positions and velocities stay.
+    Inputs,
+    /// The time, with the state that moves on or stays.
+    Time,
+    /// The state at the end of a step, with the inputs given for it.
+    Step,
+}
+
 /// The differential of a state and its measurements along a direction.
 #[derive(Debug)]
-pub(super) struct StateTangent {
+pub(crate) struct StateTangent {
     state: State,
     metrics: RunMetrics,
     natural: Vec<f64>,
@@ -126,8 +140,8 @@ impl StateTangent {
         self.metrics.totals.work = Power { actuation, ..Power::default() };
     }
 
-    /// Fills the change of the `measurements` from the changes of everything that it is read from.
-    fn read(&mut self, bent: &DeformedRod<'_>, measurements: &Measurements, by_time: bool) {
+    /// Fills the change of the `measurements` from the changes of everything that it is read from, along the inputs, the time or the state.
+    fn read(&mut self, bent: &DeformedRod<'_>, measurements: &Measurements, kind: Along) {
         let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
@@ -260,21 +274,13 @@ impl StateTangent {
         let moving = bent.kinematics();
         for own in dynamics.model.forces.iter() {
             opposing.fill(0.0);
-            force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
-            if own.power_kind() == Some(PowerKind::Drive) {
-                // Linear in the tensions.
-                let pulled = Kinematics { tensions: &tensions[..], ..moving };
-                force::visit_alone(own, &pulled, |k, change| add(opposing, k, change));
-            }
-            let mut stored = [0.0; 2];
-            for (key, change) in by_key(fluid, layers.as_ref()) {
-                if change != 0.0 {
-                    let mut by = vec![0.0; opposing.len()];
-                    let of_energy = own.add_by_parameter(key, &moving, &mut by);
-                    (0..2).for_each(|i| stored[i] += of_energy[i] * change);
-                    opposing.iter_mut().zip(by).for_each(|(sum, by)| *sum += change * by);
-                }
-            }
+            let stored = opposing_change(
+                own,
+                &moving,
+                Some([&d.q, &d.v, &d.a]),
+                (fluid, layers.as_ref(), &tensions[..]),
+                opposing,
+            );
             // The flow at a node changes by itself and as the node moves through it.
             let drift = |k: usize| match (own.is_of_fluid(), moving.layers) {
                 (false, _) => Vector2::zeros(),
@@ -331,7 +337,7 @@ impl StateTangent {
                             *change += own.momentum_by_parameter(key, &moving, axis) * by;
                         }
                     }
-                    if by_time {
+                    if kind == Along::Time {
                         energy.fluid += own.energy_by_time(&moving, 0.0, None);
                     }
                     by.iter_mut().for_each(|by| by.fill(0.0));
@@ -403,7 +409,7 @@ impl StateTangent {
             let couples = [couple(0, now.kappa[0]), couple(1, now.kappa[1])];
             let mut after = Vector2::zeros();
             // In the chain form the force of an edge is an unknown, which an input changes with the next step only.
-            if state.links.is_empty() || by_time {
+            if state.links.is_empty() || kind != Along::Inputs {
                 after += t * tension_change + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
             }
@@ -423,6 +429,39 @@ impl StateTangent {
                 - couple * angular_velocity;
         }
     }
+}
+
+/// Adds the change of the force `own`, which opposes the motion of the rod that moves as `moving`, to `opposing` where the state changes
+/// by `motion`, and fluid, layers and the tensions of tendons change too. Returns the changes of its energy and of the rate of that by the
+/// fluid alone.
+fn opposing_change(
+    own: &dyn Force,
+    moving: &Kinematics<'_>,
+    motion: Option<[&[f64]; 3]>,
+    (fluid, layers, tensions): (&Fluid, Option<&Layers>, &[f64]),
+    opposing: &mut [f64],
+) -> [f64; 2] {
+    if let Some(motion) = motion {
+        force::add_change(own, moving, motion, fluid.flow, opposing);
+    } else if fluid.flow != Vector2::zeros() {
+        let still = vec![0.0; opposing.len()];
+        force::add_change(own, moving, [&still; 3], fluid.flow, opposing);
+    }
+    if own.power_kind() == Some(PowerKind::Drive) {
+        // Linear in the tensions.
+        let pulled = Kinematics { tensions, ..*moving };
+        force::visit_alone(own, &pulled, |k, change| add(opposing, k, change));
+    }
+    let mut stored = [0.0; 2];
+    for (key, change) in by_key(fluid, layers) {
+        if change != 0.0 {
+            let mut by = vec![0.0; opposing.len()];
+            let of_energy = own.add_by_parameter(key, moving, &mut by);
+            (0..2).for_each(|i| stored[i] += of_energy[i] * change);
+            opposing.iter_mut().zip(by).for_each(|(sum, by)| *sum += change * by);
+        }
+    }
+    stored
 }
 
 /// The derivatives of all variables along a direction.
@@ -536,7 +575,7 @@ impl Stepper {
         }
         tangent.fluid.flow = self.dynamics.inputs.fluid.acceleration;
         tangent.inputs.fluid.flow = tangent.fluid.flow;
-        tangent.read(&self.dynamics.shape(&self.now.state)?, &self.now.metrics.now, true);
+        tangent.read(&self.dynamics.shape(&self.now.state)?, &self.now.metrics.now, Along::Time);
         if self.dynamics.extrapolation.is_some() && self.dynamics.model.forces.are_inertial() {
             let [later, sooner] = [self.medium_change_rates_after(half)?, self.medium_change_rates_after(-half)?];
             tangent.metrics.now.power.flow += (later.0 - sooner.0) / (2.0 * half);
@@ -555,7 +594,7 @@ impl Stepper {
     }
 
     /// Moves the dynamics to the current time, with winches that pull as the rod is.
-    fn move_to_now(&mut self) -> Result<()> {
+    pub(super) fn move_to_now(&mut self) -> Result<()> {
         self.dynamics.move_to(self.now.state.t, &mut self.now.state);
         if self.dynamics.has_winches() {
             self.dynamics.shape(&self.now.state)?;
@@ -588,7 +627,7 @@ impl Stepper {
         let bent = self.dynamics.shape(&self.now.state)?;
         tangent.follow_inputs(&bent);
         tangent.metrics.totals.max_lateral = 0.0;
-        tangent.read(&bent, &self.now.metrics.now, false);
+        tangent.read(&bent, &self.now.metrics.now, Along::Inputs);
         let (power, force) = self.medium_change_rates_derivative(&tangent.inputs)?;
         tangent.metrics.now.power.flow += power;
         tangent.metrics.now.resultants.flow += force;
@@ -657,6 +696,7 @@ impl Stepper {
             cycles: &self.now.cycles,
             work: self.newton.work,
             time_step: self.now.time_step,
+            head_turn: [0.0; 2],
         };
         let change = View {
             time: tangent.state.t,
@@ -664,6 +704,7 @@ impl Stepper {
             state: &tangent.state,
             metrics: &tangent.metrics,
             work: SolverWork::default(),
+            head_turn: tangent.angle,
             ..now
         };
         VariableDerivatives { now, change }

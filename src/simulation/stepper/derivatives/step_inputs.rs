@@ -1,0 +1,341 @@
+//! How an input that a host gives for a step acts on the rod through it, and how variables at its end follow.
+
+use super::{Along, Seed, StateTangent, VariableDerivatives, opposing_change};
+use crate::error::{Error, Result};
+use crate::head::{HeadInput, HostHead, MotorCommand, Sample};
+use crate::integrator::Integrator;
+use crate::model::{ActiveMoments, DeformedRod, Dynamics, InputExtrapolation, Inputs};
+use crate::stepper::{InputChange, Stepper};
+use crate::system::State;
+use crate::variable::Variable;
+
+/// Where in a step motions of a head are compared, as parts of the step.
+const SAMPLES: [f64; 3] = [0.3, 0.7, 1.0];
+
+/// Motions of a head are differenced over the largest of these parts of the length, or of a radian, over which they are as linear as over the
+/// smallest of them: a host's motion is linear in what it says as long as it is continued by the same polynomial.
+const HEAD_DIFFERENCES: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-6, 1e-8];
+
+/// How nearly.
+const HEAD_LINEARITY: f64 = 1e-6;
+
+/// What a drive with a lag gives is differenced over this part of its input, or of one unit, and half of it.
+const DRIVE_DIFFERENCE: f64 = 1e-3;
+
+/// A direction of the inputs at the beginning of a step, one entry of one input.
+#[derive(Debug)]
+pub(crate) struct InputDirection {
+    since: f64,
+    way: Way,
+}
+
+#[derive(Debug)]
+enum Way {
+    /// Inputs that stay as they are given.
+    Given(Box<Inputs>),
+    /// What the head does with more and with less of a derivative of coordinate `axis`, `apart` in all.
+    Head { axis: usize, heads: Box<[HostHead; 2]>, apart: f64 },
+    /// What a drive with a lag is asked for, more and less of it by each of two sizes.
+    Drive([(Box<[Asked; 2]>, f64); 2]),
+}
+
+/// What a drive is asked for, and how that goes on.
+type Asked = (Inputs, Option<Box<InputExtrapolation>>);
+
+impl InputDirection {
+    /// Writes what changes along it at the time (s) that `dynamics` was moved to, where it is again afterwards.
+    pub(crate) fn evaluate(&self, dynamics: &mut Dynamics, t: f64, tangent: &mut StateTangent) {
+        tangent.clear();
+        match &self.way {
+            Way::Given(given) => {
+                let tau = t - self.since;
+                tangent.inputs.clone_from(given);
+                tangent.inputs.phase_offset -= std::f64::consts::TAU * given.drive.frequency * tau;
+            }
+            Way::Head { axis, heads, apart } => {
+                let way = heads.each_ref().map(|head| head.axes[*axis].and_then(|axis| axis.at(t)).unwrap_or_default());
+                let [more, less] = way;
+                let slope = |of: fn(&Sample) -> f64| (of(&more) - of(&less)) / apart;
+                let moved =
+                    [slope(|sample| sample.value), slope(|sample| sample.rate), slope(|sample| sample.acceleration)];
+                if *axis < 2 {
+                    let State { q, v, a, .. } = &mut tangent.state;
+                    (q[*axis], v[*axis], a[*axis]) = moved.into();
+                } else if dynamics.model.hinge.is_some() {
+                    tangent.command = MotorCommand { angle: moved[0], torque: 0.0 };
+                } else {
+                    tangent.angle = [moved[0], moved[1]];
+                }
+            }
+            Way::Drive(differences) => {
+                // Richardson's extrapolation of central differences.
+                for ((asked, apart), factor) in differences.iter().zip([-1.0 / 3.0, 4.0 / 3.0]) {
+                    for ((inputs, extrapolation), sign) in asked.iter().zip([1.0, -1.0]) {
+                        let mut swapped = (inputs.clone(), extrapolation.clone());
+                        std::mem::swap(&mut dynamics.inputs, &mut swapped.0);
+                        std::mem::swap(&mut dynamics.extrapolation, &mut swapped.1);
+                        dynamics.evaluate_at(t);
+                        (dynamics.inputs, dynamics.extrapolation) = swapped;
+                        tangent.add_drive(dynamics, factor * sign / apart);
+                    }
+                }
+                dynamics.evaluate_at(t);
+            }
+        }
+    }
+
+    /// Completes what [`evaluate`](Self::evaluate) has written, of the rod at that time.
+    pub(crate) fn follow(&self, bent: &DeformedRod<'_>, tangent: &mut StateTangent) {
+        if let Way::Given(_) = self.way {
+            tangent.follow_inputs(bent);
+        }
+    }
+
+    /// True where the motion goes on without a jump of accelerations: by the head.
+    pub(crate) fn is_of_head(&self) -> bool {
+        matches!(self.way, Way::Head { .. })
+    }
+
+    /// The change of the flow, m/s, along both axes.
+    pub(crate) fn flow(&self) -> [f64; 2] {
+        match &self.way {
+            Way::Given(given) => given.fluid.flow.into(),
+            _ => [0.0; 2],
+        }
+    }
+}
+
+impl StateTangent {
+    /// Adds `factor` times what the drive of `dynamics` gives.
+    fn add_drive(&mut self, dynamics: &Dynamics, factor: f64) {
+        let add = |to: &mut [f64], from: &[f64]| to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
+        add(&mut self.natural, &dynamics.natural);
+        add(&mut self.natural_rate, &dynamics.natural_rate);
+        if let Some(ActiveMoments { moment, rate, natural, natural_rate }) = &dynamics.active {
+            add(&mut self.active.moment, moment);
+            add(&mut self.active.rate, rate);
+            add(&mut self.active.natural, natural);
+            add(&mut self.active.natural_rate, natural_rate);
+        }
+    }
+
+    /// The change of κ̄ and of its rate, one entry per node.
+    pub(crate) fn natural(&self) -> [&[f64]; 2] {
+        [&self.natural, &self.natural_rate]
+    }
+
+    /// The change of the pose of the head that inputs bring: of the positions, velocities and accelerations of node 0.
+    pub(crate) fn head(&self) -> [[f64; 2]; 3] {
+        let State { q, v, a, .. } = &self.state;
+        [q, v, a].map(|values| [values[0], values[1]])
+    }
+
+    /// The change of the angle (rad) and of the angular velocity (rad/s) of the head that inputs bring.
+    pub(crate) fn head_turn(&self) -> [f64; 2] {
+        self.angle
+    }
+
+    /// The change of the torque (N m) that the motor of a hinge gives at the same angle.
+    pub(crate) fn torque(&self, bent: &DeformedRod<'_>) -> f64 {
+        let DeformedRod { dynamics, .. } = bent;
+        let (Some(hinge), Some([_, _, pitch])) = (&dynamics.model.hinge, &dynamics.held) else { return 0.0 };
+        let [_, given] = hinge.torque(dynamics.command, pitch.value);
+        given * (self.command.torque + hinge.stiffness * self.command.angle)
+    }
+
+    /// Adds the change of the forces that oppose the motion, less loads, where the nodes move as they do, to `out`.
+    pub(crate) fn add_applied(&self, bent: &DeformedRod<'_>, out: &mut [f64]) {
+        let DeformedRod { dynamics, .. } = bent;
+        let (moving, fluid) = (bent.kinematics(), (&self.fluid, self.layers.as_ref(), &self.tensions[..]));
+        for own in dynamics.model.forces.iter() {
+            opposing_change(own, &moving, None, fluid, out);
+        }
+        out.iter_mut().zip(&self.force).for_each(|(out, force)| *out -= force);
+        if let Some(buoyancy) = &dynamics.model.buoyancy {
+            out.iter_mut().zip(buoyancy).for_each(|(out, own)| *out -= own * self.fluid.density);
+        }
+    }
+}
+
+impl Stepper {
+    /// The direction of entry `k` (counted from the first one) of an input, given for a step of `h` (s) from here.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`] where the step does not depend on it smoothly.
+    pub(crate) fn input_direction(&mut self, variable: &'static Variable, k: usize, h: f64) -> Result<InputDirection> {
+        let since = self.now.state.t;
+        if let Some([axis, order]) = variable.of_head() {
+            return Ok(InputDirection { since, way: self.way_of_head(variable.name, [axis, order], h)? });
+        }
+        if matches!(variable.name, "flow_x_m_s" | "flow_y_m_s")
+            && self.dynamics.model.flow.is_some()
+            && !self.dynamics.inputs.flow_taken
+        {
+            let problem = format!(
+                "no derivative by {}, which changes as the scene says; allowed: after it was set, from when on it stays",
+                variable.name
+            );
+            return Err(Error::Derivative { problem });
+        }
+        let of_drive = matches!(
+            variable.name,
+            "actuation_amplitude"
+                | "actuation_moment_n_m"
+                | "actuation_phase_rad"
+                | "actuation_frequency_hz"
+                | "natural_curvature_1_m"
+                | "active_moment_n_m"
+        );
+        if of_drive && self.dynamics.model.lag.is_some() {
+            return Ok(InputDirection { since, way: self.way_of_drive(variable, k) });
+        }
+        let mut given = Inputs::none(&self.dynamics.model);
+        let mut values = vec![0.0; variable.len(&self.dynamics.model)];
+        values[k] = 1.0;
+        Seed { dynamics: &mut self.dynamics, change: &mut given }.set(variable, &values)?;
+        Ok(InputDirection { since, way: Way::Given(Box::new(given)) })
+    }
+
+    fn way_of_drive(&mut self, variable: &'static Variable, k: usize) -> Way {
+        let t = self.now.state.t;
+        let mut values = vec![0.0; variable.len(&self.dynamics.model)];
+        variable.read(&self.view(), &mut values);
+        let size = DRIVE_DIFFERENCE * if values[k] == 0.0 { 1.0 } else { values[k].abs() };
+        let kept = (self.dynamics.inputs.clone(), self.dynamics.extrapolation.clone());
+        let differences = [size, 0.5 * size].map(|size| {
+            let asked = [size, -size].map(|by| {
+                let mut values = values.clone();
+                values[k] += by;
+                let change = InputChange { variable, order: 0, values: &values };
+                self.dynamics.change_inputs(t, |dynamics| change.make(dynamics, t, 0));
+                let (inputs, extrapolation) = kept.clone();
+                let inputs = std::mem::replace(&mut self.dynamics.inputs, inputs);
+                (inputs, std::mem::replace(&mut self.dynamics.extrapolation, extrapolation))
+            });
+            (Box::new(asked), 2.0 * size)
+        });
+        self.dynamics.evaluate_at(t);
+        Way::Drive(differences)
+    }
+
+    fn way_of_head(&self, name: &str, [axis, order]: [usize; 2], h: f64) -> Result<Way> {
+        let refused = |problem: String| Err(Error::Derivative { problem });
+        let (t, model) = (self.now.state.t, &self.dynamics.model);
+        let (Some(pose), Some(motion)) = (&self.dynamics.held, &model.head) else {
+            return refused(format!("a step has no derivative by {name}: no head is held"));
+        };
+        let now_input = model.head_input == HeadInput::Now;
+        if self.is_at_start() && (now_input || self.dynamics.starts_elsewhere(t, Some(t + h))) {
+            return refused(format!(
+                "no derivative by {name} before the first step: the run starts with the pose that is given; allowed: after a step"
+            ));
+        }
+        let end = t + h;
+        let host = self.dynamics.inputs.head.as_deref().copied().unwrap_or_default();
+        let span = [t, end];
+        let fit = |mut host: HostHead| {
+            host.fit(span, pose, model.head_input, motion, true);
+            host
+        };
+        let value = match host.axes[axis].and_then(|own| own.given_at(t, order)) {
+            Some(given) => given,
+            None if host.axes[axis].is_some_and(|own| own.is_given_at(t)) || order > 0 => {
+                return refused(format!(
+                    "no derivative by {name}, which was not set for this step; allowed: an input of the head that was set since the last step"
+                ));
+            }
+            // Where it goes anyway.
+            None if now_input => pose[axis].value,
+            None => fit(host).axes[axis].and_then(|own| own.at(end)).unwrap_or_else(|| motion[axis].at(end)).value,
+        };
+        let unit = if axis < 2 { model.rod.length } else { 1.0 } / h.powi(order as i32);
+        let ways = |part: f64| {
+            let heads = [1.0, -1.0].map(|sign| {
+                let mut host = host;
+                host.set_derivative(t, axis, pose[axis], order, value + sign * part * unit, false);
+                fit(host)
+            });
+            let apart = 2.0 * part * unit;
+            let slope = |t: f64| {
+                let [more, less] = heads.map(|head| head.axes[axis].and_then(|own| own.at(t)).unwrap_or_default());
+                [more.value - less.value, (more.rate - less.rate) * h, (more.acceleration - less.acceleration) * h * h]
+                    .map(|change| change / apart)
+            };
+            let slopes = SAMPLES.map(|part| slope(t + part * h));
+            (Way::Head { axis, heads: Box::new(heads), apart }, slopes)
+        };
+        let mut all = HEAD_DIFFERENCES.map(ways);
+        let smallest = all[HEAD_DIFFERENCES.len() - 1].1;
+        let size = smallest.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        // Differences over the smallest have the rounding of the pose itself.
+        let rounding = 8.0 * f64::EPSILON * (value.abs() * h.powi(order as i32) + unit)
+            / HEAD_DIFFERENCES[HEAD_DIFFERENCES.len() - 1];
+        let near = |slopes: &[[f64; 3]; 3]| {
+            let apart = slopes.as_flattened().iter().zip(smallest.as_flattened()).map(|(a, b)| (a - b).abs());
+            apart.fold(0.0, f64::max) <= HEAD_LINEARITY.max(rounding) * size
+        };
+        let taken = all.iter().position(|(_, slopes)| near(slopes)).unwrap_or(HEAD_DIFFERENCES.len() - 1);
+        all.swap(0, taken);
+        let [(way, _), ..] = all;
+        Ok(way)
+    }
+
+    /// The state at the beginning of the internal step that has just been made; `None` where it was not made by one.
+    pub(crate) fn previous(&self) -> Option<&State> {
+        self.before.map(|_| &self.next)
+    }
+
+    /// Model, inputs and what follows from the time, to be moved to another time and [back](Self::return_to_now).
+    pub(crate) fn dynamics_mut(&mut self) -> &mut Dynamics {
+        &mut self.dynamics
+    }
+
+    /// Moves the dynamics back to the current time.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`].
+    pub(crate) fn return_to_now(&mut self) -> Result<()> {
+        self.move_to_now()
+    }
+
+    /// The integrator, if the model is the full one.
+    pub(crate) fn integrator(&self) -> Option<&dyn Integrator> {
+        self.model_stepper.integrator()
+    }
+
+    /// A differential of the state and of all inputs, zero.
+    pub(crate) fn zero_tangent(&self) -> Box<StateTangent> {
+        Box::new(StateTangent::new(&self.dynamics))
+    }
+
+    /// The change of all variables where the current state changes by `change`, and by an input of the step that led there.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`].
+    pub(crate) fn along_step(
+        &mut self,
+        change: &State,
+        input: Option<&InputDirection>,
+    ) -> Result<VariableDerivatives<'_>> {
+        let mut tangent = self.take_tangent();
+        if let Some(input) = input {
+            input.evaluate(&mut self.dynamics, self.now.state.t, &mut tangent);
+        }
+        let bent = self.dynamics.shape(&self.now.state)?;
+        if let Some(input) = input {
+            input.follow(&bent, &mut tangent);
+        }
+        tangent.metrics.totals = Default::default();
+        for (to, from) in
+            [(&mut tangent.state.q, &change.q), (&mut tangent.state.v, &change.v), (&mut tangent.state.a, &change.a)]
+        {
+            to.copy_from_slice(from);
+        }
+        if bent.dynamics.model.hinge.is_some() {
+            let arc = 2 * bent.dynamics.model.rod.nodes;
+            tangent.angle = [&change.q, &change.v].map(|values| values[arc] / bent.dynamics.model.rod.length);
+        }
+        tangent.read(&bent, &self.now.metrics.now, Along::Step);
+        Ok(self.put_tangent(tangent))
+    }
+}

@@ -1,0 +1,140 @@
+//! The state as one vector: for estimators, controllers and the derivatives of a step.
+
+use super::Stepper;
+use crate::error::{Error, Result};
+use crate::metrics::WorkSource;
+use crate::system::{State, System};
+
+/// The coordinates of the state that the derivatives of a step are taken by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StateCoordinates {
+    /// Positions and velocities. Accelerations follow from them by the equation of motion, and what a method remembers of earlier
+    /// accelerations changes as they do.
+    #[default]
+    Motion,
+    /// All that a snapshot has of the motion: accelerations too, and what a method remembers of earlier ones.
+    Full,
+}
+
+/// A number of a state, an input or an output: an entry of a variable.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    /// Name of the variable, with the number of the node in brackets where it has several entries.
+    pub name: String,
+    /// Unit.
+    pub unit: &'static str,
+}
+
+/// One number of a state: of which of its vectors, and where in that.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Coordinate {
+    part: usize,
+    index: usize,
+    /// What it is to be multiplied by: the length of the rod for the angle of a hinge, whose unknown is an arc.
+    scale: f64,
+}
+
+/// For each vector of a state: the names of a node's entries and their unit, and those of a hinge.
+const PARTS: [([&str; 2], &str, [&str; 2]); 4] = [
+    (["x_m", "y_m"], "m", ["hinge_angle_rad", "rad"]),
+    (["vx_m_s", "vy_m_s"], "m/s", ["hinge_spin_rad_s", "rad/s"]),
+    (["ax_m_s2", "ay_m_s2"], "m/s2", ["hinge_angular_acceleration_rad_s2", "rad/s2"]),
+    (["remembered_ax_m_s2", "remembered_ay_m_s2"], "m/s2", ["remembered_hinge_acceleration_rad_s2", "rad/s2"]),
+];
+
+impl Coordinate {
+    pub(crate) fn of(self, state: &State) -> f64 {
+        let State { q, v, a, memory, .. } = state;
+        [q, v, a, memory][self.part][self.index] / self.scale
+    }
+
+    pub(crate) fn set(self, state: &mut State, value: f64) {
+        let State { q, v, a, memory, .. } = state;
+        [q, v, a, memory][self.part][self.index] = value * self.scale;
+    }
+}
+
+impl Stepper {
+    /// The coordinates of a state, without those of a node that is held.
+    pub(crate) fn coordinates(&self, coordinates: StateCoordinates) -> Vec<Coordinate> {
+        let State { q, memory, .. } = self.state();
+        let (rod, first) = (&self.model().rod, if self.model().head.is_some() { 2 } else { 0 });
+        let parts = match coordinates {
+            StateCoordinates::Motion => 2,
+            StateCoordinates::Full if memory.is_empty() => 3,
+            StateCoordinates::Full => 4,
+        };
+        let scale = |index: usize| if index < 2 * rod.nodes { 1.0 } else { rod.length };
+        let part = |part: usize| (first..q.len()).map(move |index| Coordinate { part, index, scale: scale(index) });
+        (0..parts).flat_map(part).collect()
+    }
+
+    /// The names of the numbers of the state, in the order of [`motion`](Self::motion): first all positions, node by node, then all
+    /// velocities.
+    pub fn state_entries(&self, coordinates: StateCoordinates) -> Vec<Entry> {
+        let nodes = self.model().rod.nodes;
+        let entry = |Coordinate { part, index, .. }: Coordinate| {
+            let (names, unit, [hinge, hinge_unit]) = PARTS[part];
+            match (index / 2, index % 2) {
+                (node, axis) if node < nodes => Entry { name: format!("{}[{node}]", names[axis]), unit },
+                _ => Entry { name: hinge.to_string(), unit: hinge_unit },
+            }
+        };
+        self.coordinates(coordinates).into_iter().map(entry).collect()
+    }
+
+    /// Positions and velocities of the nodes that nothing holds, and of a hinge, as
+    /// [`state_entries`](Self::state_entries) names them.
+    pub fn motion(&self) -> Vec<f64> {
+        self.coordinates(StateCoordinates::Motion).into_iter().map(|coordinate| coordinate.of(self.state())).collect()
+    }
+
+    /// Sets positions and velocities in the order of [`motion`](Self::motion): those of an estimator, or where a prediction begins. A held
+    /// head goes on as it moves. Accelerations follow from the equation of motion, as after a jump of inputs; the energy and the momentum
+    /// that the change brings count as those of loads.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`] for a reduced model; [`Error::WrongLength`], [`Error::BadValue`]; errors of a shape without meaning, as
+    /// an edge without length. Nothing has changed then.
+    pub fn set_motion(&mut self, motion: &[f64]) -> Result<()> {
+        if self.model_stepper.integrator().is_none() {
+            let problem = "a reduced model finds its own motion; allowed: solver.model = \"full\"".to_string();
+            return Err(Error::Derivative { problem });
+        }
+        let coordinates = self.coordinates(StateCoordinates::Motion);
+        if motion.len() != coordinates.len() {
+            return Err(Error::WrongLength { name: "motion", expected: coordinates.len(), found: motion.len() });
+        }
+        if let Some(value) = motion.iter().find(|x| !x.is_finite()) {
+            return Err(Error::BadValue { name: "motion", value: *value, allowed: "finite numbers" });
+        }
+        if self.now.needs_reinitialisation {
+            self.reinitialise()?;
+        }
+        self.forget_step();
+        let outcome = self.place_motion(&coordinates, motion);
+        if outcome.is_err() {
+            self.move_to_now()?;
+        }
+        outcome
+    }
+
+    fn place_motion(&mut self, coordinates: &[Coordinate], motion: &[f64]) -> Result<()> {
+        let Self { dynamics, model_stepper, newton, now, next, measurements, .. } = self;
+        let t = now.state.t;
+        dynamics.move_to(t, &mut now.state);
+        next.copy_from(&now.state);
+        coordinates.iter().zip(motion).for_each(|(coordinate, value)| coordinate.set(next, *value));
+        dynamics.move_to(t, next);
+        dynamics.carry_links(&now.state, next);
+        let work = newton.work;
+        let consistent = model_stepper.reinitialise(dynamics, newton, next);
+        newton.work = work;
+        consistent?;
+        measurements.measure(dynamics, next)?;
+        std::mem::swap(&mut now.state, next);
+        now.metrics.count_jump(measurements, WorkSource::Load);
+        now.cycles.follow(dynamics, &now.state, &now.metrics, None);
+        Ok(())
+    }
+}
