@@ -17,7 +17,7 @@ use crate::linear::Direction;
 use crate::model::{DeformedRod, Dynamics};
 use crate::rod::add;
 use crate::stepper::derivatives::{InputDirection, StateTangent};
-use crate::stepper::{Coordinate, Entry, StateCoordinates, Stepper};
+use crate::stepper::{Coordinate, Entry, LastDerivatives, StateCoordinates, Stepper};
 use crate::system::{State, System};
 use crate::variable::{Causality, Size, Variable};
 
@@ -100,6 +100,72 @@ impl Stepper {
             }
         }
         Ok(found)
+    }
+
+    /// Adds, for each of `outputs` (variables at nodes), its change with the poses of a head that were given for the end of the communication
+    /// step that led here (`head.input = "at-end"`), each with its `seed`: the interface Jacobian of that step. What was
+    /// [set](Self::set) with a rate or an acceleration is an input of its own.
+    ///
+    /// The step is made once more for it, to the same bits; a further call is read from what the first has found.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`] where no step led here, or something was set or restored since; for an input that was not given for
+    /// that step, and for an output that is a total.
+    pub fn add_through_last_step(
+        &mut self,
+        given: &[(&'static Variable, f64)],
+        outputs: &[Option<(&'static Variable, usize)>],
+        out: &mut [f64],
+    ) -> Result<()> {
+        if let Some((total, _)) = outputs.iter().flatten().find(|(variable, _)| variable.is_total()) {
+            self.output_of_one_time(total.name)?;
+        }
+        if self.last_derivatives_mut().is_none() {
+            let found = self.last_step_along_head()?;
+            *self.last_derivatives_mut() = Some(found);
+        }
+        // Out of the way of the stepper.
+        let Some(known) = self.last_derivatives_mut().take() else { return Ok(()) };
+        let mut add = || {
+            for (variable, seed) in given {
+                let Some((_, end, direction)) = known.iter().find(|(own, ..)| own.name == variable.name) else {
+                    let problem = format!(
+                        "no derivative by {}, which was not given for the step that led here; allowed: an input that was set for it",
+                        variable.name
+                    );
+                    return Err(Error::Derivative { problem });
+                };
+                let changes = self.along_step(end, Some(direction))?;
+                for (out, output) in out.iter_mut().zip(outputs) {
+                    *out += seed * output.and_then(|(variable, k)| changes.of(variable, k)).unwrap_or_default();
+                }
+            }
+            Ok(())
+        };
+        let outcome = add();
+        *self.last_derivatives_mut() = Some(known);
+        outcome
+    }
+
+    /// Makes the last communication step once more, and follows the inputs of the head that were given for it.
+    fn last_step_along_head(&mut self) -> Result<Box<LastDerivatives>> {
+        let there = self.save();
+        let Some(h) = self.return_to_last_step() else {
+            let problem = "no step led here since something was last set or restored; allowed: right after a step";
+            return Err(Error::Derivative { problem: problem.to_string() });
+        };
+        let jump = self.take_head_jump();
+        let given: Vec<_> = self.given_head_inputs().into_iter().map(|variable| (variable, 0)).collect();
+        let found = self.step_along(h, StateCoordinates::Full, Vec::new(), &given);
+        if found.is_err() || self.time() != there.time() {
+            self.restore(&there)?;
+        }
+        self.put_head_jump(jump);
+        let found = given
+            .into_iter()
+            .zip(found?)
+            .filter_map(|((variable, _), (end, direction))| Some((variable, end, direction?)));
+        Ok(Box::new(found.collect()))
     }
 
     fn input(&self, name: &str) -> Result<&'static Variable> {

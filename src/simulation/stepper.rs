@@ -28,6 +28,8 @@ pub(crate) use state_vector::Coordinate;
 pub use state_vector::{Entry, StateCoordinates};
 use step_control::{STEP_FACTORS, step_factor};
 
+use derivatives::InputDirection;
+
 use crate::cycle::Cycles;
 use crate::error::{Error, Result};
 use crate::integrator::{StepControl, StepError};
@@ -97,6 +99,10 @@ pub struct Stepper {
     measured: bool,
     /// The largest jump of the head since the last query.
     head_jump: Option<HeadJump>,
+    /// The size (s) of the communication step that led here, if nothing has been set or restored since; and the derivatives by what was
+    /// given for it, once they have been asked for.
+    last_step: Option<f64>,
+    last_derivatives: Option<Box<LastDerivatives>>,
     // Work arrays.
     inputs: (Inputs, Option<Box<InputExtrapolation>>),
     next: State,
@@ -105,6 +111,9 @@ pub struct Stepper {
     read_at_once: Option<Measurements>,
     accelerations: Vec<f64>,
 }
+
+/// How the state at the end of the last communication step follows from the inputs that were given for it.
+pub(crate) type LastDerivatives = Vec<(&'static Variable, State, InputDirection)>;
 
 /// Time as an integer number of steps, free of accumulated rounding: t = origin + count·Δt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -211,6 +220,8 @@ impl Stepper {
             presolved: None,
             measured: false,
             head_jump: None,
+            last_step: None,
+            last_derivatives: None,
             inputs: (dynamics.inputs.clone(), None),
             next: now.state.clone(),
             measurements: now.metrics.now.clone(),
@@ -380,10 +391,14 @@ impl Stepper {
     /// Those of [`do_step`](Self::do_step).
     pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let (ahead, jump) = (self.now.pending_time, self.head_jump);
+        self.forget_last_step();
         let outcome = self.advance_by(h, look);
-        if outcome.is_err() {
-            self.undo_step();
-            (self.now.pending_time, self.head_jump) = (ahead, jump);
+        match outcome {
+            Err(_) => {
+                self.undo_step();
+                (self.now.pending_time, self.head_jump) = (ahead, jump);
+            }
+            Ok(whole) => self.last_step = (whole && ahead.is_none() && self.now.pending_time.is_none()).then_some(h),
         }
         outcome
     }
@@ -394,6 +409,7 @@ impl Stepper {
     /// Those of [`do_step`](Self::do_step).
     pub fn advance_until_failure(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let (start, pending_time) = (self.now.state.t, self.now.pending_time);
+        self.forget_last_step();
         let outcome = self.advance_by(h, look);
         if outcome.is_err() {
             if self.now.state.t == start {
@@ -405,6 +421,11 @@ impl Stepper {
         // Made for a whole run, whose end takes the room.
         self.undo = undo::Undo::default();
         outcome
+    }
+
+    /// Nothing is known any more of the communication step that led here.
+    fn forget_last_step(&mut self) {
+        (self.last_step, self.last_derivatives) = (None, None);
     }
 
     fn advance_by(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
@@ -833,6 +854,7 @@ impl Stepper {
 
     fn apply_all<'a>(&mut self, changes: impl Iterator<Item = (InputChange<'a>, usize)> + Clone) -> Result<()> {
         let t = self.now.state.t;
+        self.forget_last_step();
         self.inputs.0.clone_from(&self.dynamics.inputs);
         self.inputs.1.clone_from(&self.dynamics.extrapolation);
         if let Some(extrapolation) = &mut self.dynamics.extrapolation {
@@ -886,6 +908,7 @@ impl Stepper {
     /// # Errors
     /// [`Error::NotFinite`] where the force is not a number now. Nothing is counted then.
     pub fn inputs_changed(&mut self) -> Result<()> {
+        self.forget_last_step();
         self.inputs.0.clone_from(&self.dynamics.inputs);
         self.count_input_change()?;
         self.now.needs_reinitialisation = true;

@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use crate::cycle::{self, CycleDifference, CycleMeasure, Cycles};
 use crate::error::{Error, nearest};
 use crate::fluid::{DENSITY, Force, Layer, Layers, PowerKind};
-use crate::head::{Hinge, Sample};
+use crate::head::{HeadInput, Hinge, Sample};
 use crate::metrics::RunMetrics;
 use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::SolverWork;
@@ -503,9 +503,13 @@ impl Variable {
         self.total
     }
 
-    /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`.
+    /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`: of poses that are
+    /// given for the end of a step, through that step.
     pub fn follows(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
+        if model.head_input == HeadInput::AtEnd && input.head.is_some() && self.causality == Causality::Output {
+            return 0..1; // through the step that led to the pose
+        }
         // Of what a drive that lags is asked for only the rate of what it gives follows, as it follows the frequency of one that does not.
         let asked = match input.name {
             "actuation_frequency_hz" if model.lag.is_some() => return 0..0,
@@ -1175,7 +1179,7 @@ pub static VARIABLES: &[Variable] = &[
     input("interface_4_offset_m", "m", "where interface 4 is along its normal", |v, _| layer(v, 3).map_or(0.0, |layer| layer.offset), |d, _, x| set_layer(d, 3, |layer| layer.offset = x[0])).when(INTERFACE_4),
     input("beyond_4_viscosity_pa_s", "Pa s", "dynamic viscosity beyond interface 4", |v, _| layer(v, 3).map_or(0.0, |layer| layer.fluid.viscosity), |d, _, x| set_layer(d, 3, |layer| layer.fluid.viscosity = x[0])).when(INTERFACE_4).at_least_zero(),
     input("beyond_4_density_kg_m3", "kg/m^3", "density beyond interface 4", |v, _| layer(v, 3).map_or(0.0, |layer| layer.fluid.density), |d, _, x| set_layer(d, 3, |layer| layer.fluid.density = x[0])).when(INTERFACE_4).at_least_zero(),
-    head_input("head_x_m", "m", "head position, x, now or at the end of the next step as head.input says; set before the first step, the run starts there", |v, _| given_head(v, 0, 0), 0, 0),
+    head_input("head_x_m", "m", "head position, x, now or at the end of the next step as head.input says; set before the first step, the run starts there. Derivatives by a pose at the end are those through the step that led there", |v, _| given_head(v, 0, 0), 0, 0),
     head_input("head_y_m", "m", "head position, y", |v, _| given_head(v, 1, 0), 1, 0),
     head_input("head_angle_rad", "rad", "head angle from +x", |v, _| given_head(v, 2, 0), 2, 0),
     head_input("head_vx_m_s", "m/s", "head velocity, x, at the time of the position; where it is not set it follows from the positions, and is zero where the run starts with a position", |v, _| given_head(v, 0, 1), 0, 1),

@@ -1,15 +1,17 @@
 //! Derivatives of a communication step, against Richardson differences of steps.
 
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
+
 use caudal::Error;
 use caudal::integrator::StepControl;
-use caudal::nalgebra::DVector;
+use caudal::nalgebra::{Complex, DMatrix, DVector};
 use caudal::scene::Document;
 use caudal::sensitivity::StepDerivative;
 use caudal::stepper::{Entry, Snapshot, StateCoordinates, Stepper};
 use caudal::variable::{Causality, Variable};
 
-use crate::common::Dice;
 use crate::common::random_scene::random;
+use crate::common::{Dice, SOFT, scene_files, scene_of, stepper_of};
 
 /// Rounding of readings after a step, in parts of their size: Newton's method ends at 1e-13 of the length.
 const ROUNDING: f64 = 4e-12;
@@ -231,4 +233,323 @@ fn the_derivative_of_a_step_is_that_of_differences_in_random_scenes() {
     }
     println!("{scenes} scenes, {compared} comparisons");
     assert!(bad.is_empty() && scenes >= count / 2, "{}", bad.join("\n"));
+}
+
+/// The matrix of a step of `h` (s) of a scene from `time` (s).
+fn step_matrix(
+    text: &str,
+    changes: &[&str],
+    time: f64,
+    h: f64,
+    coordinates: StateCoordinates,
+) -> (Stepper, StepDerivative) {
+    let mut stepper = stepper_of(text, changes);
+    if time > 0.0 {
+        stepper.do_step(time).unwrap();
+    }
+    let found = stepper.linearise(h, coordinates, &[], &[]).unwrap();
+    (stepper, found)
+}
+
+/// A clamped rod at rest, without a fluid.
+const CLAMPED: [&str; 4] =
+    ["medium.viscosity_pa_s=1e-15", "head={ kind = \"clamped\" }", "start.kind=jump", "solver.newton_tolerance=1e-14"];
+
+#[test]
+fn a_linearised_step_is_the_step_to_the_bit() {
+    for path in scene_files("models") {
+        let document = Document::read(&path).unwrap();
+        let Ok(scene) = document.scene() else { continue };
+        if scene.rod.nodes.get() > 65 {
+            continue;
+        }
+        let mut stepper = Stepper::of(&scene).unwrap();
+        let h = 2.5 * scene.typical_step();
+        stepper.do_step(h).unwrap();
+        let from = stepper.save();
+        stepper.do_step(h).unwrap();
+        stepper.do_step(h).unwrap();
+        let there = stepper.save();
+        stepper.restore(&from).unwrap();
+        match stepper.linearise(h, StateCoordinates::Motion, &["force_y_n"], &["tip_y_m"]) {
+            Ok(_) => {
+                stepper.do_step(h).unwrap();
+                assert!(stepper.save() == there, "{}", path.display());
+            }
+            Err(Error::Derivative { problem }) => {
+                assert!(problem.contains("reduced") || problem.contains("explicit"), "{}: {problem}", path.display());
+            }
+            Err(error) => panic!("{}: {error}", path.display()),
+        }
+    }
+}
+
+#[test]
+fn a_step_at_rest_has_the_eigenvalues_that_its_method_gives_each_mode() {
+    for (method, amplification) in [
+        // q = e^{iθ}: tan(θ/2) = ωh/2, and 1/(1 − iωh).
+        ("newmark", (|x| Complex::new(0.0, 2.0 * (0.5_f64 * x).atan()).exp()) as fn(f64) -> Complex<f64>),
+        ("implicit-euler", |x| Complex::new(1.0, -x).inv()),
+    ] {
+        let h = 2e-3;
+        let method = format!("solver.integrator={method}");
+        let changes: Vec<&str> = CLAMPED.into_iter().chain([&*method]).collect();
+        let (stepper, StepDerivative { a, .. }) = step_matrix(SOFT, &changes, 0.0, h, StateCoordinates::Motion);
+        let values = a.complex_eigenvalues();
+        for mode in caudal::modes::lowest_of_model(scene_of(SOFT, &changes).model().unwrap(), 4).unwrap() {
+            let expected = amplification(mode.frequency * h);
+            let apart = values.iter().map(|value| (value - expected).norm()).fold(f64::INFINITY, f64::min);
+            assert!(apart < 1e-9, "{method}, {} rad/s: {apart:e} from {expected}", mode.frequency);
+        }
+        assert_eq!(a.nrows(), 4 * (stepper.model().rod.nodes - 1));
+    }
+}
+
+#[test]
+fn a_conservative_step_of_newmarks_method_is_symplectic_about_rest() {
+    let (stepper, StepDerivative { a, .. }) = step_matrix(SOFT, &CLAMPED, 0.0, 2e-3, StateCoordinates::Motion);
+    let n = a.nrows() / 2;
+    let mass = |i: usize| stepper.model().rod.mass[i / 2 + 1];
+    // ω((q, v), (q', v')) = Σ m (q v' − v q')
+    let form = DMatrix::from_fn(2 * n, 2 * n, |i, j| match (i < n, j < n) {
+        (true, false) if i == j - n => mass(i),
+        (false, true) if i - n == j => -mass(j),
+        _ => 0.0,
+    });
+    let apart = (a.transpose() * &form * &a - &form).amax() / form.amax();
+    assert!(apart < 1e-8, "{apart:e}");
+}
+
+#[test]
+fn the_derivative_of_many_internal_steps_is_the_product_of_theirs() {
+    for method in ["newmark", "generalized-alpha", "esdirk3", "implicit-euler"] {
+        let method = format!("solver.integrator={method}");
+        let (h, parts) = (2e-3, 5);
+        for coordinates in [StateCoordinates::Motion, StateCoordinates::Full] {
+            let (_, whole) = step_matrix(SOFT, &[&method], 0.1, h * f64::from(parts), StateCoordinates::Full);
+            let mut stepper = stepper_of(SOFT, &[&method]);
+            stepper.do_step(0.1).unwrap();
+            let mut product = DMatrix::identity(whole.a.nrows(), whole.a.nrows());
+            for _ in 0..parts {
+                product = stepper.linearise(h, StateCoordinates::Full, &[], &[]).unwrap().a * product;
+            }
+            let (found, expected) = match coordinates {
+                StateCoordinates::Full => (whole.a, product),
+                // The multipliers that are not zero are those of positions and velocities, where a method remembers nothing else.
+                StateCoordinates::Motion if method.contains("generalized") => continue,
+                StateCoordinates::Motion => {
+                    let (_, motion) =
+                        step_matrix(SOFT, &[&method], 0.1, h * f64::from(parts), StateCoordinates::Motion);
+                    let n = motion.a.nrows();
+                    let largest =
+                        |a: &DMatrix<f64>| a.complex_eigenvalues().iter().map(|x| x.norm()).fold(0.0, f64::max);
+                    let (one, two) = (largest(&motion.a), largest(&product));
+                    assert!((one - two).abs() < 1e-7 * one, "{method}: {one} for {two}, {n}");
+                    continue;
+                }
+            };
+            let apart = (&found - &expected).amax() / expected.amax();
+            assert!(apart < 1e-9, "{method}, {coordinates:?}: {apart:e}");
+        }
+    }
+}
+
+#[test]
+fn accelerations_act_through_the_explicit_part_of_a_step() {
+    for name in ["newmark", "generalized-alpha", "implicit-euler"] {
+        let method = format!("solver.integrator={name}");
+        let h = 2e-3;
+        let (_, StepDerivative { a, states, .. }) = step_matrix(SOFT, &[&method], 0.1, h, StateCoordinates::Full);
+        let n = states.iter().filter(|entry| entry.unit == "m").count();
+        let method = caudal::integrator::Method::named(name).unwrap();
+        let rule = (method.build)(&method.defaults()).rule(h).unwrap();
+        for j in 0..n {
+            // q* = q + h v + q_a a + q_w w and v* = v + v_a a + v_w w; what is remembered beside that is the method's own.
+            let by = |q: f64, v: f64| a.column(j) * q + (a.column(n + j) - a.column(j) * h) * v;
+            let mut expected = by(rule.q_old, rule.v_old);
+            if let Some(memory) = rule.memory {
+                expected[3 * n + j] += memory.old;
+            }
+            let apart = (a.column(2 * n + j) - expected).amax();
+            assert!(apart < 1e-9 * a.amax(), "{name}: {apart:e}");
+        }
+    }
+}
+
+/// A tail on a head that a host drives to poses at the ends of its steps.
+fn hosted() -> Stepper {
+    let driven = std::fs::read_to_string("models/driven-head.toml").unwrap();
+    let mut stepper = stepper_of(&driven, &["head.input=at-end", "solver.newton_tolerance=1e-14"]);
+    for i in 1..8 {
+        pose(&mut stepper, f64::from(i), 0.0);
+        stepper.do_step(5e-3).unwrap();
+    }
+    stepper
+}
+
+fn pose(stepper: &mut Stepper, i: f64, by: f64) {
+    stepper.set("head_y_m", &[0.01 * (0.2 * i).sin() + by]).unwrap();
+    stepper.set("head_vy_m_s", &[0.4 * (0.2 * i).cos()]).unwrap();
+    stepper.set("head_ay_m_s2", &[-16.0 * (0.2 * i).sin()]).unwrap();
+}
+
+#[test]
+fn an_output_changes_with_a_pose_at_the_end_as_through_the_step_that_led_there() {
+    let mut stepper = hosted();
+    let from = stepper.save();
+    let names = ["head_force_x_n", "head_force_y_n", "head_moment_n_m", "tip_vy_m_s", "pose_y_m"];
+    let outputs: Vec<_> = names.iter().map(|name| Some((stepper.find(name).unwrap(), 0))).collect();
+    let mut read = |by: f64| {
+        stepper.restore(&from).unwrap();
+        pose(&mut stepper, 8.0, by);
+        stepper.do_step(5e-3).unwrap();
+        names.map(|name| stepper.get_scalar(name).unwrap())
+    };
+    let size = 1e-5;
+    let [more, less] = [size, -size].map(&mut read);
+    read(0.0);
+    let after = stepper.save();
+    let variable = stepper.find("head_y_m").unwrap();
+    let mut found = [0.0; 5];
+    stepper.add_through_last_step(&[(variable, 1.0)], &outputs, &mut found).unwrap();
+    println!("{found:?}");
+    for (i, name) in names.iter().enumerate() {
+        let expected = (more[i] - less[i]) / (2.0 * size);
+        assert!((found[i] - expected).abs() < 2e-5 * expected.abs(), "{name}: {} for {expected}", found[i]);
+    }
+    assert!((found[4] - 1.0).abs() < 1e-12 && found[1].abs() > 100.0, "{found:?}");
+    // A second call reads what is known, and nothing has changed.
+    let mut again = [0.0; 5];
+    stepper.add_through_last_step(&[(variable, 2.0)], &outputs, &mut again).unwrap();
+    assert_eq!(again, found.map(|x| 2.0 * x));
+    assert!(stepper.save() == after);
+}
+
+#[test]
+fn what_no_step_led_to_has_no_derivative_through_it() {
+    let mut stepper = hosted();
+    let variable = stepper.find("head_y_m").unwrap();
+    let output = [Some((stepper.find("head_force_y_n").unwrap(), 0))];
+    let ask = |stepper: &mut Stepper, name: &str| {
+        let input = stepper.find(name).unwrap();
+        stepper.add_through_last_step(&[(input, 1.0)], &output, &mut [0.0]).map_err(|error| error.to_string())
+    };
+    assert_eq!(ask(&mut stepper, "head_y_m"), Ok(()));
+    assert_eq!(
+        ask(&mut stepper, "head_x_m"),
+        Err("no derivative by head_x_m, which was not given for the step that led here; allowed: an input that was set for it".into())
+    );
+    let saved = stepper.save();
+    let none = "no step led here since something was last set or restored; allowed: right after a step";
+    stepper.restore(&saved).unwrap();
+    assert_eq!(ask(&mut stepper, "head_y_m"), Err(none.into()));
+    pose(&mut stepper, 8.0, 0.0);
+    stepper.do_step(5e-3).unwrap();
+    stepper.set("force_y_n", &vec![0.0; 33]).unwrap();
+    assert_eq!(ask(&mut stepper, "head_y_m"), Err(none.into()));
+    let total = stepper.find("head_work_j").unwrap();
+    pose(&mut stepper, 9.0, 0.0);
+    stepper.do_step(5e-3).unwrap();
+    let error =
+        stepper.add_through_last_step(&[(variable, 1.0)], &[Some((total, 0))], &mut [0.0]).unwrap_err().to_string();
+    assert!(error.starts_with("head_work_j has no derivative of a step: allowed are outputs of one time"), "{error}");
+}
+
+#[test]
+fn steps_without_derivative_are_refused_by_name() {
+    let refused = |changes: &[&str], inputs: &[&str], outputs: &[&str]| {
+        let mut stepper = stepper_of(SOFT, changes);
+        let before = stepper.save();
+        let error = stepper.linearise(0.01, StateCoordinates::Motion, inputs, outputs).unwrap_err().to_string();
+        assert!(stepper.save() == before);
+        error
+    };
+    let explicit = refused(&["solver.integrator=symplectic-euler", "solver.time_step_s=1e-5"], &[], &[]);
+    assert!(
+        explicit.starts_with("a step of an explicit method has no derivative; allowed: solver.integrator ="),
+        "{explicit}"
+    );
+    let reduced = refused(&["solver.model=overdamped"], &[], &[]);
+    assert_eq!(reduced, "a step of a reduced model has no derivative; allowed: solver.model = \"full\"");
+    assert!(refused(&[], &["tip_y_m"], &[]).contains("tip_y_m"));
+    assert!(refused(&[], &["no_such"], &[]).contains("no_such"));
+    assert!(refused(&[], &[], &["viscous_work_j"]).starts_with("viscous_work_j has no derivative of a step"));
+    assert!(refused(&[], &[], &["cycle_speed_m_s"]).starts_with("cycle_speed_m_s has no derivative of a step"));
+    let head = refused(&["head={ kind = \"driven\" }"], &["head_y_m"], &[]);
+    assert!(head.starts_with("no derivative by head_y_m before the first step"), "{head}");
+    let mut stepper = stepper_of(SOFT, &[]);
+    for h in [0.0, -1.0, f64::NAN] {
+        assert!(matches!(stepper.linearise(h, StateCoordinates::Motion, &[], &[]), Err(Error::Step(_))));
+    }
+    assert!(matches!(stepper.set_motion(&[0.0]), Err(Error::WrongLength { .. })));
+    let mut motion = stepper.motion();
+    motion[0] = f64::NAN;
+    assert!(matches!(stepper.set_motion(&motion), Err(Error::BadValue { .. })));
+}
+
+#[test]
+fn a_motion_that_is_set_counts_as_work_of_loads_and_leaves_the_balance_closed() {
+    for changes in [&["solver.newton_tolerance=1e-13"][..], &["solver.form=chain", "solver.newton_tolerance=1e-13"]] {
+        let mut stepper = stepper_of(SOFT, changes);
+        stepper.do_step(0.1).unwrap();
+        let defect = stepper.get_scalar("numerical_dissipation_j").unwrap();
+        let work = stepper.get_scalar("load_work_j").unwrap();
+        let energy = |stepper: &Stepper| {
+            ["stretching_energy_j", "bending_energy_j", "kinetic_energy_j"]
+                .map(|name| stepper.get_scalar(name).unwrap())
+                .iter()
+                .sum::<f64>()
+        };
+        let before = energy(&stepper);
+        let mut motion = stepper.motion();
+        let n = motion.len() / 2;
+        for (i, v) in motion[n..].iter_mut().enumerate() {
+            *v += 1e-3 * (i as f64).sin();
+        }
+        stepper.set_motion(&motion).unwrap();
+        let told = stepper.motion();
+        assert!(told.iter().zip(&motion).all(|(a, b)| a == b));
+        let given = stepper.get_scalar("load_work_j").unwrap() - work;
+        let gained = energy(&stepper) - before;
+        assert!((given - gained).abs() <= 1e-12 * before && gained != 0.0, "{given} for {gained}");
+        let apart = stepper.get_scalar("numerical_dissipation_j").unwrap() - defect;
+        assert!(apart.abs() <= 1e-12 * before, "{apart}");
+        stepper.do_step(0.01).unwrap();
+    }
+}
+
+#[test]
+#[ignore = "a measurement"]
+fn cost() {
+    for nodes in [9, 17, 33, 65] {
+        let nodes = format!("rod.nodes={nodes}");
+        let mut stepper = stepper_of(SOFT, &[&nodes, "solver.integrator=newmark", "solver.time_step_s=2e-3"]);
+        stepper.do_step(0.1).unwrap();
+        let from = stepper.save();
+        let mut time = |work: &mut dyn FnMut(&mut Stepper)| {
+            let mut best = f64::INFINITY;
+            for _ in 0..40 {
+                stepper.restore(&from).unwrap();
+                let start = std::time::Instant::now();
+                for _ in 0..10 {
+                    work(&mut stepper);
+                }
+                best = best.min(start.elapsed().as_secs_f64() / 10.0);
+            }
+            best
+        };
+        let step = time(&mut |stepper| stepper.do_step(2e-3).unwrap());
+        let mut linear = |coordinates, inputs: &[&str], outputs: &[&str]| {
+            time(&mut |stepper| drop(stepper.linearise(2e-3, coordinates, inputs, outputs).unwrap())) / step
+        };
+        println!(
+            "{nodes}: step {:.1} us, A {:.1}, full A {:.1}, A and B {:.1}, with tip {:.1}, with all {:.1}",
+            1e6 * step,
+            linear(StateCoordinates::Motion, &[], &[]),
+            linear(StateCoordinates::Full, &[], &[]),
+            linear(StateCoordinates::Motion, &["actuation_amplitude", "actuation_phase_rad", "flow_x_m_s", "flow_y_m_s", "viscosity_pa_s"], &[]),
+            linear(StateCoordinates::Motion, &["actuation_amplitude", "flow_x_m_s"], &["tip_x_m", "tip_y_m"]),
+            linear(StateCoordinates::Motion, &["natural_curvature_1_m", "force_x_n", "force_y_n"], &["curvature_1_m", "actuation_power_w"]),
+        );
+    }
 }

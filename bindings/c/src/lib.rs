@@ -12,8 +12,9 @@ use std::path::Path;
 
 use engine::error::Error;
 use engine::scene::Document;
+use engine::sensitivity::StepDerivative;
 use engine::stepper::snapshot::Snapshot;
-use engine::stepper::{InputChange, Stepper};
+use engine::stepper::{InputChange, StateCoordinates, Stepper};
 use engine::variable::{Causality, Variable};
 
 /// How a call ended.
@@ -46,6 +47,16 @@ pub enum caudal_causality {
     CAUDAL_OUTPUT = 2,
     /// Time.
     CAUDAL_INDEPENDENT = 3,
+}
+
+/// The coordinates of the state that the derivatives of a step are taken by.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum caudal_coordinates {
+    /// Positions and velocities; accelerations follow from them at the beginning of the step.
+    CAUDAL_MOTION = 0,
+    /// All that a state has of the motion: accelerations too, and what a method remembers of earlier ones.
+    CAUDAL_FULL = 1,
 }
 
 /// A variable of a simulation. Its texts live as long as the simulation.
@@ -420,6 +431,106 @@ pub unsafe extern "C" fn caudal_rate(
             out.iter_mut().zip(nodes).for_each(|(out, k)| *out = rates.of(variable, k).unwrap_or(0.0));
             Ok(())
         })
+    }
+}
+
+/// The derivatives of a step, each row by row: a (states x states) and b (states x inputs) of the state at its end, c (outputs x states) and
+/// d (outputs x inputs) of the outputs there. Null pointers are left out. Inputs and outputs count by entry, an array's all in a row.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct caudal_derivatives {
+    /// By the state at the beginning, of the state at the end.
+    pub a: *mut f64,
+    /// By the inputs, of the state.
+    pub b: *mut f64,
+    /// By the state, of the outputs.
+    pub c: *mut f64,
+    /// By the inputs, of the outputs.
+    pub d: *mut f64,
+}
+
+/// The number of coordinates of the state, 0 without a simulation.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_state_count(
+    simulation: *const caudal_simulation,
+    coordinates: caudal_coordinates,
+) -> usize {
+    // SAFETY: the caller's promise.
+    unsafe { simulation.as_ref() }.map_or(0, |simulation| simulation.stepper.state_entries(coordinates.into()).len())
+}
+
+/// Writes positions and velocities, `length` in all, in the order of the coordinates CAUDAL_MOTION: x and y of each node that nothing
+/// holds, the angle of a hinge, and the same of their velocities.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_motion(
+    simulation: *mut caudal_simulation,
+    out: *mut f64,
+    length: usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let motion = simulation.stepper.motion();
+            if length != motion.len() {
+                return refuse(format!("the motion has {} values, not {length}", motion.len()));
+            }
+            values_mut(out, length)?.copy_from_slice(&motion);
+            Ok(())
+        })
+    }
+}
+
+/// Sets positions and velocities, in the order of caudal_motion; accelerations follow from the equation of motion.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_set_motion(
+    simulation: *mut caudal_simulation,
+    given: *const f64,
+    length: usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe { on(simulation, |simulation| Ok(simulation.stepper.set_motion(values(given, length)?)?)) }
+}
+
+/// Makes a step of `h` (s) as caudal_do_step does, and writes its derivatives by the state in these coordinates and by the inputs, of the
+/// state and of the outputs, which are given by their indices.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_linearise(
+    simulation: *mut caudal_simulation,
+    h: f64,
+    coordinates: caudal_coordinates,
+    inputs: *const usize,
+    input_count: usize,
+    outputs: *const usize,
+    output_count: usize,
+    derivatives: *const caudal_derivatives,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let Some(to) = derivatives.as_ref() else { return refuse("a null pointer in the place of derivatives") };
+            let names = |indices: &[usize]| -> CallResult<Vec<&str>> {
+                indices.iter().map(|index| Ok(simulation.variable(*index)?.name)).collect()
+            };
+            let (inputs, outputs) = (names(values(inputs, input_count)?)?, names(values(outputs, output_count)?)?);
+            let StepDerivative { a, b, c, d, .. } =
+                simulation.stepper.linearise(h, coordinates.into(), &inputs, &outputs)?;
+            for (matrix, to) in [(a, to.a), (b, to.b), (c, to.c), (d, to.d)] {
+                if !to.is_null() {
+                    // Column by column here.
+                    values_mut(to, matrix.len())?.copy_from_slice(matrix.transpose().as_slice());
+                }
+            }
+            Ok(())
+        })
+    }
+}
+
+impl From<caudal_coordinates> for StateCoordinates {
+    fn from(coordinates: caudal_coordinates) -> Self {
+        match coordinates {
+            caudal_coordinates::CAUDAL_MOTION => Self::Motion,
+            caudal_coordinates::CAUDAL_FULL => Self::Full,
+        }
     }
 }
 

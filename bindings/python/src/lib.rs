@@ -25,6 +25,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::Scene>()?;
     module.add_class::<stepper::Variable>()?;
     module.add_class::<stepper::Snapshot>()?;
+    module.add_class::<stepper::StepDerivative>()?;
     module.add_class::<stepper::Stepper>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::variable, module)?)?;

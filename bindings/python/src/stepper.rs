@@ -6,9 +6,9 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use caudal::stepper::InputChange;
+use caudal::stepper::{Entry, InputChange, StateCoordinates};
 use caudal::variable::{Size, VARIABLES};
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError, PyRuntimeWarning, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyFloat, PyString, PyTuple};
@@ -145,6 +145,67 @@ impl Snapshot {
 
     fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
         shown(slf.as_any())
+    }
+}
+
+/// The derivatives of a step: how the state at its end, and outputs there, follow from the state at its beginning and from inputs.
+///
+/// Attributes
+/// ----------
+/// a, b : numpy.ndarray
+///     Of the state at the end by the state at the beginning (a) and by the inputs (b): one row for each of `states`.
+/// c, d : numpy.ndarray
+///     Of the outputs by the state (c) and by the inputs (d): one row for each of `outputs`.
+/// states, inputs, outputs : list of str
+///     The names of rows and columns: of an array each entry, with the number of its node in brackets.
+/// units : dict
+///     Their units by name.
+#[pyclass(frozen, get_all, module = "caudal")]
+pub struct StepDerivative {
+    a: Py<PyArray2<f64>>,
+    b: Py<PyArray2<f64>>,
+    c: Py<PyArray2<f64>>,
+    d: Py<PyArray2<f64>>,
+    states: Vec<String>,
+    inputs: Vec<String>,
+    outputs: Vec<String>,
+    units: Py<PyDict>,
+}
+
+#[pymethods]
+impl StepDerivative {
+    fn __repr__(&self) -> String {
+        let Self { states, inputs, outputs, .. } = self;
+        format!(
+            "<caudal.StepDerivative of {} states and {} outputs by {} states and {} inputs>",
+            states.len(),
+            outputs.len(),
+            states.len(),
+            inputs.len()
+        )
+    }
+
+    fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
+        shown(slf.as_any())
+    }
+}
+
+impl StepDerivative {
+    fn of(py: Python<'_>, found: caudal::sensitivity::StepDerivative) -> PyResult<Self> {
+        let caudal::sensitivity::StepDerivative { states, inputs, outputs, a, b, c, d } = found;
+        let array = |matrix: caudal::nalgebra::DMatrix<f64>| -> PyResult<Py<PyArray2<f64>>> {
+            let (rows, columns) = matrix.shape();
+            let values = PyArray1::from_slice(py, matrix.transpose().as_slice());
+            Ok(values.reshape([rows, columns])?.unbind())
+        };
+        let units = PyDict::new(py);
+        let names = |entries: Vec<Entry>| -> PyResult<Vec<String>> {
+            entries.iter().try_for_each(|entry| units.set_item(&entry.name, entry.unit))?;
+            Ok(entries.into_iter().map(|entry| entry.name).collect())
+        };
+        let [states, inputs, outputs] = [names(states)?, names(inputs)?, names(outputs)?];
+        let [a, b, c, d] = [array(a)?, array(b)?, array(c)?, array(d)?];
+        Ok(Self { a, b, c, d, states, inputs, outputs, units: units.unbind() })
     }
 }
 
@@ -424,6 +485,103 @@ impl Stepper {
             return Err(PyValueError::new_err("order: found 0; allowed: from 1; set() sets the value itself"));
         }
         self.change(py, name, order, value)
+    }
+
+    /// Positions and velocities of all that nothing holds: x and y of each node, the angle of a hinge, and the same of their velocities, in the
+    /// order of the `states` of :meth:`linearize`.
+    ///
+    /// Returns
+    /// -------
+    /// numpy.ndarray
+    ///     One dimension.
+    fn motion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(PyArray1::from_vec(py, self.open()?.stepper()?.motion()))
+    }
+
+    /// Set positions and velocities: those of an estimator, or where a prediction begins. A held head goes on as it moves. Accelerations follow
+    /// from the equation of motion, as after a jump of inputs; the energy that this brings counts as work of loads.
+    ///
+    /// Parameters
+    /// ----------
+    /// motion : array_like
+    ///     In the order of :meth:`motion`.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.Error
+    ///     Where there is no such motion: another length, a number that is not finite, a reduced model. Nothing is changed then.
+    fn set_motion(&self, py: Python<'_>, motion: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let mut buffer = Vec::new();
+        let length = stepper.motion().len();
+        let values = Numbers::of(motion, "motion")?.spread(length, &mut buffer)?.to_vec();
+        stepper.set_motion(&values).or_raise(py)
+    }
+
+    /// Move on by a time as :meth:`do_step` does, to the bit, and find the derivatives of that step: how the state at its end, and outputs there,
+    /// follow from the state at its beginning and from inputs. They are exact, those of the internal steps that were made. To
+    /// stay, :meth:`save` before and :meth:`restore` after.
+    ///
+    /// Parameters
+    /// ----------
+    /// h : float
+    ///     The time, s; positive.
+    /// inputs, outputs : list of str, optional
+    ///     Names of variables; none by default. An input acts as if it were set at the beginning of the step; a pose of a head at the time that
+    ///     ``head.input`` says, around the one that was set, or where the head goes anyway. Outputs are those of one time: no totals, no
+    ///     averages of cycles.
+    /// coordinates : {"motion", "full"}, optional
+    ///     The state: positions and velocities, in the order of :meth:`motion`, from which the accelerations follow at the beginning of the
+    ///     step; or accelerations too, and what a method remembers of earlier ones.
+    ///
+    /// Returns
+    /// -------
+    /// StepDerivative
+    ///     With the matrices `a`, `b`, `c` and `d`.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.Error
+    ///     Where the step fails or has no such derivative: of a reduced model, an explicit method. Everything is then as it was
+    ///     before the call.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import caudal
+    /// >>> tail = caudal.Stepper("models/driven-head.toml")
+    /// >>> step = tail.linearize(0.01, inputs=["force_y_n"], outputs=["tip_y_m"])
+    /// >>> step.a.shape, step.b.shape, step.d.shape
+    /// ((128, 128), (128, 33), (1, 33))
+    /// >>> step.states[0], step.inputs[-1]
+    /// ('x_m[1]', 'force_y_n[32]')
+    #[pyo3(signature = (h, inputs=Vec::new(), outputs=Vec::new(), coordinates="motion"), text_signature = "(self, h, inputs=(), outputs=(), coordinates=\"motion\")")]
+    fn linearize(
+        &self,
+        py: Python<'_>,
+        h: &Bound<'_, PyAny>,
+        inputs: Vec<String>,
+        outputs: Vec<String>,
+        coordinates: &str,
+    ) -> PyResult<StepDerivative> {
+        let h: f64 = h.extract().map_err(|_| wrong("h", h, "a time, s"))?;
+        let coordinates = match coordinates {
+            "motion" => StateCoordinates::Motion,
+            "full" => StateCoordinates::Full,
+            found => {
+                let problem = format!("coordinates: found {found:?}; allowed: \"motion\", \"full\"");
+                return Err(PyValueError::new_err(problem));
+            }
+        };
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let [inputs, outputs] = [&inputs, &outputs].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
+        let found = py.detach(|| stepper.linearise(h, coordinates, &inputs, &outputs)).or_raise(py)?;
+        let jump = stepper.take_head_jump();
+        drop(open);
+        let found = StepDerivative::of(py, found)?;
+        jump.map_or(Ok(()), |jump| warn(py, jump.to_string()))?;
+        Ok(found)
     }
 
     /// A copy of everything that changes.

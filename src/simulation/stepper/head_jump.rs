@@ -52,6 +52,11 @@ impl Stepper {
         self.head_jump.take()
     }
 
+    /// Puts back what [`take_head_jump`](Self::take_head_jump) has returned, in place of what was noted since.
+    pub(crate) fn put_head_jump(&mut self, jump: Option<HeadJump>) {
+        self.head_jump = jump;
+    }
+
     /// Notes how far (m, m, rad) the pose given at time `t` (s) is from where the head was going, and the velocity from the one it had.
     pub(super) fn note_jump(&mut self, time: f64, distances: [[f64; 2]; 3]) {
         if distances == [[0.0; 2]; 3] {

@@ -85,6 +85,7 @@ impl Stepper {
     /// Goes back to `saved`.
     pub(super) fn restore_saved(&mut self, saved: &SavedRun) {
         let SavedRun { now, inputs, extrapolation, work } = saved;
+        self.forget_last_step();
         self.now.copy_from(now);
         self.dynamics.restore(inputs);
         self.dynamics.extrapolation.clone_from(extrapolation);

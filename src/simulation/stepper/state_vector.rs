@@ -112,6 +112,7 @@ impl Stepper {
             self.reinitialise()?;
         }
         self.forget_step();
+        self.forget_last_step();
         let outcome = self.place_motion(&coordinates, motion);
         if outcome.is_err() {
             self.move_to_now()?;

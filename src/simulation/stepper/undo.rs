@@ -18,6 +18,16 @@ impl Undo {
     pub(super) fn begin(&mut self) {
         self.kept = false;
     }
+
+    /// The state before the step that was made last, if it was saved, to be [given back](Self::give_back).
+    pub(super) fn saved_in_step(&mut self) -> Option<Box<SavedRun>> {
+        self.saved.take_if(|_| self.kept)
+    }
+
+    /// Keeps `saved` again.
+    pub(super) fn give_back(&mut self, saved: Box<SavedRun>) {
+        self.saved = Some(saved);
+    }
 }
 
 impl Stepper {

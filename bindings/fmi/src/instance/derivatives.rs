@@ -1,6 +1,7 @@
 //! Derivatives of outputs with respect to time, and to inputs and parameters with direct feedthrough.
 
 use caudal::fmu::{Catalogue, Standard, Target};
+use caudal::head::HeadInput;
 use caudal::variable::{Causality, VARIABLES, Variable};
 
 use super::Instance;
@@ -38,7 +39,8 @@ impl Instance {
         Ok(())
     }
 
-    /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes, tunable parameters, time) change by `seed`.
+    /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes, tunable parameters, time) change by `seed`: of poses that
+    /// are given for the end of a step the change through the step that led here, of all others direct feedthrough.
     pub fn directional(
         &mut self,
         unknowns: &[(Target, usize)],
@@ -49,9 +51,13 @@ impl Instance {
         let outputs = self.outputs(unknowns)?;
         self.seeds.resize(VARIABLES.len(), Vec::new());
         self.seeds.iter_mut().for_each(Vec::clear);
-        let (mut time, mut parameters) = (0.0, Vec::new());
+        let at_end = self.ready()?.model().head_input == HeadInput::AtEnd;
+        let (mut time, mut parameters, mut through_step) = (0.0, Vec::new(), Vec::new());
         for ((target, k), seed) in knowns.iter().zip(seed) {
             match *target {
+                Target::Variable(place, _) if at_end && VARIABLES[place].of_head().is_some() => {
+                    through_step.push((&VARIABLES[place], *seed));
+                }
                 Target::Variable(place, _) if VARIABLES[place].is_input() => {
                     let seeds = &mut self.seeds[place];
                     seeds.resize(self.lengths[place], 0.0);
@@ -84,6 +90,9 @@ impl Instance {
         }
         for (place, seed) in parameters {
             self.add_by_parameter(place, seed, &outputs, out)?;
+        }
+        if !through_step.is_empty() {
+            self.ready()?.add_through_last_step(&through_step, &outputs, out)?;
         }
         Ok(())
     }

@@ -17,7 +17,7 @@ import os
 from typing import Any
 
 from . import errors
-from ._caudal import Scene, Snapshot, Stepper, Variable, __version__, _held_descriptors
+from ._caudal import Scene, Snapshot, StepDerivative, Stepper, Variable, __version__, _held_descriptors
 from .designing import Design, design
 from .errors import Error
 from .gradients import Parameter, Simulation, parameters, simulate, value_and_grad
@@ -34,6 +34,7 @@ __all__ = [
     "Scene",
     "Simulation",
     "Snapshot",
+    "StepDerivative",
     "Stepper",
     "Sweep",
     "Variable",

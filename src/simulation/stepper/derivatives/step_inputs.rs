@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::head::{HeadInput, HostHead, MotorCommand, Sample};
 use crate::integrator::Integrator;
 use crate::model::{ActiveMoments, DeformedRod, Dynamics, InputExtrapolation, Inputs};
-use crate::stepper::{InputChange, Stepper};
+use crate::stepper::{InputChange, LastDerivatives, Stepper};
 use crate::system::State;
 use crate::variable::Variable;
 
@@ -301,6 +301,31 @@ impl Stepper {
     /// The integrator, if the model is the full one.
     pub(crate) fn integrator(&self) -> Option<&dyn Integrator> {
         self.model_stepper.integrator()
+    }
+
+    /// The size (s) of the communication step that led here, and the inputs of the head that were given for its end; `None` where none led
+    /// here, or something was set or restored since. It is then where that step began.
+    pub(crate) fn return_to_last_step(&mut self) -> Option<f64> {
+        let (h, kept) = (self.last_step?, self.undo.saved_in_step()?);
+        self.restore_saved(&kept);
+        self.undo.give_back(kept);
+        Some(h)
+    }
+
+    /// What is known of the derivatives by the inputs of the last communication step.
+    pub(crate) fn last_derivatives_mut(&mut self) -> &mut Option<Box<LastDerivatives>> {
+        &mut self.last_derivatives
+    }
+
+    /// The inputs of the head that have been given since the last step.
+    pub(crate) fn given_head_inputs(&self) -> Vec<&'static Variable> {
+        let t = self.now.state.t;
+        let given = |variable: &&'static Variable| {
+            let axes = self.dynamics.inputs.head.as_deref().map(|host| &host.axes);
+            let axis = variable.of_head().zip(axes).and_then(|([axis, order], axes)| axes[axis]?.given_at(t, order));
+            axis.is_some()
+        };
+        self.variables.iter().copied().filter(given).collect()
     }
 
     /// A differential of the state and of all inputs, zero.
