@@ -3,6 +3,8 @@
 //! Vectors have the order of a [`State`]: two entries per node, and the arc of a hinge. Its equation takes the place of the first one of
 //! node 0 in the matrices, as in a step. Winches couple all nodes beside their cables, with the same matrix in both directions.
 
+mod side_by_side;
+
 use nalgebra::{DMatrix, Dyn, LU, Matrix2, Vector2};
 
 use crate::error::Result;

@@ -11,7 +11,7 @@
 use nalgebra::{DMatrix, Vector2};
 
 use super::equations::Equations;
-use super::output::LocalDerivatives;
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext};
 use crate::error::{Error, Result};
 use crate::linear::Direction;
 use crate::model::{DeformedRod, Dynamics};
@@ -67,36 +67,31 @@ impl Stepper {
             variables.iter().flat_map(of).collect()
         };
         let (given, read) = (entries(&inputs), entries(&outputs));
-        let unit_state = |coordinate: &Coordinate| {
-            let mut unit = self.zero_state();
-            coordinate.set(&mut unit, 1.0);
-            unit
-        };
-        let starts: Vec<State> = states.iter().map(unit_state).collect();
-        let ends = self.step_along(h, coordinates, starts, &given)?;
+        let ends = self.step_along(h, coordinates, &states, &given)?;
+        let entry = |i: usize, j: usize| states[i].of_many(&ends.now, j, ends.width);
         let mut found = StepDerivative {
             states: self.state_entries(coordinates),
             inputs: given.iter().map(|entry| entry_of(*entry)).collect(),
             outputs: read.iter().map(|entry| entry_of(*entry)).collect(),
-            a: DMatrix::zeros(states.len(), states.len()),
-            b: DMatrix::zeros(states.len(), given.len()),
+            a: DMatrix::from_fn(states.len(), states.len(), entry),
+            b: DMatrix::from_fn(states.len(), given.len(), |i, j| entry(i, states.len() + j)),
             c: DMatrix::zeros(read.len(), states.len()),
             d: DMatrix::zeros(read.len(), given.len()),
         };
-        for (j, (end, input)) in ends.iter().enumerate() {
-            let (to, readings, j) = match j.checked_sub(states.len()) {
-                None => (&mut found.a, &mut found.c, j),
-                Some(j) => (&mut found.b, &mut found.d, j),
+        let rest = self.read_by_gradients(&ends, &read, &mut found.c)?;
+        for j in 0..ends.width {
+            let (readings, input, j_read) = match j.checked_sub(states.len()) {
+                None if rest.is_empty() => continue,
+                None => (&mut found.c, None, j),
+                Some(_) if read.is_empty() => break,
+                Some(j) => (&mut found.d, Some(&ends.inputs[j].direction), j),
             };
-            for (i, coordinate) in states.iter().enumerate() {
-                to[(i, j)] = coordinate.of(end);
-            }
-            if read.is_empty() {
-                continue;
-            }
-            let changes = self.along_step(end, input.as_ref())?;
-            for (i, (variable, k)) in read.iter().enumerate() {
-                readings[(i, j)] = changes.of(variable, *k).unwrap_or_default();
+            let changes = self.along_step(&ends.column(j), input)?;
+            let of = |i: usize| changes.of(read[i].0, read[i].1).unwrap_or_default();
+            if input.is_some() {
+                (0..read.len()).for_each(|i| readings[(i, j_read)] = of(i));
+            } else {
+                rest.iter().for_each(|i| readings[(*i, j_read)] = of(*i));
             }
         }
         Ok(found)
@@ -156,16 +151,15 @@ impl Stepper {
         };
         let jump = self.take_head_jump();
         let given: Vec<_> = self.given_head_inputs().into_iter().map(|variable| (variable, 0)).collect();
-        let found = self.step_along(h, StateCoordinates::Full, Vec::new(), &given);
+        let found = self.step_along(h, StateCoordinates::Full, &[], &given);
         if found.is_err() || self.time() != there.time() {
             self.restore(&there)?;
         }
         self.put_head_jump(jump);
-        let found = given
-            .into_iter()
-            .zip(found?)
-            .filter_map(|((variable, _), (end, direction))| Some((variable, end, direction?)));
-        Ok(Box::new(found.collect()))
+        let ends = found?;
+        let columns: Vec<State> = (0..ends.width).map(|j| ends.column(j)).collect();
+        let given = given.into_iter().zip(columns).zip(ends.inputs);
+        Ok(Box::new(given.map(|(((variable, _), end), input)| (variable, end, input.direction)).collect()))
     }
 
     fn input(&self, name: &str) -> Result<&'static Variable> {
@@ -185,20 +179,51 @@ impl Stepper {
         Err(Error::Derivative { problem })
     }
 
-    fn zero_state(&self) -> State {
-        let State { q, memory, .. } = self.state();
-        State { memory: vec![0.0; memory.len()], ..State::zeros(q.len()) }
+    /// Adds to `c` the derivatives by the state of those of the outputs `read` that have a gradient, and returns the places of the others.
+    fn read_by_gradients(
+        &mut self,
+        ends: &Columns,
+        read: &[(&'static Variable, usize)],
+        c: &mut DMatrix<f64>,
+    ) -> Result<Vec<usize>> {
+        let (mut rest, states) = (Vec::new(), c.ncols());
+        let mut gradient = Gradient::new(self.model(), &[]);
+        let mut point = LocalDerivatives::new(self.model().rod.nodes, &[]);
+        let mut looked = false;
+        for (i, (variable, _)) in read.iter().enumerate() {
+            let output = Output::named(variable.name, self.model()).ok();
+            let Some(output) = output.filter(|output| variable.size == Size::Scalar && output.work.is_empty()) else {
+                rest.push(i);
+                continue;
+            };
+            let bent = self.bent_now()?;
+            if !looked {
+                point.look(&bent);
+                looked = true;
+            }
+            gradient.clear();
+            let at = OutputContext { bent, point: &point };
+            output.now.iter().for_each(|(factor, quantity)| _ = quantity.add(&at, *factor, &mut gradient));
+            gradient.follow_winches(&at.bent);
+            let State { q, v, a, .. } = &ends.now;
+            for (gradient, values) in [(&gradient.q, q), (&gradient.v, v), (&gradient.a, a)] {
+                for (by, row) in gradient.iter().zip(values.chunks(ends.width)).filter(|(by, _)| **by != 0.0) {
+                    row[..states].iter().enumerate().for_each(|(j, x)| c[(i, j)] += by * x);
+                }
+            }
+        }
+        Ok(rest)
     }
 
-    /// Makes a step of `h` (s) and returns what becomes of `starts`, which are changes of the state at its beginning, and of a unit of each
+    /// Makes a step of `h` (s) and returns what becomes of a unit of each of the coordinates `starts` at its beginning, and of a unit of each
     /// entry of inputs in `given`.
     fn step_along(
         &mut self,
         h: f64,
         coordinates: StateCoordinates,
-        starts: Vec<State>,
+        starts: &[Coordinate],
         given: &[(&'static Variable, usize)],
-    ) -> Result<Vec<(State, Option<InputDirection>)>> {
+    ) -> Result<Columns> {
         let Some(stages) = self.integrator().map(|integrator| integrator.stages(h)) else {
             let problem = "a step of a reduced model has no derivative; allowed: solver.model = \"full\"".to_string();
             return Err(Error::Derivative { problem });
@@ -211,21 +236,39 @@ impl Stepper {
         if !(h.is_finite() && h > 0.0) {
             return Err(Error::Step(h));
         }
-        let first = |variable: &Variable| variable.entries(self.model()).start;
-        let firsts: Vec<usize> = given.iter().map(|(variable, _)| first(variable)).collect();
-        let mut columns: Vec<Column> =
-            starts.into_iter().map(|start| Column::new(start, None, coordinates == StateCoordinates::Motion)).collect();
-        for ((variable, k), first) in given.iter().zip(firsts) {
-            let direction = self.input_direction(variable, k - first, h)?;
-            let tangent = self.zero_tangent();
-            let jumps = !direction.is_of_head();
-            let input = Input { direction, tangent };
-            columns.push(Column::new(self.zero_state(), Some(input), jumps));
+        let mut inputs = Vec::with_capacity(given.len());
+        for (variable, k) in given {
+            let first = variable.entries(self.model()).start;
+            let (direction, tangent) = (self.input_direction(variable, k - first, h)?, self.zero_tangent());
+            inputs.push(Input { direction, tangent, force: Vec::new(), head: Default::default() });
         }
+        let width = starts.len() + inputs.len();
+        let State { q, memory, .. } = self.state();
+        let mut now = State { memory: vec![0.0; width * memory.len()], ..State::zeros(width * q.len()) };
+        starts.iter().enumerate().for_each(|(j, start)| start.set_of_many(&mut now, j, width, 1.0));
+        let consistent = (0..width)
+            .map(|j| match j.checked_sub(starts.len()) {
+                None => coordinates == StateCoordinates::Motion,
+                Some(j) => !inputs[j].direction.is_of_head(),
+            })
+            .collect();
         let saved = self.save();
-        let mut following = Following::new(self, columns)?;
+        let mut columns = Columns {
+            now,
+            width,
+            inputs,
+            consistent,
+            stages: Vec::new(),
+            equations: Vec::new(),
+            states: Vec::new(),
+            start: Equations::new(self.model())?,
+            point: LocalDerivatives::new(self.model().rod.nodes, &[]),
+            last: self.state().clone(),
+            begun: false,
+            rhs: vec![0.0; width * self.model().unknowns()],
+        };
         let mut failed = None;
-        let outcome = self.do_step_with(h, |stepper| match following.follow(stepper) {
+        let outcome = self.do_step_with(h, |stepper| match columns.follow(stepper) {
             Ok(()) => std::ops::ControlFlow::Continue(()),
             Err(error) => {
                 failed = Some(error);
@@ -238,11 +281,7 @@ impl Stepper {
         }
         outcome?;
         self.return_to_now()?;
-        Ok(following
-            .columns
-            .into_iter()
-            .map(|Column { now, input, .. }| (now, input.map(|input| input.direction)))
-            .collect())
+        Ok(columns)
     }
 }
 
@@ -257,32 +296,22 @@ fn entry_of((variable, k): (&'static Variable, usize)) -> Entry {
 struct Input {
     direction: InputDirection,
     tangent: Box<StateTangent>,
+    /// ∂f/∂u.
+    force: Vec<f64>,
+    /// How the head moves.
+    head: [[f64; 2]; 3],
 }
 
-/// A change of the state, on its way through a step.
+/// Changes of the state on their way through a step, side by side: entry `i` of column `j` is at `i·width + j`. Those by inputs come last.
 #[derive(Debug)]
-struct Column {
+struct Columns {
     now: State,
-    /// The stages of the internal step.
+    width: usize,
+    inputs: Vec<Input>,
+    /// Which of them begin with accelerations by the equation of motion.
+    consistent: Vec<bool>,
+    /// Of the internal step, for each of its stages: the columns, the linearised equations, and the state.
     stages: Vec<State>,
-    input: Option<Input>,
-    /// −A ∂f/∂u of the input in each stage, and what it moves the head by.
-    forces: Vec<Vec<f64>>,
-    heads: Vec<[[f64; 2]; 3]>,
-    /// Its accelerations follow from the equation of motion before the first internal step.
-    consistent: bool,
-}
-
-impl Column {
-    fn new(now: State, input: Option<Input>, consistent: bool) -> Self {
-        Self { now, stages: Vec::new(), input, forces: Vec::new(), heads: Vec::new(), consistent }
-    }
-}
-
-/// All changes that are followed through a step, and the linearised equations of its stages.
-#[derive(Debug)]
-struct Following {
-    columns: Vec<Column>,
     equations: Vec<Equations>,
     states: Vec<State>,
     start: Equations,
@@ -293,19 +322,12 @@ struct Following {
     rhs: Vec<f64>,
 }
 
-impl Following {
-    fn new(stepper: &Stepper, columns: Vec<Column>) -> Result<Self> {
-        let model = stepper.model();
-        Ok(Self {
-            columns,
-            equations: Vec::new(),
-            states: Vec::new(),
-            start: Equations::new(model)?,
-            point: LocalDerivatives::new(model.rod.nodes, &[]),
-            last: stepper.state().clone(),
-            begun: false,
-            rhs: vec![0.0; model.unknowns()],
-        })
+impl Columns {
+    /// Column `j` at the end of the last internal step.
+    fn column(&self, j: usize) -> State {
+        let of = |values: &[f64]| values.iter().skip(j).step_by(self.width).copied().collect();
+        let State { q, v, a, memory, .. } = &self.now;
+        State { q: of(q), v: of(v), a: of(a), memory: of(memory), ..State::default() }
     }
 
     /// Follows the internal step that `stepper` has just made.
@@ -313,87 +335,47 @@ impl Following {
         let (Some(from), to) = (stepper.previous().cloned(), stepper.state().clone()) else { return Ok(()) };
         let h = to.t - from.t;
         let Some(stages) = stepper.integrator().and_then(|integrator| integrator.stages(h)) else { return Ok(()) };
-        let model = std::sync::Arc::clone(&stepper.dynamics_mut().model);
         while self.equations.len() < stages.count {
-            self.equations.push(Equations::new(&model)?);
+            self.equations.push(Equations::new(stepper.model())?);
             self.states.push(to.clone());
-        }
-        for column in &mut self.columns {
-            column.stages.resize_with(stages.count, || column.now.clone());
-            column.forces.resize_with(stages.count, || vec![0.0; model.unknowns()]);
-            column.heads.resize(stages.count, [[0.0; 2]; 3]);
+            self.stages.push(self.now.clone());
         }
         // Accelerations follow anew where they jump, of all columns where they did in the step itself.
         let jumped = from.a != self.last.a;
-        if jumped || !self.begun {
+        if jumped || !self.begun && self.consistent.contains(&true) {
             self.reinitialise(stepper.dynamics_mut(), &from, jumped)?;
         }
         self.begun = true;
+        self.last = to;
         if let Some(integrator) = stepper.integrator() {
-            integrator.write_stages(&from, h, &to, &mut self.states);
+            integrator.write_stages(&from, h, &self.last, &mut self.states);
         }
+        let mut given = Vec::with_capacity(stages.count);
         let dynamics = stepper.dynamics_mut();
-        for (i, (state, equations)) in self.states.iter_mut().zip(&mut self.equations).enumerate() {
+        for (state, equations) in self.states.iter_mut().zip(&mut self.equations) {
             // Linearised in positions.
             state.links.clear();
             dynamics.move_to(state.t, state);
             equations.assemble(dynamics, state, stages.direction)?;
-            look_at_inputs(dynamics, state, &mut self.columns, &mut self.point, |column, force, head| {
-                force.iter_mut().for_each(|force| *force *= -stages.direction.q);
-                std::mem::swap(&mut column.forces[i], force);
-                column.heads[i] = head;
-            })?;
+            look_at_inputs(dynamics, state, &mut self.inputs, &mut self.point)?;
+            given.push(self.inputs.iter().map(|input| (input.force.clone(), input.head)).collect::<Vec<_>>());
         }
         let held = dynamics.held.is_some();
-        let integrator = stepper.integrator();
-        let Some(integrator) = integrator else { return Ok(()) };
-        let Self { columns, equations, rhs, .. } = self;
-        let (mut factored, mut failed) = (0, None);
-        for Column { now, stages: own, forces, heads, .. } in columns {
-            integrator.step_linear(now, h, own, &mut |i, state| {
-                let (equations, [q, v, a]) = (&mut equations[i], heads[i]);
-                state.a.fill(0.0);
-                if held {
-                    state.q[..2].copy_from_slice(&q);
-                    state.v[..2].copy_from_slice(&v);
-                    state.a[..2].copy_from_slice(&a);
-                }
-                equations.differences(&state.q, rhs);
-                let (along, damped) = (stages.direction, equations.damp(&state.v, false));
-                rhs.iter_mut()
-                    .zip(damped)
-                    .zip(&forces[i])
-                    .for_each(|((rhs, damped), force)| *rhs += force - along.q * damped);
-                if held {
-                    if a != [0.0; 2] {
-                        let accelerated = equations.accelerate(&state.a);
-                        rhs.iter_mut().zip(accelerated).for_each(|(rhs, by)| *rhs -= along.q * by);
-                    }
-                    rhs[..2].fill(0.0);
-                }
-                if i == factored {
-                    if let Err(error) = equations.factor(rhs, false) {
-                        failed = Some(error);
-                    }
-                    factored += 1;
-                } else {
-                    equations.solve(rhs, false);
-                }
-                for (((q, v), a), by) in state.q.iter_mut().zip(&mut state.v).zip(&mut state.a).zip(&*rhs) {
-                    *q += by;
-                    *a += by / along.q;
-                    *v += along.v / along.q * by;
-                }
-            });
-            if let Some(last) = own.last_mut() {
-                std::mem::swap(now, last);
+        let Some(integrator) = stepper.integrator() else { return Ok(()) };
+        let Self { now, stages: own, equations, rhs, width, inputs, .. } = self;
+        let (width, along, first) = (*width, stages.direction, *width - inputs.len());
+        let mut outcome = Ok(());
+        integrator.step_linear(now, h, own, &mut |i, state| {
+            if outcome.is_ok() {
+                let given = given[i].iter().map(|(force, head)| (&force[..], head));
+                outcome = solve_stage(&mut equations[i], (along, held), (width, first), given, state, rhs);
             }
+        });
+        outcome?;
+        if let Some(last) = own.last_mut() {
+            std::mem::swap(now, last);
         }
-        self.last = to;
-        match failed {
-            Some(error) => Err(error),
-            None => stepper.return_to_now(),
-        }
+        stepper.return_to_now()
     }
 
     /// Makes the accelerations of columns fulfil the equation of motion at `from` again: of `all`, or of those that begin so.
@@ -401,60 +383,108 @@ impl Following {
         let mut state = from.clone();
         state.links.clear();
         dynamics.move_to(from.t, &mut state);
-        let Self { columns, start, point, rhs, .. } = self;
+        let Self { now, width, inputs, consistent, start, point, rhs, begun, .. } = self;
+        let (width, first) = (*width, *width - inputs.len());
         start.assemble(dynamics, &state, Direction::POSITIONS)?;
-        let by_flow = flow_jump_force(dynamics, &state)?;
-        look_at_inputs(dynamics, &state, columns, point, |column, force, head| {
-            std::mem::swap(&mut column.forces[0], force);
-            column.heads[0] = head;
-        })?;
-        let (masses, held) = (&dynamics.model.rod.mass, dynamics.held.is_some());
-        for column in columns.iter_mut().filter(|column| all || column.consistent) {
-            let Column { now, forces, heads, input, .. } = column;
-            let flow = input.as_ref().map_or([0.0; 2], |input| input.direction.flow());
-            if !self.begun
-                && flow != [0.0; 2]
-                && let Some(by) = &by_flow
-            {
-                // A jump of the flow accelerates what moves with the water at once.
-                rhs.fill(0.0);
-                for (axis, by) in by.iter().enumerate() {
-                    rhs.iter_mut().zip(by).for_each(|(rhs, by)| *rhs -= flow[axis] * by);
+        look_at_inputs(dynamics, &state, inputs, point)?;
+        let held = dynamics.held.is_some();
+        let flows = || inputs.iter().map(|input| input.direction.flow());
+        if !*begun
+            && flows().any(|flow| flow != [0.0; 2])
+            && let Some(by) = flow_jump_force(dynamics, &state)?
+        {
+            // A jump of the flow accelerates what moves with the water at once.
+            for (j, flow) in flows().enumerate() {
+                let mut faster = vec![0.0; state.q.len()];
+                for (flow, by) in flow.iter().zip(&by) {
+                    faster.iter_mut().zip(by).for_each(|(rhs, by)| *rhs -= flow * by);
                 }
                 if held {
-                    rhs[..2].fill(0.0);
+                    faster[..2].fill(0.0);
                 }
-                start.divide_by_inertia(masses, rhs)?;
-                now.v.iter_mut().zip(&*rhs).for_each(|(v, by)| *v += by);
+                start.divide_by_inertia(&dynamics.model.rod.mass, &mut faster)?;
+                now.v.iter_mut().skip(first + j).step_by(width).zip(faster).for_each(|(v, by)| *v += by);
             }
-            let [q, v, a] = heads[0];
-            if held {
-                now.q[..2].copy_from_slice(&q);
-                now.v[..2].copy_from_slice(&v);
+        }
+        start.differences_of_many(&now.q, rhs, width)?;
+        start.add_damping_of_many(-1.0, &now.v, rhs, width)?;
+        for (j, input) in inputs.iter().enumerate() {
+            rhs.iter_mut().skip(first + j).step_by(width).zip(&input.force).for_each(|(rhs, force)| *rhs -= force);
+        }
+        subtract_inertia_of_heads(start, 1.0, inputs.iter().map(|input| &input.head), (width, first), rhs);
+        if held {
+            rhs[..2 * width].fill(0.0);
+        }
+        start.divide_many_by_inertia(&dynamics.model.rod.mass, rhs, width)?;
+        if held {
+            for (j, input) in inputs.iter().enumerate() {
+                let [_, _, a] = input.head;
+                (0..2).for_each(|axis| rhs[axis * width + first + j] = a[axis]);
             }
-            start.differences(&now.q, rhs);
-            rhs.iter_mut()
-                .zip(start.damp(&now.v, false))
-                .zip(&forces[0])
-                .for_each(|((rhs, by), force)| *rhs -= by + force);
-            if held {
-                if a != [0.0; 2] {
-                    let mut pulled = vec![0.0; rhs.len()];
-                    pulled[..2].copy_from_slice(&a);
-                    rhs.iter_mut().zip(start.accelerate(&pulled)).for_each(|(rhs, by)| *rhs -= by);
-                }
-                rhs[..2].fill(0.0);
+        }
+        for (i, (old, new)) in now.a.iter_mut().zip(&*rhs).enumerate().filter(|(i, _)| all || consistent[i % width]) {
+            if let Some(w) = now.memory.get_mut(i) {
+                *w += new - *old; // as in the step itself
             }
-            start.divide_by_inertia(masses, rhs)?;
-            if held {
-                rhs[..2].copy_from_slice(&a);
-            }
-            for (w, (new, old)) in now.memory.iter_mut().zip(rhs.iter().zip(&now.a)) {
-                *w += new - old; // as in the step itself
-            }
-            now.a.copy_from_slice(rhs);
+            *old = *new;
         }
         Ok(())
+    }
+}
+
+/// Solves one stage of `width` columns for the accelerations along `along`: those from `first` on follow what is `given` for inputs, ∂f/∂u and
+/// how they move a head that is `held`.
+fn solve_stage<'a>(
+    equations: &mut Equations,
+    (along, held): (Direction, bool),
+    (width, first): (usize, usize),
+    given: impl Iterator<Item = (&'a [f64], &'a [[f64; 2]; 3])> + Clone,
+    state: &mut State,
+    rhs: &mut [f64],
+) -> Result<()> {
+    state.a.fill(0.0);
+    if held {
+        for values in [&mut state.q, &mut state.v] {
+            values[..2 * width].fill(0.0);
+        }
+        for (j, (_, head)) in given.clone().enumerate() {
+            for (values, moved) in [&mut state.q, &mut state.v, &mut state.a].into_iter().zip(head) {
+                (0..2).for_each(|axis| values[axis * width + first + j] = moved[axis]);
+            }
+        }
+    }
+    equations.differences_of_many(&state.q, rhs, width)?;
+    equations.add_damping_of_many(-along.q, &state.v, rhs, width)?;
+    for (j, (force, _)) in given.clone().enumerate() {
+        rhs.iter_mut().skip(first + j).step_by(width).zip(force).for_each(|(rhs, force)| *rhs -= along.q * force);
+    }
+    if held {
+        subtract_inertia_of_heads(equations, along.q, given.map(|(_, head)| head), (width, first), rhs);
+        rhs[..2 * width].fill(0.0);
+    }
+    equations.factor_and_solve_many(rhs, width)?;
+    let (a_of, v_of) = (1.0 / along.q, along.v / along.q);
+    for (((q, v), a), by) in state.q.iter_mut().zip(&mut state.v).zip(&mut state.a).zip(&*rhs) {
+        *q += by;
+        *v += v_of * by;
+        *a += a_of * by;
+    }
+    Ok(())
+}
+
+/// Subtracts `factor` times the forces of inertia of accelerated `heads` on other nodes from the columns of `rhs` from `first` on.
+fn subtract_inertia_of_heads<'a>(
+    equations: &mut Equations,
+    factor: f64,
+    heads: impl Iterator<Item = &'a [[f64; 2]; 3]>,
+    (width, first): (usize, usize),
+    rhs: &mut [f64],
+) {
+    for (j, [_, _, a]) in heads.enumerate().filter(|(_, [_, _, a])| *a != [0.0; 2]) {
+        let mut pulled = vec![0.0; rhs.len() / width];
+        pulled[..2].copy_from_slice(a);
+        let by = equations.accelerate(&pulled);
+        rhs.iter_mut().skip(first + j).step_by(width).zip(by).for_each(|(rhs, by)| *rhs -= factor * by);
     }
 }
 
@@ -479,34 +509,27 @@ fn flow_jump_force(dynamics: &mut Dynamics, state: &State) -> Result<Option<[Vec
     Ok(Some([of(Vector2::x())?, of(Vector2::y())?]))
 }
 
-/// Finds what the inputs of `columns` change in `state`, which `dynamics` was moved to: shows `take` for each ∂f/∂u, which it may keep, and
-/// how the head moves.
+/// Finds what `inputs` change in `state`, which `dynamics` was moved to.
 fn look_at_inputs(
     dynamics: &mut Dynamics,
     state: &State,
-    columns: &mut [Column],
+    inputs: &mut [Input],
     point: &mut LocalDerivatives,
-    mut take: impl FnMut(&mut Column, &mut Vec<f64>, [[f64; 2]; 3]),
 ) -> Result<()> {
-    if columns.iter().all(|column| column.input.is_none()) {
+    if inputs.is_empty() {
         return Ok(());
     }
-    for column in columns.iter_mut() {
-        if let Some(Input { direction, tangent }) = &mut column.input {
-            direction.evaluate(dynamics, state.t, tangent);
-        }
+    for Input { direction, tangent, .. } in inputs.iter_mut() {
+        direction.evaluate(dynamics, state.t, tangent);
     }
     let bent = dynamics.shape(state)?;
     point.look(&bent);
-    let mut force = vec![0.0; state.q.len()];
-    for column in columns.iter_mut() {
-        let Some(Input { direction, tangent }) = &mut column.input else { continue };
+    for Input { direction, tangent, force, head } in inputs.iter_mut() {
         direction.follow(&bent, tangent);
+        force.clear();
         force.resize(state.q.len(), 0.0);
-        force.fill(0.0);
-        add_input_force(&bent, tangent, point, &mut force);
-        let head = tangent.head();
-        take(column, &mut force, head);
+        add_input_force(&bent, tangent, point, force);
+        *head = tangent.head();
     }
     Ok(())
 }

@@ -311,6 +311,125 @@ fn ends_mut<T>(values: &mut [T], pairs: usize) -> [&mut [T]; 3] {
     [top, middle, bottom]
 }
 
+/// The rows of both axes of node `k` of `width` vectors side by side, and those of the nodes near and far from it, if they are there.
+type Rows<'a> = ([&'a mut [f64]; 2], [Option<[&'a [f64]; 2]>; 2]);
+
+/// Rows `k`, and `near` and `far`, of `width` vectors side by side.
+fn rows_of_many(x: &mut [f64], k: usize, others: [Option<usize>; 2], width: usize) -> Rows<'_> {
+    let size = 2 * width;
+    let (before, rest) = x.split_at_mut(k * size);
+    let (own, after) = rest.split_at_mut(size);
+    let (before, after) = (&*before, &*after);
+    let row = |j: usize| {
+        let row = if j < k { &before[j * size..][..size] } else { &after[(j - k - 1) * size..][..size] };
+        let (first, second) = row.split_at(width);
+        [first, second]
+    };
+    let (first, second) = own.split_at_mut(width);
+    ([first, second], others.map(|other| other.map(row)))
+}
+
+/// Subtracts a block times `x` from `y`, of many vectors side by side.
+#[inline(always)]
+fn subtract_many([y0, y1]: [&mut [f64]; 2], [a, b, c, d]: RowMajorBlock<f64>, x: [&[f64]; 2]) {
+    let width = y0.len();
+    let (y1, x) = (&mut y1[..width], x.map(|x| &x[..width]));
+    for i in 0..width {
+        y0[i] -= a * x[0][i] + b * x[1][i];
+        y1[i] -= c * x[0][i] + d * x[1][i];
+    }
+}
+
+impl Pivot<f64> {
+    #[inline(always)]
+    fn solve_many(&self, [y0, y1]: [&mut [f64]; 2]) {
+        let width = y0.len();
+        let y1 = &mut y1[..width];
+        for i in 0..width {
+            [y0[i], y1[i]] = self.solve([y0[i], y1[i]]);
+        }
+    }
+}
+
+impl BlockBand {
+    /// Replaces `width` right-hand sides by the solutions; entry `i` of vector `c` is at `i·width + c`.
+    /// [`factor`](LinearSolver::factor) comes first.
+    pub(crate) fn solve_many(&self, rhs: &mut [f64], width: usize) {
+        if !self.factored {
+            rhs.fill(f64::NAN);
+            return;
+        }
+        let (pairs, nodes) = (self.upper.len(), rhs.len() / (2 * width.max(1)));
+        let (middle, last) = (nodes - 2 * pairs, nodes - 1);
+        let part = |block: &RowMajorBlock<f64x2>, end: usize| part_block::<f64>(*block, end);
+        // Forward from both ends; `row(k)` counts from the end.
+        for (k, lower) in self.lower.iter().enumerate() {
+            for end in 0..2 {
+                let row = |k: usize| if end == 0 { k } else { last - k };
+                let others = [k.checked_sub(1), k.checked_sub(2)].map(|k| k.map(row));
+                let ([y0, y1], [near, far]) = rows_of_many(rhs, row(k), others, width);
+                if let Some(far) = far {
+                    subtract_many([&mut *y0, &mut *y1], part(&lower.e, end), far);
+                }
+                if let Some(near) = near {
+                    subtract_many([&mut *y0, &mut *y1], part(&lower.c, end), near);
+                }
+                let Pivot { first, below, beside, second } = lower.pivot;
+                let of = |pair: f64x2| pair.to_array()[end];
+                let pivot = Pivot { first: of(first), below: of(below), beside: of(beside), second: of(second) };
+                pivot.solve_many([y0, y1]);
+            }
+        }
+        // The middle, from above, with what ties its last rows to those from below.
+        let below = |k: usize| (k < pairs).then(|| nodes - pairs + k);
+        let ties = [
+            (middle - 1, &self.middle.below[1], below(1)),
+            (middle - 1, &self.middle.below[0], below(0)),
+            (middle.saturating_sub(2), &self.middle.below[2], below(0)),
+        ];
+        for (k, block, from) in ties {
+            let (own, [from, _]) = rows_of_many(rhs, pairs + k, [from, None], width);
+            if let Some(from) = from {
+                subtract_many(own, *block, from);
+            }
+        }
+        for (k, lower) in self.middle.lower[..middle].iter().enumerate() {
+            let k = pairs + k;
+            let ([y0, y1], [near, far]) = rows_of_many(rhs, k, [k.checked_sub(1), k.checked_sub(2)], width);
+            if let Some(far) = far {
+                subtract_many([&mut *y0, &mut *y1], lower.e, far);
+            }
+            if let Some(near) = near {
+                subtract_many([&mut *y0, &mut *y1], lower.c, near);
+            }
+            lower.pivot.solve_many([y0, y1]);
+        }
+        for (k, upper) in self.middle.upper[..middle].iter().enumerate().rev() {
+            let there = |ahead: usize| (k + ahead < middle).then(|| pairs + k + ahead);
+            let ([y0, y1], [near, far]) = rows_of_many(rhs, pairs + k, [there(1), there(2)], width);
+            if let Some(far) = far {
+                subtract_many([&mut *y0, &mut *y1], upper.g, far);
+            }
+            if let Some(near) = near {
+                subtract_many([y0, y1], upper.f, near);
+            }
+        }
+        for (k, upper) in self.upper.iter().enumerate().rev() {
+            for end in 0..2 {
+                let row = |k: usize| if end == 0 { k } else { last - k };
+                let others = [k + 1, k + 2].map(|k| (k < nodes).then(|| row(k)));
+                let ([y0, y1], [near, far]) = rows_of_many(rhs, row(k), others, width);
+                if let Some(far) = far {
+                    subtract_many([&mut *y0, &mut *y1], part(&upper.g, end), far);
+                }
+                if let Some(near) = near {
+                    subtract_many([y0, y1], part(&upper.f, end), near);
+                }
+            }
+        }
+    }
+}
+
 /// The last two rows or vectors that a sweep has passed, the last one first.
 type Passed<T> = [T; 2];
 

@@ -48,7 +48,17 @@ impl Coordinate {
         [q, v, a, memory][self.part][self.index] / self.scale
     }
 
-    pub(crate) fn set(self, state: &mut State, value: f64) {
+    /// The same of column `j` of `width` states side by side.
+    pub(crate) fn of_many(self, states: &State, j: usize, width: usize) -> f64 {
+        Self { index: self.index * width + j, ..self }.of(states)
+    }
+
+    /// Sets it in column `j` of `width` states side by side.
+    pub(crate) fn set_of_many(self, states: &mut State, j: usize, width: usize, value: f64) {
+        Self { index: self.index * width + j, ..self }.set(states, value);
+    }
+
+    fn set(self, state: &mut State, value: f64) {
         let State { q, v, a, memory, .. } = state;
         [q, v, a, memory][self.part][self.index] = value * self.scale;
     }

@@ -298,6 +298,14 @@ impl Stepper {
         self.move_to_now()
     }
 
+    /// The rod now.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`].
+    pub(crate) fn bent_now(&mut self) -> Result<DeformedRod<'_>> {
+        self.dynamics.shape(&self.now.state)
+    }
+
     /// The integrator, if the model is the full one.
     pub(crate) fn integrator(&self) -> Option<&dyn Integrator> {
         self.model_stepper.integrator()

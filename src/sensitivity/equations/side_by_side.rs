@@ -1,0 +1,149 @@
+//! The products and solves of many vectors at once, side by side: entry `i` of vector `c` of `width` vectors is at `i·width + c`, so that each
+//! block of a matrix is read once for all of them.
+
+use super::{Equations, neighbours};
+use crate::error::Result;
+use crate::linear::HALF_BANDWIDTH;
+
+/// The rows of both axes of node `k`.
+fn node(x: &[f64], k: usize, width: usize) -> [&[f64]; 2] {
+    let (first, second) = x[2 * k * width..2 * (k + 1) * width].split_at(width);
+    [first, second]
+}
+
+/// The same, to be written.
+fn node_mut(x: &mut [f64], k: usize, width: usize) -> [&mut [f64]; 2] {
+    let (first, second) = x[2 * k * width..2 * (k + 1) * width].split_at_mut(width);
+    [first, second]
+}
+
+/// Subtracts a 2×2 block times the differences from `from` to `to` from `y`.
+#[inline(always)]
+fn subtract_difference([y0, y1]: [&mut [f64]; 2], block: [f64; 4], to: [&[f64]; 2], from: [&[f64]; 2]) {
+    let [a, b, c, d] = block;
+    let width = y0.len();
+    let (y1, to, from) = (&mut y1[..width], to.map(|x| &x[..width]), from.map(|x| &x[..width]));
+    for i in 0..width {
+        let by = [to[0][i] - from[0][i], to[1][i] - from[1][i]];
+        y0[i] -= a * by[0] + b * by[1];
+        y1[i] -= c * by[0] + d * by[1];
+    }
+}
+
+/// Adds a 2×2 block times `x` to `y`.
+#[inline(always)]
+fn add_product([y0, y1]: [&mut [f64]; 2], block: [f64; 4], x: [&[f64]; 2]) {
+    let [a, b, c, d] = block;
+    let width = y0.len();
+    let (y1, x) = (&mut y1[..width], x.map(|x| &x[..width]));
+    for i in 0..width {
+        y0[i] += a * x[0][i] + b * x[1][i];
+        y1[i] += c * x[0][i] + d * x[1][i];
+    }
+}
+
+impl Equations {
+    /// True where the matrices are bands alone.
+    fn is_banded(&self) -> bool {
+        self.hinge.is_none() && self.winches.is_empty() && self.global.is_none()
+    }
+
+    /// Calls `work` with each of `width` vectors of `x` and the same one of `y`, which is written back.
+    fn one_by_one(
+        &mut self,
+        x: &[f64],
+        y: &mut [f64],
+        width: usize,
+        mut work: impl FnMut(&mut Self, &[f64], &mut [f64]) -> Result<()>,
+    ) -> Result<()> {
+        let unknowns = y.len() / width.max(1);
+        let (mut from, mut to) = (vec![0.0; unknowns], vec![0.0; unknowns]);
+        for c in 0..width {
+            for i in 0..unknowns {
+                (from[i], to[i]) = (x[i * width + c], y[i * width + c]);
+            }
+            work(self, &from, &mut to)?;
+            (0..unknowns).for_each(|i| y[i * width + c] = to[i]);
+        }
+        Ok(())
+    }
+
+    /// y = −A f_q x of `width` vectors, see [`differences`](Self::differences).
+    pub(in crate::sensitivity) fn differences_of_many(&mut self, x: &[f64], y: &mut [f64], width: usize) -> Result<()> {
+        y.fill(0.0);
+        if !self.is_banded() {
+            return self.one_by_one(x, y, width, |own, x, y| {
+                own.differences(x, y);
+                Ok(())
+            });
+        }
+        let nodes = self.matrix.rows().len();
+        for (i, row) in self.matrix.rows().iter().enumerate() {
+            for (j, block) in neighbours(i, row, nodes) {
+                let block = self.stiffness(i, j, block);
+                subtract_difference(node_mut(y, i, width), block, node(x, j, width), node(x, i, width));
+            }
+            if let Some(place) = &self.place {
+                let place = place[i] * -self.direction.q;
+                add_product(node_mut(y, i, width), [place.m11, place.m12, place.m21, place.m22], node(x, i, width));
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds `factor` times f_v x of `width` vectors to y.
+    pub(in crate::sensitivity) fn add_damping_of_many(
+        &mut self,
+        factor: f64,
+        x: &[f64],
+        y: &mut [f64],
+        width: usize,
+    ) -> Result<()> {
+        if !self.is_banded() {
+            return self.one_by_one(x, y, width, |own, x, y| {
+                y.iter_mut().zip(own.damp(x, false)).for_each(|(y, damped)| *y += factor * damped);
+                Ok(())
+            });
+        }
+        let Some(damping) = &self.damping else { return Ok(()) };
+        let nodes = damping.rows().len();
+        for (i, row) in damping.rows().iter().enumerate() {
+            for (j, block) in row.iter().enumerate() {
+                let Some(j) = (i + j).checked_sub(HALF_BANDWIDTH).filter(|j| *j < nodes) else { continue };
+                add_product(node_mut(y, i, width), block.map(|entry| factor * entry), node(x, j, width));
+            }
+        }
+        Ok(())
+    }
+
+    /// Replaces `width` right-hand sides by A⁻¹ times them, and factors for the first of them.
+    pub(in crate::sensitivity) fn factor_and_solve_many(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
+        let unknowns = rhs.len() / width.max(1);
+        let mut first: Vec<f64> = (0..unknowns).map(|i| rhs.iter().skip(i * width).take(width).sum()).collect();
+        self.factor(&mut first, false)?;
+        if self.is_banded() && !self.pivoted {
+            self.band.solve_many(rhs, width);
+            return Ok(());
+        }
+        self.one_by_one(&rhs.to_vec(), rhs, width, |own, _, rhs| {
+            own.solve(rhs, false);
+            Ok(())
+        })
+    }
+
+    /// Replaces `width` vectors by f_a⁻¹ times them, see [`divide_by_inertia`](Self::divide_by_inertia).
+    pub(in crate::sensitivity) fn divide_many_by_inertia(
+        &mut self,
+        masses: &[f64],
+        rhs: &mut [f64],
+        width: usize,
+    ) -> Result<()> {
+        if self.inertia.is_some() || self.hinge.is_some() {
+            return self.one_by_one(&rhs.to_vec(), rhs, width, |own, _, rhs| own.divide_by_inertia(masses, rhs));
+        }
+        for (k, mass) in masses.iter().enumerate() {
+            rhs[2 * k * width..2 * (k + 1) * width].iter_mut().for_each(|x| *x /= mass);
+        }
+        Ok(())
+    }
+}
