@@ -29,8 +29,8 @@ use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
 use crate::head::hinge::{HingeEquation, HingeResidual};
 use crate::head::{
-    HeadInput, HeadMotion, Hinge, HostHead, MotorCommand, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal, pose,
-    pose_before,
+    HeadInput, HeadMotion, Hinge, HostHead, MotorCommand, OwnWords, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal,
+    pose, pose_before,
 };
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
@@ -432,6 +432,8 @@ pub struct Dynamics {
     pub tensions: [[f64; MAX_TENDONS]; 2],
     /// Pose of a held head at the time last moved to; the angle of one on a hinge is that of the state that was looked at last.
     pub held: Option<Pose>,
+    /// What a host has said of the head that is so anyway.
+    pub(crate) own_words: OwnWords,
     /// What the motor of a hinge is asked for at the time last moved to.
     pub command: MotorCommand,
     /// What the last assembly in the chain form left of the equation of a hinge.
@@ -468,6 +470,7 @@ impl Dynamics {
             active: None,
             tensions: Default::default(),
             held: None,
+            own_words: OwnWords::default(),
             command: MotorCommand::default(),
             hinge_residual: None,
             step_end: None,
@@ -562,6 +565,7 @@ impl Dynamics {
         let now = pose[i];
         let hosts = self.inputs.head.as_ref().is_some_and(|host| host.axes[i].is_some());
         if !hosts && [now.value, now.rate, now.acceleration, 0.0].get(order) == Some(&value) {
+            self.own_words.keep(t, [i, order], value);
             return;
         }
         self.inputs.head.get_or_insert_default().set_derivative(t, i, now, order, value, derivative);

@@ -333,6 +333,9 @@ impl Columns {
     /// Follows the internal step that `stepper` has just made.
     fn follow(&mut self, stepper: &mut Stepper) -> Result<()> {
         let (Some(from), to) = (stepper.previous().cloned(), stepper.state().clone()) else { return Ok(()) };
+        if self.width == 0 {
+            return Ok(());
+        }
         let h = to.t - from.t;
         let Some(stages) = stepper.integrator().and_then(|integrator| integrator.stages(h)) else { return Ok(()) };
         while self.equations.len() < stages.count {

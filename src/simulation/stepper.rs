@@ -562,7 +562,8 @@ impl Stepper {
     /// Prepares the internal steps to `end`, when a communication step `begins` or inputs have changed within one: fits the motion of the
     /// head, and reinitialises the state after a jump of inputs.
     fn prepare_step(&mut self, end: f64, begins: bool) -> Result<()> {
-        if self.dynamics.inputs.head.is_some() || self.now.needs_reinitialisation {
+        let words = self.dynamics.inputs.head.is_some() || self.is_at_start() && self.dynamics.model.head.is_some();
+        if words || self.now.needs_reinitialisation {
             self.save_for_undo();
         }
         #[cfg(all(feature = "report", target_arch = "x86_64"))]

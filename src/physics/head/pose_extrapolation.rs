@@ -455,6 +455,28 @@ impl CoordinateExtrapolation {
     }
 }
 
+/// What a host has said of coordinates of the head before it moves them: derivatives that they have anyway, which change nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct OwnWords {
+    time: f64,
+    derivatives: [[Option<f64>; HIGHEST + 1]; 3],
+}
+
+impl OwnWords {
+    /// Keeps the derivative of `order` of coordinate `i`, said at time `t` (s).
+    pub(crate) fn keep(&mut self, t: f64, [i, order]: [usize; 2], value: f64) {
+        if t != self.time {
+            *self = Self { time: t, ..Self::default() };
+        }
+        self.derivatives[i][order.min(HIGHEST)] = Some(value);
+    }
+
+    /// What was said of coordinate `i` at time `t` (s).
+    pub(crate) fn of(&self, t: f64, i: usize) -> [Option<f64>; HIGHEST + 1] {
+        if t == self.time { self.derivatives[i] } else { Default::default() }
+    }
+}
+
 /// The motion of a head that a host moves: x, y and angle, each as soon as the host has spoken of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HostHead {

@@ -42,6 +42,8 @@ class Scheme(NamedTuple):
     force: str
     #: Repeated, with the tail rolled back, until both agree.
     iterate: bool = False
+    #: Each pass goes to where the derivatives of both say that they agree.
+    jacobian: bool = False
     #: Of the imbalance in H.
     order: int = 2
     #: How much of its change the force takes over from one pass to the next.
@@ -56,6 +58,7 @@ SCHEMES = [
     Scheme("Gauss-Seidel, vehicle first", "at-end", 1, "held", order=1),
     Scheme("Gauss-Seidel, vehicle first, force extrapolated", "at-end", 1, "extrapolated"),
     Scheme("Gauss-Seidel, iterated", "at-end", 1, "interpolated", iterate=True),
+    Scheme("Gauss-Seidel, iterated with the interface Jacobian", "at-end", 1, "interpolated", iterate=True, jacobian=True),
 ]
 
 
@@ -102,6 +105,13 @@ class Tail:
         self.fmu.setFloat64([self.references[name] for name in self.HEAD[: len(head)]], list(head))
         self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=step)
         self.time += step
+
+    def slopes(self, count):
+        """How the reaction changes with so many numbers of the pose given for the end of the step that was just made: through that
+        step."""
+        unknowns = [self.references[name] for name in self.REACTION]
+        knowns = [self.references[name] for name in self.HEAD[:count]]
+        return np.transpose([self.fmu.getDirectionalDerivative(unknowns, [known], [1.0]) for known in knowns])
 
     def save(self) -> None:
         self.forget()
@@ -170,6 +180,20 @@ class Vehicle:
             k4 = self.rate(self.y + STEP * k3, c)
             self.y = self.y + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
+    def slopes(self, start, first, last, count, derivatives):
+        """How the pose of the joint, with so many derivatives, at the end of a step from `start` changes with the last reaction: by
+        differences, which a rigid body's few numbers allow. It is left at that end."""
+        size, columns = 1e-4, []
+        for axis in [*np.eye(3), None]:
+            ends = []
+            for sign in (1, -1) if axis is not None else (0,):
+                self.y, reaction = start, last + sign * size * (0 if axis is None else axis)
+                self.advance(first, reaction, count)
+                ends.append(self.joint(reaction, derivatives))
+            if axis is not None:
+                columns.append((ends[0] - ends[1]) / (2 * size))
+        return np.transpose(columns)
+
     def joint(self, reaction, derivatives):
         """Pose of the joint, and so many of its derivatives."""
         x, y, angle, vx, vy, spin = self.y[:6]
@@ -229,7 +253,8 @@ def simulate(fmus: dict[str, str], scheme: Scheme, count: int, duration: float) 
     record()
     for _ in range(round(duration / step)):
         start = vehicle.y
-        answer = 2 * reaction - before if scheme.force == "extrapolated" else reaction
+        foreseen = scheme.force == "extrapolated" or scheme.jacobian
+        answer = 2 * reaction - before if foreseen else reaction
         if scheme.iterate:
             tail.save()
         while True:
@@ -248,7 +273,12 @@ def simulate(fmus: dict[str, str], scheme: Scheme, count: int, duration: float) 
             if passes > MOST_PASSES * (len(rows) + 1):
                 tail.close()
                 raise RuntimeError(f"vehicle and tail do not agree at t = {tail.time:.3f} s")
-            answer = guess + scheme.relaxation * (answer - guess)
+            change = scheme.relaxation * (answer - guess)
+            if scheme.jacobian:
+                # Where guess + change is the answer to itself, as far as both are linear.
+                given = vehicle.slopes(start, reaction, guess, count, scheme.derivatives)
+                change = np.linalg.solve(np.eye(3) - tail.slopes(len(given)) @ given, change)
+            answer = guess + change
             tail.roll_back()
         before, reaction = reaction, answer
         record()
@@ -281,7 +311,7 @@ def main(now: str, at_end: str, figure_path: str) -> None:
     counts, duration, fmus = np.array([2, 4, 8, 16, 32]), 4.0, {"now": now, "at-end": at_end}
     figure = Figure(figsize=(12, 8.4), layout="constrained")
     axes = figure.subplots(2, 2)
-    colours = ["#56b4e9", "#0072b2", "#009e73", "#f0e442", "#e69f00", "#d55e00", "#cc79a7"]
+    colours = ["#56b4e9", "#0072b2", "#009e73", "#f0e442", "#e69f00", "#d55e00", "#cc79a7", "#000000"]
     for scheme, colour in zip(SCHEMES, colours):
         found = balance(fmus, scheme, counts, duration)
         for axis, values in zip(axes.flat, found.T):

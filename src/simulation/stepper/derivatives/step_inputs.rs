@@ -231,7 +231,12 @@ impl Stepper {
             ));
         }
         let end = t + h;
-        let host = self.dynamics.inputs.head.as_deref().copied().unwrap_or_default();
+        let mut host = self.dynamics.inputs.head.as_deref().copied().unwrap_or_default();
+        if host.axes[axis].is_none() {
+            for (order, value) in self.dynamics.own_words.of(t, axis).into_iter().enumerate() {
+                value.into_iter().for_each(|value| host.set_derivative(t, axis, pose[axis], order, value, false));
+            }
+        }
         let span = [t, end];
         let fit = |mut host: HostHead| {
             host.fit(span, pose, model.head_input, motion, true);
@@ -330,8 +335,11 @@ impl Stepper {
         let t = self.now.state.t;
         let given = |variable: &&'static Variable| {
             let axes = self.dynamics.inputs.head.as_deref().map(|host| &host.axes);
-            let axis = variable.of_head().zip(axes).and_then(|([axis, order], axes)| axes[axis]?.given_at(t, order));
-            axis.is_some()
+            let Some([axis, order]) = variable.of_head() else { return false };
+            match axes.and_then(|axes| axes[axis]) {
+                Some(own) => own.given_at(t, order).is_some(),
+                None => self.dynamics.own_words.of(t, axis)[order].is_some(),
+            }
         };
         self.variables.iter().copied().filter(given).collect()
     }
