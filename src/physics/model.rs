@@ -602,19 +602,17 @@ impl Dynamics {
             } else {
                 (&mut *natural, &mut *rate)
             };
-            let wave = self.inputs.wave(start, t, self.extrapolation.as_deref());
-            let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
-            let [gain, gain_rate] = start.gain(t);
-            let (amplitude, turn) = (by.drive.amplitude, -by.phase_offset);
-            // κ̄ = S g(φ) and dκ̄/dt = S g' φ' + S' g, with S = `size`, S' = `grows`.
-            let quicker = TAU * by.drive.frequency;
-            actuation.add(Wave { amplitude, gain, gain_rate, ..wave }, natural, rate);
-            actuation.add_derivatives(
-                [0.0, size * quicker + grows * turn, size * wave.phase_rate * turn],
-                wave.phase,
-                rate,
-            );
-            actuation.add_derivatives([0.0, size * turn, 0.0], wave.phase, natural);
+            let (amplitude, turn, quicker) = (by.drive.amplitude, -by.phase_offset, TAU * by.drive.frequency);
+            if [amplitude, turn, quicker] != [0.0; 3] {
+                let wave = self.inputs.wave(start, t, self.extrapolation.as_deref());
+                let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
+                let [gain, gain_rate] = start.gain(t);
+                // κ̄ = S g(φ) and dκ̄/dt = S g' φ' + S' g, with S = `size`, S' = `grows`.
+                actuation.add(Wave { amplitude, gain, gain_rate, ..wave }, natural, rate);
+                let of_rate = [0.0, size * quicker + grows * turn, size * wave.phase_rate * turn];
+                actuation.add_derivatives(of_rate, wave.phase, rate);
+                actuation.add_derivatives([0.0, size * turn, 0.0], wave.phase, natural);
+            }
         }
         if let Some(own) = &by.natural {
             natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);

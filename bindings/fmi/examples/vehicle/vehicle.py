@@ -58,7 +58,7 @@ SCHEMES = [
     Scheme("Gauss-Seidel, vehicle first", "at-end", 1, "held", order=1),
     Scheme("Gauss-Seidel, vehicle first, force extrapolated", "at-end", 1, "extrapolated"),
     Scheme("Gauss-Seidel, iterated", "at-end", 1, "interpolated", iterate=True),
-    Scheme("Gauss-Seidel, iterated with the interface Jacobian", "at-end", 1, "interpolated", iterate=True, jacobian=True),
+    Scheme("Gauss-Seidel, iterated with the interface Jacobian", "at-end", 2, "interpolated", iterate=True, jacobian=True),
 ]
 
 
