@@ -196,6 +196,17 @@ fn points() -> usize {
     7
 }
 
+/// What the other goal of a front has to reach, where one is searched for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Floor {
+    /// The table with that goal for the first.
+    pub of: Box<DesignTable>,
+    /// The value to reach.
+    pub value: f64,
+    /// Its size along the front.
+    pub size: f64,
+}
+
 /// What counts where a design is for several scenes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
@@ -302,9 +313,9 @@ pub struct DesignTable {
     pub robust: Option<Aggregate>,
     /// A second goal, against which the first is traded.
     pub front: Option<FrontSettings>,
-    /// What the second goal has to reach, and its size.
+    /// What the other goal of a front has to reach.
     #[serde(skip)]
-    pub floor: Option<[f64; 2]>,
+    pub floor: Option<Floor>,
     /// Starts of a dynamic goal.
     pub starts: Option<usize>,
     /// Most iterations a start; 200 where it is absent.
