@@ -215,6 +215,45 @@ fn a_design_keeps_the_fluid_that_its_scene_takes() {
     assert_eq!(text.contains("[reactive]"), reactive, "{text}");
 }
 
+/// Asserts that `design` was simulated again beside the same scene, its own, that it is compared with, and says so in the same words.
+fn before_is_the_same_of(design: &Design) {
+    let numbers = design.numbers().unwrap();
+    let own = &numbers["compared"][0];
+    assert_eq!(own["name"], "the scene's own");
+    let (objective, check) = (own["objective"].as_f64().unwrap(), &numbers["checks"][0]);
+    let before = check["before"].as_f64().unwrap();
+    assert!((before / objective - 1.0).abs() < 1e-9, "{before} {objective}");
+    let line = |start: &str| design.lines.iter().find(|line| line.starts_with(start)).unwrap();
+    let [again, compared] = [line("simulated again, as designed: "), line("the scene's own: ")];
+    let gain = compared.split_once("; the design is ").unwrap().1;
+    let same = ["better", "worse"]
+        .iter()
+        .fold(gain.to_string(), |gain, word| gain.replace(word, &format!("{word} than the scene's own")));
+    assert!(again.ends_with(&same), "{again}\n{compared}");
+    let other = |line: &&String| ["before", "original"].iter().any(|word| line.contains(word));
+    assert_eq!(design.lines.iter().find(other), None);
+}
+
+/// Of a design for several cases too, in all of which the scene is as it is but for what the case changes.
+#[test]
+fn before_is_the_scenes_own_in_all_cases() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy("models/design-silicone-eel.toml", folder.path().join("eel.toml")).unwrap();
+    let axes = "scene = \"eel.toml\"\n[axes]\n\"medium.viscosity_pa_s\" = { factors = [0.5, 2.0] }\n";
+    std::fs::write(folder.path().join("cases.toml"), axes).unwrap();
+    let mut document = Document::read(&folder.path().join("eel.toml")).unwrap();
+    let wanted = r#"design={goal="distance",direction="-x",knots=[0.1,0.9],mean=0.5,bounds=[0.2,2.0],starts=1,iterations=3,over="cases.toml"}"#;
+    let changes =
+        ["rod.nodes=5", "solver.duration_s=2.0", "solver.time_step_s=0.01", "rod.stiffness_gradient=0.5", wanted];
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    before_is_the_same_of(&design);
+    let numbers = design.numbers().unwrap();
+    let of_cases = numbers["cases"].as_array().unwrap().iter().map(|case| case["before"].as_f64().unwrap());
+    let worst = of_cases.fold(f64::INFINITY, f64::min);
+    assert!((worst / numbers["checks"][0]["before"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{worst}");
+}
+
 /// What a design is compared with is the scene as it is, on every line; even stiffness of its mean is another profile, by its name.
 #[test]
 fn before_is_the_scenes_own_everywhere() {
@@ -231,9 +270,12 @@ fn before_is_the_scenes_own_everywhere() {
     let numbers = design.numbers().unwrap();
     let compared = numbers["compared"].as_array().unwrap();
     assert_eq!(compared[0]["name"], "the scene's own");
-    assert!(compared.iter().any(|profile| profile["name"] == "even stiffness"));
+    let reference = numbers["reference_stiffness_n_m2"].as_f64().unwrap();
+    let even =
+        compared.iter().find(|profile| profile["name"].as_str().unwrap().starts_with("even stiffness of ")).unwrap();
+    let mut stiffness = even["profile"]["stiffness_n_m2"].as_array().unwrap().iter().map(|ei| ei.as_f64().unwrap());
+    assert!(stiffness.all(|ei| (ei / (0.5 * reference) - 1.0).abs() < 1e-12), "{even}");
     let stiffness: Vec<f64> = serde_json::from_value(compared[0]["profile"]["stiffness_n_m2"].clone()).unwrap();
     assert!(stiffness.iter().zip(&own).all(|(a, b)| (a / b - 1.0).abs() < 1e-12), "{stiffness:?} {own:?}");
-    let before = numbers["checks"][0]["before"].as_f64().unwrap();
-    assert!((before / compared[0]["objective"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{before}");
+    before_is_the_same_of(&design);
 }

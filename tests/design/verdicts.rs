@@ -567,7 +567,7 @@ fn a_fit_that_is_further_from_the_markers_than_the_scene_itself_is_told_by_its_d
     let (_, lines) = identified(&exact, &folder);
     let again: Vec<&String> = lines.iter().filter(|line| line.starts_with("simulated again, as designed")).collect();
     println!("{again:#?}");
-    assert!(again.len() == 1 && again[0].contains(" (m) ") && again[0].contains(", before "), "{again:?}");
+    assert!(again.len() == 1 && again[0].contains(" (m) ") && again[0].contains(", the scene's own "), "{again:?}");
     assert!(!lines.iter().any(|line| line.contains("-") && line.contains("% better")), "{lines:#?}");
 }
 

@@ -399,7 +399,7 @@ def test_the_checks_of_a_design_are_parts_of_their_own(tmp_path):
     checks = caudal._caudal._design_parts(scene, tmp_path / "theirs", False, None)
     # As designed, half the step, another method, a finer mesh, and perhaps another law: of two profiles, in two media.
     assert checks.noun == "check" and checks.size == 4 * len(whole.checks)
-    assert checks.describe(2) == f"what was before, {whole.checks[0]['simulation']}, case 0"
+    assert checks.describe(2) == f"the scene's own, {whole.checks[0]['simulation']}, case 0"
     lines, times = caudal._caudal._simulate(checks.bundle(), [0, 1])
     values = [json.loads(line[17:])["result"][0]["value"]["objective"] for line in lines]
     assert min(values) == whole.checks[0]["designed"] and len(times) == 2

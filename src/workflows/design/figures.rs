@@ -455,7 +455,7 @@ impl Design {
             };
             tables.push(Table {
                 file: "checks.csv",
-                title: "Simulated again",
+                title: "Simulated again; before: the scene's own",
                 columns: [&before_and_after("simulation")[..], &limit("most of a limit (%); above 100 it is broken")]
                     .concat(),
                 rows: self.evidence.checks.iter().map(row).collect(),
@@ -535,7 +535,7 @@ impl Design {
             };
             tables.push(Table {
                 file: "cases.csv",
-                title: "The cases that it is for",
+                title: "The cases that it is for; before: the scene's own",
                 columns: before_and_after("case"),
                 rows: self.evidence.cases.iter().map(row).collect(),
             });

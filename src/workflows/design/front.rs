@@ -1,5 +1,5 @@
-//! Pareto front of two goals by the ε-constraint method (Haimes, Lasdon & Wismer, IEEE Trans. SMC 1, 1971). Each search starts from
-//! the end of the previous one.
+//! Pareto front of two goals by the ε-constraint method (Haimes, Lasdon & Wismer, IEEE Trans. SMC 1, 1971). Each search halves the widest
+//! gap so far, in the goal that it is wider in, and starts from one of its ends.
 
 use std::ops::ControlFlow;
 
@@ -9,7 +9,7 @@ use super::checkpoint::Checkpoint;
 use super::design_vector::DesignVector;
 use super::objective::Objective;
 use super::search::{Search, SearchIteration, SearchResult};
-use super::table::DesignTable;
+use super::table::{DesignTable, Floor};
 use crate::error::Result;
 use crate::sensitivity::Problem;
 
@@ -84,29 +84,37 @@ pub(super) fn front(
     let mut interrupted = end.interrupted;
     let goals_conflict = |(from, to): &([f64; 2], [f64; 2])| !are_same(*from, *to);
     if let Some((from, to)) = from.zip(to).filter(|ends| !interrupted && goals_conflict(ends)) {
-        // Each search splits the widest gap, measured in both goals over what they span, so that steep ends have designs too.
+        // Gaps are measured in both goals over what they span. A gap that is halved in the goal in which it is wider has no wide part
+        // left, however steep the front is there.
         let spans = [0, 1].map(|i| (to[i] - from[i]).abs().max(f64::MIN_POSITIVE));
-        let size = from[1].abs().max(to[1].abs());
+        let parts = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|i| (b[i] - a[i]).abs() / spans[i]);
+        let distance = |a: [f64; 2], b: [f64; 2]| {
+            let [first, second] = parts(a, b);
+            first.hypot(second)
+        };
+        let goals = [(table, objective), (&other, &second)];
         let mut along = vec![(from, found.at.1.clone(), true), (to, end.at.1.clone(), false)];
         for _ in 1..wanted.points - 1 {
-            let gap = |i: &usize| {
-                let [a, b] = [along[*i].0, along[*i + 1].0];
-                ((b[0] - a[0]) / spans[0]).hypot((b[1] - a[1]) / spans[1])
-            };
+            let gap = |i: &usize| distance(along[*i].0, along[*i + 1].0);
             let open = (0..along.len() - 1).filter(|i| along[*i].2);
             let Some(i) = open.max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
             let width = gap(&i);
-            let floor = 0.5 * (along[i].0[1] + along[i + 1].0[1]);
-            let table = DesignTable { floor: Some([floor, size]), ..table.clone() };
-            let found = best(&table, objective, &along[i].1.clone())?;
+            // One goal is held half way while the other is searched for, from the end where that is larger: slopes are judged by its
+            // size, which may be next to nothing at the other.
+            let [a, b] = [along[i].0, along[i + 1].0];
+            let [first, second] = parts(a, b);
+            let held = usize::from(first <= second);
+            let ((of, _), (searched, objective)) = (goals[held], goals[1 - held]);
+            let (value, size) = (0.5 * (a[held] + b[held]), from[held].abs().max(to[held].abs()));
+            let floor = Some(Floor { of: Box::new(of.clone()), value, size });
+            let size_at = |end: [f64; 2]| end[1 - held].abs();
+            let start = along[if size_at(a) < size_at(b) { i + 1 } else { i }].1.clone();
+            let found = best(&DesignTable { floor, ..searched.clone() }, objective, &start)?;
             interrupted = found.interrupted;
             match add(&found)? {
                 Some(value) => {
-                    let near = |other: [f64; 2]| {
-                        ((value[0] - other[0]) / spans[0]).hypot((value[1] - other[1]) / spans[1]) < CLOSED_GAP * width
-                    };
                     // Where it comes to one of the ends there is nothing in between.
-                    let open = !near(along[i].0) && !near(along[i + 1].0);
+                    let open = [a, b].iter().all(|end| distance(value, *end) >= CLOSED_GAP * width);
                     along[i].2 = open;
                     along.insert(i + 1, (value, found.at.1.clone(), open));
                 }

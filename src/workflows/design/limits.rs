@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::design_vector::DesignVector;
 use super::objective::Objective;
-use super::table::{DesignTable, Goal};
+use super::table::{DesignTable, Floor, Goal};
 use crate::cycle::{CycleMeasure, FORWARD_SPEED, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
@@ -250,10 +250,10 @@ impl Limits {
             let words = format!("mean {} at least {least} {}", measure.label(), measure.unit);
             means.push((words, mean.like(objective), least, None));
         }
-        if let (Some(other), Some([floor, size])) = (table.second(), table.floor) {
-            let second = Objective::new(&other, problem, None)?.like(objective);
-            let side = if second.smaller_is_better() { "at most" } else { "at least" };
-            means.push((format!("{} {side} {}", second.name(), significant(floor, 7)), second, floor, Some(size)));
+        if let Some(Floor { of, value, size }) = &table.floor {
+            let other = Objective::new(of, problem, None)?.like(objective);
+            let side = if other.smaller_is_better() { "at most" } else { "at least" };
+            means.push((format!("{} {side} {}", other.name(), significant(*value, 7)), other, *value, Some(*size)));
         }
         Ok(Self { body, load, means })
     }

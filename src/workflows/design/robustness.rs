@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::Checkpoint;
-use super::design_vector::DesignVector;
+use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{scene_with, simulations};
 use super::limits::{LimitUse, Limits};
 use super::markers::Markers;
@@ -85,7 +85,7 @@ impl<'a> RobustnessChecks<'a> {
     /// A description of simulation `index`.
     pub fn describe(&self, index: usize) -> String {
         let ((name, _), ..) = self.at(index);
-        let which = ["the design", "what was before"][index / self.scenes.len() % 2];
+        let which = ["the design", BASELINE][index / self.scenes.len() % 2];
         match self.scenes.len() {
             1 => format!("{which}, {name}"),
             _ => format!("{which}, {name}, case {}", index % self.scenes.len()),
@@ -189,19 +189,19 @@ pub struct Robustness {
     pub least_percent: Option<f64>,
     /// The simulation with the least gain.
     pub least_in: String,
-    /// True if the limits are kept in all simulations, and the gain is positive in all, if what was before keeps them too.
+    /// True if the limits are kept in all simulations, and the gain is positive in all, if the scene as it is keeps them too.
     pub survives: bool,
     /// True if the design keeps its limits.
     pub kept: bool,
     /// A limit that the design breaks in another simulation, and that simulation.
     pub broken_in: Option<[String; 2]>,
-    /// A limit that what was before breaks: its objective is no measure of a design that keeps it.
+    /// A limit that the scene as it is breaks: its objective is no measure of a design that keeps it.
     pub broken_before: Option<String>,
 }
 
 impl Robustness {
-    /// Of `checks`, of which the first is the simulation of the design, which has `kept` its limits or not. A simulation that fails of what
-    /// was before, as a method at a step that is too long for it, says nothing of a gain.
+    /// Of `checks`, of which the first is the simulation of the design, which has `kept` its limits or not. A simulation that fails of the
+    /// scene as it is, as a method at a step that is too long for it, says nothing of a gain.
     pub(super) fn of(checks: &[Check], kept: bool) -> Option<Self> {
         let (first, others) = checks.split_first()?;
         let says = |check: &&Check| check.before.is_some();
@@ -236,7 +236,7 @@ impl Robustness {
                 format!("the limits do not hold in other simulations: {limit} with {simulation}")
             }
             (true, Some(_)) if let Some(limit) = &self.broken_before => format!(
-                "the original exceeds a limit ({limit}), and the design keeps all limits, in the other simulations too: that is the gain, along with {} % of the goal",
+                "{BASELINE} exceeds a limit ({limit}), and the design keeps all limits, in the other simulations too: that is the gain, along with {} % of the goal",
                 in_sentence(gain, 3)
             ),
             (true, Some(least)) => {
@@ -247,7 +247,7 @@ impl Robustness {
                     self.least_in
                 )
             }
-            (_, Some(_)) if gain <= 0.0 => "no gain: the design is no better than what was before".to_string(),
+            (_, Some(_)) if gain <= 0.0 => format!("no gain: the design is no better than {BASELINE}"),
             (_, Some(least)) => {
                 let [gain, least] = [gain, least].map(|percent| in_sentence(percent, 3));
                 format!("no gain: of {gain} % as designed {least} % is left with {}", self.least_in)
@@ -327,6 +327,8 @@ mod tests {
         // What breaks the limit is no measure.
         let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };
         let worse = Robustness::of(&[first, check("finer", Some(0.8), Some(1.0))], true);
-        assert!(worse.is_some_and(|trust| trust.survives && trust.words().starts_with("the original exceeds a limit")));
+        assert!(
+            worse.is_some_and(|trust| trust.survives && trust.words().starts_with("the scene's own exceeds a limit"))
+        );
     }
 }

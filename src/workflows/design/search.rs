@@ -279,7 +279,8 @@ impl<'a> Search<'a> {
         if self.objective.fits {
             return self.simulated(limits, profile, parameters); // with all derivatives of all times
         }
-        let asked = format!("{:?} {:?} {profile:?} {}", self.table.goal, self.table.floor, parameters.len());
+        let floor = self.table.floor.as_ref().map(|floor| (floor.of.goal, floor.value, floor.size));
+        let asked = format!("{:?} {floor:?} {profile:?} {}", self.table.goal, parameters.len());
         self.cached(asked, |search| search.simulated(limits, profile, parameters))
     }
 

@@ -11,8 +11,8 @@ use super::checkpoint::{self, Checkpoint};
 use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
-    explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification, explain_joints,
-    explain_misfit, explain_refit, explain_scenarios, explain_search, explain_tolerances,
+    beside_own, explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification,
+    explain_joints, explain_misfit, explain_refit, explain_scenarios, explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
@@ -217,11 +217,9 @@ impl Design {
                 }
                 let profile = DesignVector::of(found.stiffness_n_m2.clone());
                 let own = Problem::of(&scene).map(|problem| DesignVector::of(problem.stiffness()))?;
-                for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
-                    let designed = resting(document, profile, &markers.positions[0]);
-                    let check = Check { simulation: simulation.into(), designed, ..Check::default() };
-                    evidence.checks.push(check);
-                }
+                let [designed, before] =
+                    [&profile, &own].map(|profile| resting(document, profile, &markers.positions[0]));
+                evidence.checks.push(Check { simulation: "at rest".into(), designed, before, ..Check::default() });
                 found.state = rest_of(document, &profile, &markers.positions[0], &found);
                 lines.extend(found.state.words());
                 evidence.target = Some(markers);
@@ -313,22 +311,13 @@ impl Design {
             }
         };
         for check in &evidence.checks {
-            let both = check.designed.zip(check.before);
-            let gain = both.and_then(|(value, before)| table.gain_in_words(value, before, " than before"));
-            let gain = match (gain, check.gain_percent, check.before) {
-                (Some(gain), ..) => format!(", {gain}"),
-                (None, None, Some(before)) if check.designed.is_some() => {
-                    format!(", before {}", in_sentence(before, 7))
-                }
-                _ => String::new(),
-            };
-            let value = check.designed.map_or("fails".to_string(), |value| in_sentence(value, 7));
+            let value = beside_own(&table, check.designed, check.before);
             let what = match table.goal {
                 Goal::Identify => " rms distance from the markers (m)",
                 Goal::StaticShape => " rms distance from the shape (m)",
                 _ => "",
             };
-            lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
+            lines.push(format!("simulated again, {}:{what} {value}", check.simulation));
         }
         let kept = !matches!(&answer, Answer::Search(found) if !found.kept);
         if table.goal.is_dynamic()
@@ -499,7 +488,8 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
     add(BASELINE, before.clone(), search);
     if table.variables.contains(&DesignVariable::Stiffness) {
         if !alike {
-            add(&format!("even stiffness{with_own_actuation}"), of(vec![even; xi.len()]), search);
+            let stiffness = in_sentence(even * reference, 3);
+            add(&format!("even stiffness of {stiffness} N m²{with_own_actuation}"), of(vec![even; xi.len()]), search);
         }
         if table.goal != Goal::TrackTip && !found.interrupted {
             let gradient = of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect());

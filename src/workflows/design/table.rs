@@ -196,6 +196,17 @@ fn points() -> usize {
     7
 }
 
+/// What the other goal of a front has to reach, where one is searched for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Floor {
+    /// The table with that goal for the first.
+    pub of: Box<DesignTable>,
+    /// The value to reach.
+    pub value: f64,
+    /// Its size along the front.
+    pub size: f64,
+}
+
 /// What counts where a design is for several scenes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
@@ -302,9 +313,9 @@ pub struct DesignTable {
     pub robust: Option<Aggregate>,
     /// A second goal, against which the first is traded.
     pub front: Option<FrontSettings>,
-    /// What the second goal has to reach, and its size.
+    /// What the other goal of a front has to reach.
     #[serde(skip)]
-    pub floor: Option<[f64; 2]>,
+    pub floor: Option<Floor>,
     /// Starts of a dynamic goal.
     pub starts: Option<usize>,
     /// Most iterations a start; 200 where it is absent.
@@ -576,10 +587,11 @@ impl DesignTable {
     }
 
     /// How much better `value` is than `other`, %; zero if they are equal, even at zero. `None` for more than twice the distance from
-    /// markers: the one before it may be as good as zero.
+    /// markers, where the other may be as good as zero, and for distances from a shape at rest, where the better one is.
     pub fn gain_percent(&self, value: f64, other: f64) -> Option<f64> {
         let better = if self.smaller_is_better() { other - value } else { value - other };
         match better {
+            _ if self.goal == Goal::StaticShape => None,
             0.0 => Some(0.0),
             better if better < -other.abs() && self.goal == Goal::Identify => None,
             better => Some(100.0 * better / other.abs()),
@@ -768,11 +780,11 @@ mod tests {
 
     #[test]
     fn gains_are_said_in_three_digits_and_large_ones_as_factors() {
-        let words = |percent, factor| gain_in_words(percent, factor, " than before");
-        assert_eq!(words(7.5159, 1.075).as_deref(), Some("7.52 % better than before"));
-        assert_eq!(words(-39.04, 1.64).as_deref(), Some("39 % worse than before"));
-        assert_eq!(words(1128.11, 12.2811).as_deref(), Some("better than before by a factor of 12.3"));
-        assert_eq!(words(99.9996, 225_000.0).as_deref(), Some("better than before by a factor of 2.25·10⁵"));
+        let words = |percent, factor| gain_in_words(percent, factor, " than the scene's own");
+        assert_eq!(words(7.5159, 1.075).as_deref(), Some("7.52 % better than the scene's own"));
+        assert_eq!(words(-39.04, 1.64).as_deref(), Some("39 % worse than the scene's own"));
+        assert_eq!(words(1128.11, 12.2811).as_deref(), Some("better than the scene's own by a factor of 12.3"));
+        assert_eq!(words(99.9996, 225_000.0).as_deref(), Some("better than the scene's own by a factor of 2.25·10⁵"));
         assert_eq!(words(1e-4, 1.000001), None);
     }
 }
