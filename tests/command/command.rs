@@ -727,9 +727,10 @@ fn a_terminal_shows_how_much_is_done() {
         let output = script(&arguments).unwrap();
         let shown = text(&output.stdout);
         assert!(output.status.success(), "{shown}");
-        let counts = shown.split(&format!("{word} ")).skip(1).filter_map(|rest| {
+        let (before, after) = (format!("{word} "), format!("{of} "));
+        let counts = shown.split(&before).skip(1).filter_map(|rest| {
             let (done, rest) = rest.split_once('/')?;
-            rest.starts_with(&format!("{of} ")).then(|| done.parse().unwrap())
+            rest.starts_with(&after).then(|| done.parse().unwrap())
         });
         let mut counts: Vec<u32> = counts.collect();
         assert!(counts.is_sorted() && counts.iter().all(|count| *count <= of), "{arguments}: {counts:?}");
