@@ -347,17 +347,15 @@ fn a_joint_of_any_stiffness_has_the_solution_of_pivoting_by_whichever_way_it_com
                     let mut x = residual.clone();
                     let fallback = Riccati::new(dynamics.nodes()).solve(&matrix, &residual, &mut x);
                     by_pivoting[usize::from(fallback)] += 1;
-                    // Some of these are nearly singular, and pivoting is off too.
-                    let mut pivoted = Pivoted::new(&matrix);
-                    let exact = pivoted.exact(&residual);
-                    let [error, pivoting] = [x, pivoted.solve(&residual)].map(|x| errors(&x, &exact)[0]);
-                    worst = worst.max(error / pivoting.max(1e-13));
+                    let [error, ..] = errors(&x, &Pivoted::new(&matrix).exact(&residual));
+                    worst = worst.max(error);
                 }
             }
         }
     }
-    println!("{by_pivoting:?} eliminated and by pivoting, error at most {worst:e} times that of pivoting");
-    assert!(worst < 1e4, "{worst:e}"); // a backward error of 1e-12 passes the check
+    println!("{by_pivoting:?} eliminated and by pivoting, largest error {worst:e}");
+    // Measured: 5.8e-6, as a joint may oppose its bending here; unchecked, 40.
+    assert!(worst < 1e-3, "{worst:e}");
     assert!(by_pivoting.iter().all(|count| *count > 100), "{by_pivoting:?}");
 }
 
