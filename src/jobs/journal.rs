@@ -473,4 +473,21 @@ mod tests {
         assert!(Journal::open(&path, &job).is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious notes\n");
     }
+
+    #[test]
+    fn a_file_that_does_not_begin_as_a_journal_stays_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("results.journal");
+        let job = Job::new("test", b"inputs", 3);
+        let texts =
+            ["notes", "precious notes", "deadbeef and more", "0123456789abcde:", "12 eggs", "x", "{}", "é", " "];
+        for text in texts.iter().flat_map(|text| [text.to_string(), format!("{text}\n"), format!("{text}\n{text}")]) {
+            std::fs::write(&path, &text).unwrap();
+            let opened = Journal::open(&path, &job).map(|_| ());
+            assert!(opened.is_err_and(|error| error.to_string().contains("it is no journal of results")), "{text:?}");
+            let cleared = Journal::clear(&path);
+            assert!(cleared.is_err(), "{text:?}");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+        }
+    }
 }

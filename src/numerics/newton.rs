@@ -503,3 +503,30 @@ fn largest(values: &[f64], a_node: usize, time_s: f64, what: &'static str) -> Re
     let at = values[first..].iter().position(|x| x.abs() == max).unwrap_or(0);
     Ok(((first + at) / a_node, max))
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use super::*;
+
+    #[test]
+    fn the_largest_value_and_the_first_that_is_not_finite_are_those_of_their_node() {
+        for (nodes, a_node) in [(2, 2), (33, 2), (97, 2), (129, 6)] {
+            let count = nodes * a_node;
+            let small: Vec<f64> = (0..count).map(|i| (i as f64).sin()).collect();
+            for at in 0..count {
+                let mut values = small.clone();
+                values[at] = if at % 2 == 0 { -3.0 } else { 3.0 };
+                assert_eq!(largest(&values, a_node, 0.5, "of a test").unwrap(), (at / a_node, 3.0));
+                for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                    values[at] = wrong;
+                    let node = match largest(&values, a_node, 0.5, "of a test") {
+                        Err(Error::NotFinite { node, time_s: 0.5, what: "of a test" }) => node,
+                        other => panic!("{wrong} at {at}: {other:?}"),
+                    };
+                    assert_eq!(node, at / a_node, "{wrong} at {at} of {count}");
+                }
+            }
+        }
+    }
+}

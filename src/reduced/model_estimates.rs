@@ -432,7 +432,7 @@ impl Estimator {
         let mass = rod.total_mass() + self.added;
         let frequency = 3.516 * (weakest / (mass * rod.length.powi(3))).sqrt();
         let decay = if 2.0 * stop * frequency > 1.0 { 0.5 / stop } else { frequency * frequency * stop };
-        if decay > 0.0 { (0.5 / (decay * time)).sqrt().min(1.0) } else { 1.0 }
+        (0.5 / (decay * time)).sqrt().min(1.0)
     }
 
     /// Adds to the errors of force and moment on a held head the fraction `lasting` of the initial loads of `simulated`, and the uncertainty

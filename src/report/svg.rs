@@ -390,6 +390,14 @@ mod tests {
                 assert!(style.contains(&format!("--companion-{i}: {colour};")), "{i}: {colour}");
             }
         }
+        // However many there are, their lines differ from each other, from the first rod's and from that of centres of mass.
+        let companions = (0..60).map(crate::report::page::Animation::series_of_companion);
+        let seen: std::collections::BTreeSet<_> = companions.clone().chain([0, 1]).collect();
+        assert_eq!(seen.len(), 62);
+        for (i, series) in companions.enumerate() {
+            let first = crate::report::page::Animation::series_of_companion(i % 6);
+            assert!(![0, 1].contains(&(series % SERIES)) && series % SERIES == first, "{i}: {series}");
+        }
         // Four marks in turn, whatever their colour.
         let mark = |k: usize| {
             let mut svg = Svg(String::new());

@@ -694,3 +694,47 @@ fn vtk_files_go_with_the_run_that_they_show() {
     assert!(run("models/baseline.toml", &out, &["--set", "solver.duration_s=0.06"]).status.success());
     assert!(!out.join("vtk").exists(), "{:?}", files(&out.join("vtk")));
 }
+
+/// A terminal is played by util-linux' `script`.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_terminal_shows_how_much_is_done() {
+    let script = |arguments: &str| {
+        let called = format!("'{}' {arguments}", env!("CARGO_BIN_EXE_caudal"));
+        let folder = env!("CARGO_MANIFEST_DIR");
+        Command::new("script")
+            .current_dir(folder)
+            .args(["-qec", &called, "/dev/null"])
+            .stdin(std::process::Stdio::null())
+            .output()
+    };
+    if !script("--version").is_ok_and(|output| output.status.success()) {
+        return crate::skip::skip("progress on a terminal", "it needs `script` of util-linux");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().display();
+    let sweep = folder.path().join("sweep.toml");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/cantilever.toml");
+    let sweep_text = format!(
+        "scene = {:?}\n[set]\nsolver.duration_s = 60.0\n[axes]\nrod.nodes = [27, 28, 29, 30, 31, 32, 33, 34, 35]\n",
+        scene.display()
+    );
+    std::fs::write(&sweep, sweep_text).unwrap();
+    for (arguments, word, of) in [
+        (format!("study scaling models/cantilever.toml --nodes 9,17 --steps 3 --out {out}/study"), "run", 4),
+        (format!("sweep {} --jobs 1 --out {out}/sweep", sweep.display()), "case", 9),
+    ] {
+        let output = script(&arguments).unwrap();
+        let shown = text(&output.stdout);
+        assert!(output.status.success(), "{shown}");
+        let (before, after) = (format!("{word} "), format!("{of} "));
+        let counts = shown.split(&before).skip(1).filter_map(|rest| {
+            let (done, rest) = rest.split_once('/')?;
+            rest.starts_with(&after).then(|| done.parse().unwrap())
+        });
+        let mut counts: Vec<u32> = counts.collect();
+        assert!(counts.is_sorted() && counts.iter().all(|count| *count <= of), "{arguments}: {counts:?}");
+        counts.dedup();
+        assert!(counts.len() >= 2, "{arguments}: {counts:?}");
+    }
+}

@@ -155,6 +155,29 @@ fn a_disk_that_is_full_for_the_report_keeps_the_summary_and_every_row() {
 }
 
 #[test]
+fn a_page_that_is_not_written_leaves_that_of_the_same_run_and_none_of_another() {
+    for (change, stays) in [("", true), (" --set solver.duration_s=0.09", false)] {
+        let folder = folder_of(&[("eel.toml", EEL)]);
+        let page = folder.path().join("out/report.html");
+        let first = caudal(folder.path(), "run eel.toml --out out");
+        assert_eq!(first.status.code(), Some(0), "{}", errors(&first));
+        let before = std::fs::read(&page).unwrap();
+        // Less than the page has, and enough for the rest.
+        let output = limited(folder.path(), "ulimit -f 40;", &format!("run eel.toml --out out --force{change}"));
+        assert_eq!(output.status.code(), Some(1), "{change}: {}", errors(&output));
+        assert!(errors(&output).contains("report.html; kept in"), "{change}: {}", errors(&output));
+        let after = std::fs::read(&page).ok();
+        assert_eq!(after, stays.then_some(before), "{change}: the earlier page");
+        // What is listed is there, and what is there is listed.
+        let listed = std::fs::read_to_string(folder.path().join("out/manifest.json")).unwrap();
+        assert_eq!(listed.contains("report.html"), stays, "{change}: {listed}");
+        let third = caudal(folder.path(), &format!("run eel.toml --out out{change}"));
+        assert_eq!(third.status.code(), Some(0), "{change}: {}", errors(&third));
+        assert!(page.is_file());
+    }
+}
+
+#[test]
 fn a_disk_that_fills_during_a_run_keeps_the_rows_that_were_whole() {
     let folder = folder_of(&[("eel.toml", EEL)]);
     let more = "--set solver.duration_s=5 --out";

@@ -310,6 +310,14 @@ fn columns_say_what_ran_and_have_names_of_their_own() {
     let labelled =
         sweep("[axes]\nrod.length_m = { values = [0.3, 0.4], labels = [\"short\", \"long\"] }\n", &[]).unwrap();
     assert_eq!(labelled.columns(), ["rod.length_m", "rod.length_m.label"]);
+    // One label that is not the value itself is enough.
+    for (labels, has_column) in
+        [(["cox", "fast"], true), (["slow", "cross-flow"], true), (["cox", "cross-flow"], false)]
+    {
+        let axis = format!("[axes]\ndrag.law = {{ values = [\"cox\", \"cross-flow\"], labels = {labels:?} }}\n");
+        let columns = sweep(&axis, &[]).unwrap().columns().to_vec();
+        assert_eq!(columns.contains(&"drag.law.label".to_string()), has_column, "{labels:?}: {columns:?}");
+    }
     // Two fluids of one viscosity are two levels.
     let fluids =
         "[axes.fluid]\nzip.medium.viscosity_pa_s = [1e-3, 1.0, 1e-3]\nzip.medium.density_kg_m3 = [1e3, 1e3, 900.0]\n";

@@ -191,6 +191,11 @@ fn the_map_over_the_flow_has_the_water_at_every_speed_and_says_what_it_is_about(
     let (_, against) = of("medium.flow_m_s=[-1.8, 0.0]");
     println!("{:#?}\n{:#?}", slow.answers, against.answers);
     assert!(reversed(&against) && !reversed(&slow), "{:?}", against.answers);
+    // From the side it is against neither end, and a little from behind it is.
+    for (flow, is_against) in [("[0.0, 0.02]", false), ("[0.0, -0.02]", false), ("[-0.001, 0.02]", true)] {
+        let (_, findings) = of(&format!("medium.flow_m_s={flow}"));
+        assert_eq!(reversed(&findings), is_against, "{flow}: {:?}", findings.answers);
+    }
     assert!(
         against.answers.iter().any(|answer| answer.contains("small motions about the rest")),
         "{:?}",
@@ -211,6 +216,54 @@ fn scaling_names_the_meshes_that_fail() {
     let failed: Vec<_> = table.rows.iter().filter(|row| !row[failure].is_null()).collect();
     assert!(!failed.is_empty(), "{:?}", table.rows);
     assert!(failed.iter().all(|row| row[time].is_null() && row[tip].is_null()), "{failed:?}");
+}
+
+#[test]
+fn the_steps_of_a_mesh_take_no_longer_than_the_study_of_it() {
+    let scene = scene_of(include_str!("../../models/baseline-smooth.toml"), &[]);
+    let begun = std::time::Instant::now();
+    let steps = 300;
+    let findings = complete(made(&Study::Scaling(ScalingOptions { nodes: vec![9], steps }), &scene));
+    let whole = begun.elapsed().as_secs_f64();
+    let table = &findings.tables[0];
+    let column = table.columns.iter().position(|column| column == "step_s").unwrap();
+    let times: Vec<f64> = table.rows.iter().map(|row| steps as f64 * row[column].as_f64().unwrap()).collect();
+    println!("{times:?} of {whole} s");
+    assert!(times.len() == 2 && times.iter().sum::<f64>() < whole && times.iter().all(|time| *time > 1e-6 * whole));
+}
+
+#[test]
+fn a_run_whose_steps_end_a_rounding_before_its_duration_is_whole() {
+    // Sums of steps of 15 ms a rounding below these, and the last of 200 samples a rounding above those.
+    for (duration, step) in [(0.165, 0.015), (0.225, 0.015), (0.15, 0.015)] {
+        let whole = format!("solver.duration_s={duration}");
+        let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, &whole, "rod.nodes=5", "actuation.kappa_amp=0.1"]);
+        let asked = AccuracyOptions {
+            nodes: vec![5],
+            steps: vec![2.0 * step, step],
+            tolerances: vec![1e-3],
+            without: vec!["symplectic-euler".into()],
+        };
+        let findings = complete(made(&Study::Accuracy(asked), &scene));
+        let runs = findings.tables.iter().find(|table| table.file == "accuracy.csv").unwrap();
+        let column = |name: &str| runs.columns.iter().position(|column| column == name).unwrap();
+        let [model, error] = ["model", "time_error_tip"].map(column);
+        let full = runs.rows.iter().filter(|row| row[model] == "full");
+        assert!(full.clone().all(|row| row[error].is_number()), "{duration} s: {:?}", runs.rows);
+        assert!(full.count() >= 8, "{:?}", runs.rows);
+    }
+    let outcomes = |duration: f64| {
+        let duration = format!("solver.duration_s={duration}");
+        let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, &duration, "rod.nodes=5"]);
+        let findings = complete(made(&Study::Stability(SMALL), &scene));
+        let column = findings.tables[0].columns.iter().position(|column| column == "outcome").unwrap();
+        findings.tables[0].rows.iter().map(|row| row[column].to_string()).collect::<Vec<_>>()
+    };
+    let usual = outcomes(0.05);
+    assert!(usual.iter().any(|outcome| outcome.contains("accurate")), "{usual:?}");
+    for duration in [0.052, 0.054] {
+        assert_eq!(outcomes(duration), usual, "{duration} s");
+    }
 }
 
 #[test]

@@ -149,6 +149,32 @@ fn an_array_of_another_shape_than_its_values_is_refused() {
 }
 
 #[test]
+fn an_array_of_more_or_fewer_entries_than_its_parameter_has_is_refused_by_its_name() {
+    let own = caudal::sensitivity::simulation::parameters(&document(&[]).scene().unwrap()).unwrap();
+    let mut several = 0;
+    for parameter in own {
+        let (name, value) = (&*parameter.name, parameter.value);
+        let given = |shape: &[usize]| {
+            let values = value.values.iter().copied().cycle().take(shape.iter().product()).collect();
+            Simulation::of(&document(&[]), &["tip_y_m"], &[(name, Array { shape: shape.to_vec(), values })])
+        };
+        let count = value.values.len();
+        assert!(given(&value.shape).is_ok(), "{name}: its own value");
+        // A run has 41 times.
+        let others =
+            [vec![count + 1], vec![2 * count + 3], vec![2, count], vec![40, count], vec![41, count + 1], vec![0]];
+        let fewer = (count > 1).then(|| vec![count - 1]);
+        for shape in others.into_iter().chain(fewer) {
+            let error = given(&shape).map(|_| ()).unwrap_err();
+            let told = error.to_string();
+            assert!(told.contains(name) && error.is_bad_input(), "{name}, {shape:?}: {told}");
+        }
+        several += usize::from(count > 1);
+    }
+    assert!(several >= 8, "{several}");
+}
+
+#[test]
 fn a_stepper_refuses_entries_and_lengths_that_are_not_there() {
     let mut stepper = stepper_of(SOFT, &SHORT);
     let [natural, joints, x] =

@@ -312,6 +312,27 @@ fn a_shape_at_rest_gives_its_stiffness_back() {
 }
 
 #[test]
+fn every_weight_of_smoothness_smooths_and_a_larger_one_more() {
+    let hanging = scene(EEL, &[&HANGING[..], &PROFILES[2..]].concat());
+    let (_, state) = common::equilibrium(&hanging, &[0.0; 34], 1);
+    let mut dynamics = Dynamics::new(Arc::new(scene(EEL, &HANGING).model().unwrap()));
+    let mut roughness = |weight: f64| -> f64 {
+        let smoothness = format!("design.smoothness={weight:e}");
+        let table = DesignTable::of(&scene(EEL, &[&HANGING[..], &[&smoothness]].concat())).unwrap();
+        let found = rest(&mut dynamics, &state.q, &table).unwrap().stiffness_n_m2;
+        found.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).powi(2)).sum()
+    };
+    let none = roughness(0.0);
+    let mut before = none;
+    for weight in [1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0] {
+        let here = roughness(weight);
+        println!("{weight}: {} of that without", here / none);
+        assert!(here < 0.999 * before, "{weight}: {} of that without", here / none);
+        before = here;
+    }
+}
+
+#[test]
 fn a_designed_shape_is_rested_in_again() {
     let folder = tempfile::tempdir().unwrap();
     let (_, state) = common::equilibrium(&scene(EEL, &[&HANGING[..], &PROFILES[2..]].concat()), &[0.0; 34], 1);

@@ -141,6 +141,24 @@ fn a_table_that_begins_at_rest_is_transient_and_a_sinusoid_is_not() {
 }
 
 #[test]
+fn a_table_that_rests_or_goes_evenly_for_a_quarter_is_transient_at_any_size() {
+    // Periods of 0.1 s but from a little before a quarter of 8 s to a little after it. The others have 15 % more than the whole, which
+    // alone would pass as steady.
+    let omega = 10.0 * std::f64::consts::TAU;
+    for (begin, speed) in [(0.0, 0.0), (4.0, 1e-3)] {
+        let motion = |t: f64| if (begin - 0.1..=begin + 2.1).contains(&t) { 0.0 } else { 1.0 - (omega * t).cos() };
+        let table = |size: f64| {
+            let rows = (0..=400).map(|k| 0.02 * f64::from(k)).map(|t| [t, size * motion(t) + speed * t]);
+            Signal::table_without_rates(&rows.collect::<Vec<_>>())
+        };
+        // Accelerations of 1 mm/s² to 1 m/s².
+        for size in (0..=20).map(|power| 3.6e-7 * 10.0_f64.powf(0.15 * f64::from(power))) {
+            assert!(spectrum_of(table(size), &[]).is_transient, "{size:e} m, at rest from {begin} s on");
+        }
+    }
+}
+
+#[test]
 fn a_fast_head_beside_a_slow_wave_is_the_fastest_and_a_tremble_counts_for_less() {
     let wave =
         "actuation={kind=\"travelling-wave\", kappa_amp=1.0, frequency_hz=0.1, wavelength_m=0.1, envelope=[0.2, 0.8]}";

@@ -161,6 +161,29 @@ fn the_verdict_keeps_the_water_that_decides_whether_a_rod_is_stable() {
 }
 
 #[test]
+fn the_animation_of_a_study_begins_at_the_start_and_is_even_to_its_end() {
+    // Of eight periods at most, and of less where the run is shorter.
+    for (duration, end) in [(0.35, 0.35), (0.8, 0.8), (1.5, 0.8)] {
+        let period = ["actuation.frequency_hz=10.0", "rod.nodes=9", &format!("solver.duration_s={duration}")];
+        let found = findings(&scene_of(SPERM, &period));
+        let (animation, _) = *found.motion.unwrap();
+        let animation = serde_json::to_value(animation).unwrap();
+        let times: Vec<f64> = animation["times"].as_array().unwrap().iter().map(|t| t.as_f64().unwrap()).collect();
+        assert_eq!(times[0], 0.0);
+        let last = times.len() - 1;
+        for (i, t) in times.iter().enumerate() {
+            let even = end * i as f64 / last as f64;
+            assert!((t - even).abs() < 1e-9, "{duration}: frame {i} at {t} s, not {even}");
+        }
+        // 30 a period.
+        assert_eq!(last, (300.0 * end).round() as usize, "{duration}");
+        let beside = animation["beside"].as_array().unwrap();
+        assert!(!beside.is_empty() && animation["points"].as_array().unwrap().len() == times.len());
+        assert!(beside.iter().all(|rod| rod["points"].as_array().unwrap().len() == times.len()));
+    }
+}
+
+#[test]
 fn an_interrupted_study_of_laws_goes_on_to_the_same_end() {
     let scene = scene_of(SPERM, &["solver.duration_s=0.05"]);
     let wanted = findings(&scene);

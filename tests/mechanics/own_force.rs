@@ -425,6 +425,66 @@ fn an_audit_contradicts_what_is_wrong_and_nothing_else() {
     );
 }
 
+/// A spring that is known of edges that are bent and stretched by less than 60 % of their length.
+#[derive(Debug)]
+struct OfSmallStrains {
+    spring: Spring,
+    length: f64,
+}
+
+impl Force for OfSmallStrains {
+    fn name(&self) -> &'static str {
+        "of small strains"
+    }
+
+    fn validity(&self) -> Validity {
+        OWN
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        false
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        false
+    }
+
+    fn power_kind(&self) -> Option<PowerKind> {
+        None
+    }
+
+    fn evaluate(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut ForceAccumulator<'_>,
+    ) {
+        let off = |e: usize| node(rod.q, e + 1) - node(rod.q, e) - Vector2::new(self.length, 0.0);
+        if edges.clone().any(|e| off(e).norm() > 0.6 * self.length) {
+            let unknown = [Vector2::repeat(f64::NAN); 2];
+            return sums.each(edges, |_| EdgeForce::new(unknown, [Block::ZERO; 2], [Block::ZERO; 2]));
+        }
+        self.spring.evaluate(rod, along, edges, sums);
+    }
+
+    fn energy(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
+        self.spring.energy(rod, factor, by)
+    }
+
+    fn energy_by_time(&self, rod: &Kinematics<'_>, factor: f64, by: Option<StateDerivatives<'_>>) -> f64 {
+        self.spring.energy_by_time(rod, factor, by)
+    }
+}
+
+#[test]
+fn an_audit_moves_nodes_by_parts_of_an_edge() {
+    let model = scene(&[]).model().unwrap();
+    let [_, _, stiffness] = values();
+    let force = OfSmallStrains { spring: Spring { stiffness }, length: model.rod.spacing };
+    assert_eq!(audit(&force, &model.rod, model.fluid), []);
+}
+
 #[test]
 fn its_jacobian_is_that_of_its_residual() {
     let scene = scene(&[]);

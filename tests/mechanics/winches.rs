@@ -192,6 +192,27 @@ fn a_host_that_moves_a_winch_gives_what_the_scene_s_own_signal_gives() {
 }
 
 #[test]
+fn the_speed_of_a_winch_is_that_at_which_its_length_changes_while_it_is_let_in_too() {
+    let mut stepper = pair(&["start.ramp_s=0.4"]);
+    let lengths = |view: &View<'_>| [0, 1].map(|i| view.metrics.now.tendons[i].wound);
+    let (mut worst, mut most) = (0.0_f64, 0.0_f64);
+    for step in 0..600 {
+        stepper.set("tendon_1_added_length_m", &[1e-3 * (f64::from(step) * 0.01).sin()]).unwrap();
+        stepper.set_derivative("tendon_1_added_length_m", 1, &[5e-3]).unwrap();
+        stepper.do_step(1e-3).unwrap();
+        let end = stepper.time();
+        let [before, here, after] = [0.9, 0.5, 0.1].map(|part| stepper.at(end - part * 1e-3, lengths).unwrap());
+        for ((before, here), after) in before.iter().zip(&here).zip(&after) {
+            let rate = (after[0] - before[0]) / 0.8e-3;
+            worst = worst.max((here[1] - rate).abs());
+            most = most.max(rate.abs());
+        }
+    }
+    println!("{worst:e} of {most} m/s");
+    assert!(worst < 1e-4 * most, "{worst:e} of {most}");
+}
+
+#[test]
 fn a_winch_is_bought_by_what_its_drum_does() {
     // A slack one winds without a load: 6 mm at up to 0.003·2π·2 m/s.
     let own = ["start.ramp_s=1e-9", "tendons.0.length_m={offset=0.25,amplitude=0.003,frequency_hz=2.0}"];

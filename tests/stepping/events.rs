@@ -2,9 +2,11 @@
 
 use crate::common;
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use caudal::error::Error;
 use caudal::head::{Row, Signal, hermite};
+use caudal::model::{Dynamics, InputExtrapolation};
 use caudal::stepper::{InputChange, Stepper};
 use common::{Dice, largest, order, scene_of, stepper_of};
 
@@ -119,6 +121,43 @@ fn steps_of_a_host_of_any_length_give_the_same_motion() {
         let apart = largest(whole.state().q.iter().zip(&parts.state().q).map(|(a, b)| a - b));
         println!("{model}: {apart:e} m");
         assert!(apart < 3e-4 * 0.3, "{model}: {apart:e}");
+    }
+}
+
+#[test]
+fn the_longest_step_turns_the_drive_by_a_share_of_what_each_of_its_derivatives_does() {
+    let model = Arc::new(scene_of(TAIL, &[WAVE, "start.kind=jump"]).model().unwrap());
+    // Frequency (Hz) and offset of the phase (rad), each with three derivatives.
+    let longest = |frequency: [f64; 4], offset: [f64; 4]| {
+        let mut dynamics = Dynamics::new(Arc::clone(&model));
+        let mut extrapolation = InputExtrapolation::resting(&model, &dynamics.inputs, 0.0);
+        for order in 0..4 {
+            extrapolation.change(&mut dynamics, order, |dynamics| {
+                dynamics.inputs.drive.frequency = frequency[order];
+                dynamics.inputs.phase_offset = offset[order];
+            });
+        }
+        extrapolation.at(0.0, &mut dynamics.inputs);
+        dynamics.extrapolation = Some(Box::new(extrapolation));
+        dynamics.longest_step(0.0, f64::INFINITY)
+    };
+    // A sixteenth of a turn at a steady frequency.
+    let turn = TAU / 16.0;
+    assert!((longest([2.0, 0.0, 0.0, 0.0], [0.0; 4]) - 1.0 / 32.0).abs() < 1e-15);
+    let mut dice = Dice(35);
+    for _ in 0..400 {
+        let [frequency, offset] = [30.0, 100.0].map(|size| {
+            [(); 4].map(|()| if dice.between(-1.0, 1.0) > 0.0 { dice.between(0.01, 1.0) * size } else { 0.0 })
+        });
+        // φ′ = 2πf − ψ′, and so on: of each |φ⁽ᵏ⁾| hᵏ/k! is its share.
+        let next = |k: usize| offset.get(k).copied().unwrap_or(0.0);
+        let rates = [0, 1, 2, 3].map(|k| (TAU * frequency[k] - next(k + 1)).abs());
+        let several = rates.iter().filter(|rate| **rate > 0.0).count().max(1) as f64;
+        let factorials = [1.0, 2.0, 6.0, 24.0];
+        let steps = [0, 1, 2, 3].map(|k| (turn / several * factorials[k] / rates[k]).powf(1.0 / (k + 1) as f64));
+        let (found, expected) = (longest(frequency, offset), steps.into_iter().fold(f64::INFINITY, f64::min));
+        let equal = found == expected || (found / expected - 1.0).abs() < 1e-12;
+        assert!(equal, "{found} for {expected}: {frequency:?} Hz, {offset:?} rad");
     }
 }
 

@@ -27,8 +27,8 @@ impl std::fmt::Display for Contradiction {
     }
 }
 
-/// Checks `force` on `rod` in random motions through `fluid`, with speeds of about one rod length per second, and
-/// returns the statements that finite differences contradict: the slopes of [`evaluate`](Force::evaluate) by positions,
+/// Checks `force` on `rod` in random motions through `fluid`, with speeds of about one rod length per second and nodes off the
+/// straight rod by up to a fifth of an edge each way, and returns the statements that finite differences contradict: the slopes of [`evaluate`](Force::evaluate) by positions,
 /// velocities, accelerations and flow, [`is_of_fluid`](Force::is_of_fluid),
 /// [`is_the_same_everywhere`](Force::is_the_same_everywhere), [`is_linear`](Force::is_linear), the slopes of its
 /// [`energy`](Force::energy), that the energy of a force that dissipates nothing grows by its power and that one of

@@ -425,4 +425,26 @@ mod tests {
         found.critical = None;
         assert_eq!(calm_again_in_words(&found.calm_again(&values), ""), "");
     }
+
+    #[test]
+    fn a_rest_rises_by_minus_the_damping_ratio_of_its_least_damped_swing() {
+        let point = |slowest: &[[f64; 2]]| RestPoint {
+            outcome: RestStability::Stable,
+            leading: [0.0; 2],
+            slowest: slowest.to_vec(),
+        };
+        // x″ + 2ζΩ x′ + Ω² x = 0 has the values −ζΩ ± iΩ√(1 − ζ²), as slow as it may be.
+        for (unit, zeta) in
+            [1e-3, 1.0, 1e3].into_iter().flat_map(|unit| [0.0, 1e-6, 0.03, 0.6].map(|zeta| (unit, zeta)))
+        {
+            let swing = |zeta: f64, omega: f64| [-zeta * omega, omega * (1.0 - zeta * zeta).sqrt()];
+            let others = [[-unit, 0.0], swing(0.7, 2.0 * unit), swing(zeta, 3.0 * unit), swing(0.9, 4.0 * unit)];
+            let rise = point(&others).rise();
+            assert!((rise + zeta).abs() < 1e-15 && rise < 0.0, "{unit} {zeta}: {rise}");
+        }
+        assert_eq!(point(&[[-1.0, 0.0]]).rise(), -1.0); // nothing swings
+        for outcome in RestStability::ALL.into_iter().filter(|outcome| *outcome != RestStability::Stable) {
+            assert_eq!(RestPoint { outcome, ..point(&[[0.1, 1.0]]) }.rise(), 1.0);
+        }
+    }
 }

@@ -70,3 +70,33 @@ pub(super) fn first_crossing(low: f64, high: f64, mut f: impl FnMut(f64) -> f64)
     }
     Some(0.5 * (below + above))
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use super::*;
+
+    #[test]
+    fn a_crossing_is_found_wherever_it_is_and_however_narrow_what_is_above() {
+        for place in (1..400).map(|i| f64::from(i) / 400.0) {
+            let found = first_crossing(0.0, 1.0, |x| x - place).unwrap();
+            assert!((found - place).abs() < 1e-9, "{found} for {place}");
+            // A peak that is above between x = place ± width alone, narrower than the samples are apart.
+            let spacing = 1.0 / SAMPLES as f64;
+            for width in [0.3 * spacing, 1e-2 * spacing, 1e-3 * spacing] {
+                let first = place - width;
+                if !(2.0 * spacing..=1.0 - spacing).contains(&place) {
+                    continue; // at the ends there is no sample beyond it
+                }
+                let lopsided = |x: f64| {
+                    let off = (x - place) / width;
+                    if off > 0.0 { 1.0 - 3.0 * off } else { 1.0 + off }
+                };
+                let found = first_crossing(0.0, 1.0, lopsided).unwrap();
+                assert!((found - first).abs() < 1e-9, "{found} for {first}, {width} wide");
+            }
+        }
+        assert!(first_crossing(0.0, 1.0, |x| -1e-3 - (x - 0.345).powi(2)).is_none());
+        assert!(first_crossing(0.0, 1.0, |_| 0.0).is_none());
+    }
+}
