@@ -391,3 +391,58 @@ def test_auto_that_judged_a_rod_at_rest_is_warned_of():
         warnings.simplefilter("error")
         for scene in (named, moving):
             caudal.Stepper(scene)
+
+
+def test_the_matrices_of_a_step_are_those_of_differences(scene):
+    tail, size = caudal.Stepper(scene), 1e-6
+    tail.do_step(0.05)
+    begin, motion = tail.save(), tail.motion()
+    tail.set_motion(motion)
+    start = tail.save()
+    inputs, outputs = ["force_y_n"], ["tip_y_m", "bending_energy_j"]
+    step = tail.linearize(0.01, inputs=inputs, outputs=outputs)
+    n, nodes = len(motion), scene.nodes
+    assert (step.a.shape, step.b.shape) == ((n, n), (n, nodes))
+    assert (step.c.shape, step.d.shape) == ((2, n), (2, nodes))
+    assert (len(step.states), step.inputs[1], step.outputs) == (n, "force_y_n[1]", outputs)
+    assert step.units["bending_energy_j"] == "J" and step.units[step.states[-1]] == "m/s"
+    end = tail.motion()
+    tail.restore(start)
+    tail.do_step(0.01)
+    np.testing.assert_array_equal(tail.motion(), end)
+
+    def read(by, force):
+        tail.restore(start)
+        tail.set_motion(motion + by)
+        tail.set("force_y_n", force)
+        tail.do_step(0.01)
+        return np.concatenate([tail.motion(), [tail.get(name) for name in outputs]])
+
+    direction = np.random.default_rng(3).normal(size=n) * np.repeat([1.0, 10.0], n // 2)
+    ends = [read(sign * size * direction, 0.0) for sign in (1, -1)]
+    found = np.concatenate([step.a @ direction, step.c @ direction])
+    np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * size), rtol=1e-4, atol=5e-5)  # measured 1.3e-5: differences at the scenes' tolerances
+    ends = [read(0.0 * direction, np.full(nodes, sign * 1e-3)) for sign in (1, -1)]
+    found = np.concatenate([step.b.sum(axis=1), step.d.sum(axis=1)])
+    np.testing.assert_allclose(found, (ends[0] - ends[1]) / 2e-3, rtol=1e-4, atol=1e-6)
+
+    full = tail.linearize(0.01, coordinates="full")
+    assert len(full.states) >= 3 * n // 2
+    tail.restore(begin)
+
+
+def test_what_has_no_matrix_of_a_step_says_so(scene):
+    tail = caudal.Stepper(scene)
+    for arguments, problem in [
+        (dict(outputs=["viscous_work_j"]), "viscous_work_j has no derivative of a step"),
+        (dict(inputs=["tip_y_m"]), "tip_y_m"),
+        (dict(inputs=["no_such"]), "no_such"),
+        (dict(coordinates="some"), 'coordinates: found "some"; allowed: "motion", "full"'),
+    ]:
+        with pytest.raises((caudal.Error, ValueError), match=problem):
+            tail.linearize(0.01, **arguments)
+    assert tail.time_s == 0.0
+    with pytest.raises(caudal.Error):
+        tail.set_motion([0.0, 1.0, 2.0])
+    with pytest.raises(caudal.Error):
+        tail.set_motion(np.full(len(tail.motion()), np.nan))

@@ -21,7 +21,7 @@ def test_a_light_vehicle_needs_iteration(fmus, monkeypatch):
     mass = 0.5 * 0.0165876
     monkeypatch.setattr(vehicle.Vehicle, "MASS", mass)
     monkeypatch.setattr(vehicle.Vehicle, "INERTIA", 0.01 * mass)
-    first, iterated = vehicle.SCHEMES[4], vehicle.SCHEMES[-1]._replace(relaxation=0.5)
+    first, iterated = vehicle.SCHEMES[4], vehicle.SCHEMES[-2]._replace(relaxation=0.5)
 
     def speed(scheme, count):
         return np.hypot(*vehicle.simulate(fmus, scheme, count, 1.0).vehicle[-1, 3:5])
@@ -29,6 +29,17 @@ def test_a_light_vehicle_needs_iteration(fmus, monkeypatch):
     assert abs(speed(iterated, 2) / speed(iterated, 1) - 1) < 0.01  # measured 0.0393 m/s at both
     assert abs(speed(first, 1) / speed(iterated, 1) - 1) < 0.02  # measured 0.0395 m/s
     assert speed(first, 2) > 0.3  # measured 0.786 m/s
+
+
+@pytest.mark.parametrize("ratio", [10, 1, 0.1])
+def test_the_interface_jacobian_makes_passes_agree_at_once(fmus, monkeypatch, ratio):
+    """Vehicles of these masses over the tail's: what docs/src/co-simulation.md says of them."""
+    mass = ratio * 0.0165876
+    monkeypatch.setattr(vehicle.Vehicle, "MASS", mass)
+    monkeypatch.setattr(vehicle.Vehicle, "INERTIA", 0.01 * mass)
+    history = vehicle.simulate(fmus, vehicle.SCHEMES[-1], 1, 0.5)
+    assert history.passes < 2.3  # measured 2.00; a fixed point takes 3.8 and 5.3, and fails
+    assert np.abs(history.lost[:, :2]).max() < 2e-8  # measured 9e-9 N s
 
 
 @pytest.mark.parametrize("scheme", vehicle.SCHEMES, ids=lambda scheme: scheme.name)
