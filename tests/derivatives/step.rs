@@ -575,3 +575,70 @@ fn cost() {
         );
     }
 }
+
+#[test]
+fn a_host_that_asks_at_odd_moments_gets_an_error_or_the_step_that_another_makes() {
+    let calls = std::env::var("CAUDAL_RANDOM_CALLS").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000);
+    let driven = std::fs::read_to_string("models/driven-head.toml").unwrap();
+    for head in ["at-end", "now"] {
+        let changes = ["rod.nodes=7", &format!("head.input={head}"), "solver.integrator=generalized-alpha"];
+        let (mut stepper, mut other) = (stepper_of(&driven, &changes), stepper_of(&driven, &changes));
+        let mut dice = Dice(11);
+        let names: Vec<_> = stepper.variables().iter().map(|variable| variable.name).collect();
+        let inputs: Vec<_> = stepper.variables().iter().copied().filter(|variable| variable.is_input()).collect();
+        let mut kept = stepper.save();
+        let (mut matrices, mut through, mut refused) = (0, 0, 0);
+        for _ in 0..calls {
+            let mut pick = |count: usize| (dice.between(0.0, count as f64) as usize).min(count - 1);
+            match pick(12) {
+                0..=3 => {
+                    let input = inputs[pick(inputs.len())];
+                    let size = if input.of_head().is_some() { 1e-3 } else { 1e-2 };
+                    let by = [-1.0, 0.0, 1.0, f64::NAN][pick(4)] * size;
+                    let values: Vec<f64> = stepper.get(input.name).unwrap().iter().map(|value| value + by).collect();
+                    let told = [&mut stepper, &mut other].map(|stepper| stepper.set(input.name, &values).is_ok());
+                    assert_eq!(told[0], told[1]);
+                }
+                4..=6 => {
+                    let h = [1e-3, 5e-3, 1e-2, -1.0, 1e-16][pick(5)];
+                    let told = [&mut stepper, &mut other].map(|stepper| stepper.do_step(h).is_ok());
+                    assert_eq!(told[0], told[1]);
+                }
+                7 => {
+                    let (h, input, output) =
+                        ([2e-3, 7e-3, f64::NAN][pick(3)], names[pick(names.len())], names[pick(names.len())]);
+                    let before = stepper.save();
+                    match stepper.linearise(h, StateCoordinates::Full, &[input], &[output]) {
+                        Ok(found) => {
+                            matrices += 1;
+                            assert!(found.a.iter().chain(found.d.iter()).all(|x| x.is_finite()), "{input} {output}");
+                            other.do_step(h).unwrap();
+                        }
+                        Err(_) => {
+                            refused += 1;
+                            stepper.restore(&before).unwrap();
+                            other.restore(&before).unwrap();
+                        }
+                    }
+                }
+                8 | 9 => {
+                    let (input, output) = (inputs[pick(inputs.len())], stepper.find(names[pick(names.len())]).unwrap());
+                    let before = stepper.save();
+                    let entry = Some((output, output.entries(stepper.model()).start));
+                    match stepper.add_through_last_step(&[(input, 1.0)], &[entry], &mut [0.0]) {
+                        Ok(()) => through += 1,
+                        Err(_) => refused += 1,
+                    }
+                    assert!(stepper.save() == before);
+                }
+                10 => kept = stepper.save(),
+                _ => {
+                    [&mut stepper, &mut other].map(|stepper| stepper.restore(&kept).unwrap()).into_iter().for_each(drop)
+                }
+            }
+            assert!(stepper.state() == other.state(), "{head}");
+        }
+        println!("{head}: {matrices} steps linearised, {through} derivatives through steps, {refused} refused");
+        assert!(matrices > 0 && refused > 0 && (through > 0) == (head == "at-end"));
+    }
+}

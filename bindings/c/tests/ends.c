@@ -26,6 +26,41 @@ static int is(const char *what, double found, double wanted) {
     return found == wanted;
 }
 
+enum { NODES = 33, STATES = 4 * (NODES - 1) };
+
+/* The matrices of a step, against the difference of two that begin a little apart. */
+static int step_is_linearised(const char *scene) {
+    static double motion[STATES], a[STATES * STATES], b[STATES * NODES], c[STATES], d[NODES], ends[2][STATES], tips[2];
+    const caudal_derivatives all = {a, b, c, d};
+    const double h = 4e-3, size = 1e-5;
+    caudal_simulation *tail = NULL;
+    caudal_state *start = NULL;
+    size_t force, tip;
+    int fine = caudal_load(scene, NULL, 0, &tail) == CAUDAL_OK && caudal_do_step(tail, 0.1) == CAUDAL_OK;
+    fine &= caudal_find(tail, "force_y_n", &force) == CAUDAL_OK && caudal_find(tail, "tip_y_m", &tip) == CAUDAL_OK;
+    fine &= is("number of states", (double)caudal_state_count(tail, CAUDAL_MOTION), STATES);
+    fine &= caudal_motion(tail, motion, STATES) == CAUDAL_OK && caudal_set_motion(tail, motion, STATES) == CAUDAL_OK;
+    fine &= caudal_motion(tail, motion, 1) == CAUDAL_WRONG_CALL && caudal_set_motion(tail, motion, 1) == CAUDAL_WRONG_CALL;
+    fine &= caudal_save(tail, &start) == CAUDAL_OK;
+    fine &= caudal_linearise(tail, h, CAUDAL_MOTION, &force, 1, &tip, 1, &all) == CAUDAL_OK;
+    fine &= caudal_linearise(tail, h, CAUDAL_MOTION, &tip, 1, &tip, 1, &all) == CAUDAL_WRONG_CALL;
+    fine &= caudal_linearise(tail, h, CAUDAL_MOTION, NULL, 0, NULL, 0, NULL) == CAUDAL_WRONG_CALL;
+    for (int end = 0; end < 2; end++) {
+        fine &= caudal_restore(tail, start) == CAUDAL_OK;
+        motion[STATES - 1] += end == 0 ? size : -2 * size; /* the speed of the tip, y */
+        fine &= caudal_set_motion(tail, motion, STATES) == CAUDAL_OK && caudal_do_step(tail, h) == CAUDAL_OK;
+        fine &= caudal_motion(tail, ends[end], STATES) == CAUDAL_OK && caudal_get(tail, tip, &tips[end], 1) == CAUDAL_OK;
+    }
+    for (int i = 0; i < STATES; i++)
+        fine &= fabs(a[(i + 1) * STATES - 1] - (ends[0][i] - ends[1][i]) / (2 * size)) < 1e-5;
+    fine &= fabs(c[STATES - 1] - (tips[0] - tips[1]) / (2 * size)) < 1e-7;
+    fine &= d[NODES - 1] > 0 && b[STATES * NODES - 1] > 0;
+    fine &= is("derivatives of a step", fine, 1);
+    caudal_free_state(start);
+    caudal_free(tail);
+    return fine;
+}
+
 int main(int count, char **arguments) {
     caudal_simulation *tail = NULL;
     size_t head, viscosity, time, mass;
@@ -57,6 +92,7 @@ int main(int count, char **arguments) {
     fine &= is("note of a rod at rest", strstr(caudal_note(tail), "nothing of the scene moves this rod") != NULL, 1);
     fine &= is("that note again", caudal_note(tail)[0], '\0');
     caudal_free(tail);
+    fine &= step_is_linearised(arguments[1]);
     pthread_t thread;
     pthread_key_create(&key, at_end);
     pthread_create(&thread, NULL, run, NULL);

@@ -226,6 +226,11 @@ fn any_calls_of_fmi_3_end_in_a_status_with_a_head_on_a_hinge() {
     any_calls_of_fmi_3(&[common::HINGE]);
 }
 
+#[test]
+fn any_calls_of_fmi_3_end_in_a_status_where_poses_are_those_at_the_end() {
+    any_calls_of_fmi_3(&["head.input=at-end"]);
+}
+
 fn any_calls_of_fmi_3(head: &[&str]) {
     let fmu = Unpacked::of(&document("driven-head", &[head, &["rod.nodes=9"]].concat()), Standard::Fmi3);
     let fmi = common::Fmi3::of(&fmu);

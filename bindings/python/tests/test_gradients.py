@@ -466,3 +466,47 @@ def test_jax_takes_real_numbers_and_suggests_names():
         simulated({"medium.viscosity_pa_s": 1.0 + 1j})
     with pytest.raises(ValueError, match="`medium.viscosity_pa` has no derivative; did you mean `medium.viscosity_pa_s`"):
         simulated({"medium.viscosity_pa": 1.0})
+
+
+def stepped(inputs=("force_y_n",), outputs=("tip_y_m", "bending_energy_j")):
+    tail = caudal.Stepper("models/glycerol.toml")
+    tail.do_step(0.1)
+    begin = tail.save()
+    found = tail.linearize(0.01, inputs=list(inputs), outputs=list(outputs))
+    end, read = tail.motion(), [tail.get(name) for name in outputs]
+    tail.restore(begin)
+    return tail, found, end, read
+
+
+def test_a_step_is_a_function_of_jax_in_both_modes():
+    jax = pytest.importorskip("jax")
+    import caudal.jax
+
+    jax.config.update("jax_enable_x64", True)
+    tail, found, end, read = stepped()
+    step = caudal.jax.step(tail, 0.01, ["force_y_n"], ["tip_y_m", "bending_energy_j"])
+    state, force = tail.motion(), np.zeros(tail.scene.nodes)
+    there, outs = jax.jit(step)(state, force)
+    np.testing.assert_allclose(there, end, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(outs, read, rtol=1e-9)
+    for mode in (jax.jacfwd, jax.jacrev):
+        (a, b), (c, d) = mode(step, argnums=(0, 1))(state, force)
+        for one, other in [(a, found.a), (b, found.b), (c, found.c), (d, found.d)]:
+            np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7 * np.abs(other).max())
+    alone = caudal.jax.step(tail, 0.01, outputs="tip_y_m")
+    np.testing.assert_allclose(jax.grad(lambda z: alone(z)[1][0])(state), found.c[0], rtol=1e-6, atol=1e-9)
+
+
+def test_a_step_is_a_function_of_pytorch():
+    torch = pytest.importorskip("torch")
+    import caudal.torch
+
+    tail, found, end, read = stepped()
+    step = caudal.torch.step(tail, 0.01, ["force_y_n"], ["tip_y_m", "bending_energy_j"])
+    state = torch.tensor(tail.motion(), requires_grad=True)
+    force = torch.zeros(tail.scene.nodes, dtype=torch.float64, requires_grad=True)
+    there, outs = step(state, force)
+    np.testing.assert_allclose(there.detach().numpy(), end, rtol=1e-12, atol=1e-14)
+    (there @ torch.ones_like(there) + outs[0]).backward()
+    np.testing.assert_allclose(state.grad, found.a.sum(axis=0) + found.c[0], rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(force.grad, found.b.sum(axis=0) + found.d[0], rtol=1e-7, atol=1e-7)

@@ -87,8 +87,8 @@ impl Integrator for Esdirk3 {
         let (end, mut known) = (to.t, ConvergenceRate::default());
         self.v[0].copy_from_slice(&from.v);
         self.a[0].copy_from_slice(&from.a);
-        for i in 1..STAGES {
-            to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
+        for (i, part) in TIMES.iter().enumerate().skip(1) {
+            to.t = if i == 1 { from.t + part * h } else { end };
             let Self { v, a } = &*self;
             let stage = Stage { new: direction(h), h };
             stage.solve(system, newton, &mut known, from, to, |k| explicit_part(i, h, |j| [v[j][k], a[j][k]]))?;

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import html
+import threading
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Optional, Union
 
 import numpy as np
 import numpy.typing as npt
 
-from ._caudal import Scene, _parameters, _Simulation
+from ._caudal import Scene, StepDerivative, Stepper, _parameters, _Simulation
 from .arguments import arrays_of, names_of, numbers_of
 from .fields import Fields
 from .result import Array, Source, load
@@ -269,3 +270,43 @@ class Recent:
         for old in list(self._kept)[: -self._size]:  # other threads may be here too
             self._kept.pop(old, None)
         return found
+
+
+class Step:
+    """One communication step from where a stepper is, as a function of the state and of inputs: what `caudal.jax.step` and
+    `caudal.torch.step` call. It has a stepper of its own; several threads may call it, one after the other.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        It stays as it is.
+    h : float
+        The step, s.
+    inputs, outputs : str or iterable of str
+        As of `Stepper.linearize`.
+    """
+
+    def __init__(self, stepper: Stepper, h: float, inputs: Union[str, Iterable[str]], outputs: Union[str, Iterable[str]]) -> None:
+        self.inputs, self.outputs = names_of(inputs, "inputs"), names_of(outputs, "outputs")
+        self._h, self._begin, self._own, self._lock = h, stepper.save(), Stepper(stepper.scene), threading.Lock()
+        self._own.restore(self._begin)
+        #: State and inputs where it begins.
+        self.state: Array = self._own.motion()
+        self.given: Array = self._read(self.inputs)
+        self.read = self(self.state, self.given)[1].size
+
+    def _read(self, names: list[str]) -> Array:
+        return np.concatenate([np.zeros(0), *(np.ravel(self._own.get(name)) for name in names)])
+
+    def __call__(self, state: Any, values: Any) -> tuple[Array, Array, StepDerivative]:
+        """The state at the end, the outputs there, one after the other, and the matrices."""
+        with self._lock:
+            self._own.restore(self._begin)
+            self._own.set_motion(numbers_of(state, "state"))
+            first = 0
+            for name in self.inputs:
+                count = np.size(self._own.get(name))
+                self._own.set(name, numbers_of(values[first : first + count], name))
+                first += count
+            found = self._own.linearize(self._h, inputs=self.inputs, outputs=self.outputs)
+            return self._own.motion(), self._read(self.outputs), found

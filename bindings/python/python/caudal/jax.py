@@ -10,7 +10,8 @@ import numpy as np
 
 from .arguments import numbers_of
 from .fields import unknown
-from .gradients import Recent, parameters
+from ._caudal import Stepper
+from .gradients import Recent, Step, parameters
 from .optional import optional
 from .result import Source
 
@@ -116,3 +117,60 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         return simulated({name: real(name, value) for name, value in values.items()})
 
     return of
+
+
+def step(stepper: Stepper, h: float, inputs: Union[str, Iterable[str]] = (), outputs: Union[str, Iterable[str]] = ()) -> Callable[..., Any]:
+    """One communication step as a differentiable function, in forward and reverse mode.
+
+    It goes through ``jit``, ``grad``, ``jacfwd`` and ``vmap`` (one step after the other). For steps at later times move the stepper on and
+    make another function: what drives the scene depends on the time.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        Where the step begins: its time, and all inputs that are not given. It stays as it is.
+    h : float
+        The step, s.
+    inputs, outputs : str or iterable of str, optional
+        As of `Stepper.linearize`.
+
+    Returns
+    -------
+    callable
+        From a state, as `Stepper.motion` has it, and the values of the inputs, one after the other, to the state at the end and the values of
+        the outputs there. Without `inputs` it takes the state alone.
+    """
+    own = Step(stepper, h, inputs, outputs)
+
+    def called(callback: Callable[..., Any], shapes: list[tuple[int, ...]], *arguments: Any) -> Any:
+        dtype = jnp.result_type(float)
+        result = [jax.ShapeDtypeStruct(shape, dtype) for shape in shapes]
+
+        def cast(*arguments: Any) -> list[Any]:
+            return [np.asarray(values, dtype=dtype) for values in callback(*arguments)]
+
+        return jax.pure_callback(cast, result, *arguments, vmap_method="sequential")
+
+    states, given, read = own.state.size, own.given.size, own.read
+
+    def matrices(state: Any, values: Any) -> Any:
+        end, outs, found = own(np.asarray(state), np.asarray(values))
+        return [end, outs, found.a, found.b, found.c, found.d]
+
+    @jax.custom_jvp
+    def of(state: Any, values: Any) -> Any:
+        return tuple(called(lambda *both: matrices(*both)[:2], [(states,), (read,)], state, values))
+
+    @of.defjvp
+    def of_jvp(primals: Any, tangents: Any) -> Any:
+        shapes = [(states,), (read,), (states, states), (states, given), (read, states), (read, given)]
+        end, outs, a, b, c, d = called(matrices, shapes, *primals)
+        moved, changed = tangents
+        return (end, outs), (a @ moved + b @ changed, c @ moved + d @ changed)
+
+    def real(values: Any) -> Any:
+        return jnp.ravel(jnp.asarray(values, dtype=float))
+
+    if not own.inputs:
+        return lambda state: of(real(state), jnp.zeros(0))
+    return lambda state, values: of(real(state), real(values))

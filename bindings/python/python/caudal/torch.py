@@ -7,9 +7,9 @@ from typing import Any, Callable, Union
 
 import numpy as np
 
-from ._caudal import Scene
+from ._caudal import Scene, Stepper
 from .arguments import names_of
-from .gradients import simulate
+from .gradients import Step, simulate
 from .optional import optional
 from .result import Source, load
 
@@ -80,3 +80,51 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         return dict(zip(wanted, _Simulated.apply(own, wanted, tuple(values), *tensors)))
 
     return of
+
+
+class _Step(torch.autograd.Function):
+    """The state at the end of a step, and the outputs there."""
+
+    @staticmethod
+    def forward(context: Any, own: Step, state: Any, values: Any) -> Any:
+        end, outs, context.found = own(*(t.detach().cpu().numpy().astype(np.float64) for t in (state, values)))
+        context.types = [(t.dtype, t.device) for t in (state, values)]
+        return tuple(torch.as_tensor(found, dtype=state.dtype, device=state.device) for found in (end, outs))
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(context: Any, of_end: Any, of_outs: Any) -> Any:
+        end, outs = (weights.cpu().numpy().astype(np.float64) for weights in (of_end, of_outs))
+        found = context.found
+        by = (end @ found.a + outs @ found.c, end @ found.b + outs @ found.d)
+        return (None, *(torch.as_tensor(x, dtype=dtype, device=device) for x, (dtype, device) in zip(by, context.types)))
+
+
+def step(stepper: Stepper, h: float, inputs: Union[str, Iterable[str]] = (), outputs: Union[str, Iterable[str]] = ()) -> Callable[..., Any]:
+    """One communication step as a differentiable function.
+
+    For steps at later times move the stepper on and make another function: what drives the scene depends on the time.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        Where the step begins: its time, and all inputs that are not given. It stays as it is.
+    h : float
+        The step, s.
+    inputs, outputs : str or iterable of str, optional
+        As of `Stepper.linearize`.
+
+    Returns
+    -------
+    callable
+        From a state, as `Stepper.motion` has it, and the values of the inputs, one after the other, to the state at the end and the values of
+        the outputs there. Without `inputs` it takes the state alone.
+    """
+    own = Step(stepper, h, inputs, outputs)
+
+    def tensor(values: Any) -> Any:
+        return torch.as_tensor(values, dtype=None if torch.is_tensor(values) else torch.float64).reshape(-1)
+
+    if not own.inputs:
+        return lambda state: _Step.apply(own, tensor(state), torch.zeros(0, dtype=torch.float64))
+    return lambda state, values: _Step.apply(own, tensor(state), tensor(values))
