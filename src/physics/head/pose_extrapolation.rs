@@ -471,6 +471,11 @@ impl OwnWords {
         self.derivatives[i][order.min(HIGHEST)] = Some(value);
     }
 
+    /// True where something was said at time `t` (s).
+    pub(crate) fn are_of(&self, t: f64) -> bool {
+        t == self.time && self.derivatives.as_flattened().iter().any(Option::is_some)
+    }
+
     /// What was said of coordinate `i` at time `t` (s).
     pub(crate) fn of(&self, t: f64, i: usize) -> [Option<f64>; HIGHEST + 1] {
         if t == self.time { self.derivatives[i] } else { Default::default() }
