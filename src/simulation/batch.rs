@@ -14,6 +14,8 @@ mod lanes;
 use std::ops::ControlFlow;
 
 use crate::error::Result;
+#[cfg(target_arch = "x86_64")]
+use crate::integrator::StepControl;
 use crate::stepper::Stepper;
 
 /// Number of cases in a batch.
@@ -44,6 +46,11 @@ impl Batch {
     /// True if this stepper can be batched with others like it.
     pub fn takes(stepper: &Stepper) -> bool {
         Self::of(&[stepper; 2]).is_some()
+    }
+
+    /// Batches of `steppers`, [`WIDTH`] at a time in their order; `None` in the place of one that is [not possible](Self::of).
+    pub fn of_all(steppers: &[&Stepper]) -> Vec<Option<Self>> {
+        steppers.chunks(WIDTH).map(Self::of).collect()
     }
 
     /// Solves the next internal step of each of `steppers`: all that the batch was [made of](Self::of), or some of them in the same
@@ -88,11 +95,15 @@ impl Batch {
     ) -> [Result<bool>; WIDTH] {
         let mut outcomes = [const { Ok(true) }; WIDTH];
         let mut going = [None; WIDTH];
-        for ((stepper, going), outcome) in steppers.iter_mut().zip(&mut going).zip(&mut outcomes) {
-            match stepper.as_mut().map(|stepper| stepper.begin_shared_step(h)) {
-                Some(Ok(step)) => *going = step,
-                Some(Err(error)) => *outcome = Err(error),
-                None => {}
+        for (lane, ((stepper, going), outcome)) in steppers.iter_mut().zip(&mut going).zip(&mut outcomes).enumerate() {
+            let Some(stepper) = stepper else { continue };
+            if matches!(stepper.step_control(), StepControl::Adaptive(_)) {
+                *outcome = stepper.do_step_with(h, |stepper| look(lane, stepper));
+                continue;
+            }
+            match stepper.begin_shared_step(h) {
+                Ok(step) => *going = step,
+                Err(error) => *outcome = Err(error),
             }
         }
         while going.iter().any(Option::is_some) {

@@ -9,7 +9,6 @@ use super::{HeadJump, Stepper};
 use crate::error::Result;
 use crate::fluid::Force;
 use crate::fluid::force::Powers;
-use crate::model::InputExtrapolation;
 use crate::integrator::{StepControl, StepWeights};
 use crate::metrics::BatchedMeasurements;
 use crate::newton::SolveProgress;
@@ -129,13 +128,12 @@ impl Stepper {
         self.presolve_to(self.now.clock.at(1, h), h)
     }
 
-    /// Prepares the internal step of `h` (s) to time `end` (s), unless the state has to be reinitialised before it, or the flow
-    /// accelerates water.
+    /// Prepares the internal step of `h` (s) to time `end` (s), unless it is one that is taken alone.
     fn presolve_to(&mut self, end: f64, h: f64) -> Option<PresolvedStep> {
-        let takes_flow = self.dynamics.extrapolation.as_deref().is_some_and(InputExtrapolation::takes_flow);
+        // Inputs that go on by themselves change the water around, which lanes leave out.
         let alone = self.now.needs_reinitialisation
             || self.now.inputs_changed
-            || takes_flow && self.model().forces.are_inertial()
+            || self.dynamics.extrapolation.is_some() && self.model().forces.are_inertial()
             || self.dynamics.head_jumps_at(self.now.state.t);
         let rule = self.model_stepper.rule(h).filter(|_| !alone)?;
         self.dynamics.step_end = Some(end);

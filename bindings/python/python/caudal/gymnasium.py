@@ -10,7 +10,7 @@ from typing import Any, Callable, Optional, Union
 
 import numpy as np
 
-from ._caudal import Stepper
+from ._caudal import Stepper, _SteppersTogether
 from .arguments import check_count, check_function, is_number, numbers_of
 from .errors import Error
 from .optional import optional
@@ -311,6 +311,9 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         self._threads = max(1, min(threads or cores, num_envs))
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
         self._process = os.getpid()
+        #: The environments that each thread moves, and their steppers.
+        self._parts = [range(num_envs)[k :: self._threads] for k in range(self._threads)]
+        self._together = [_SteppersTogether([self.envs[i].stepper for i in part]) for part in self._parts]
         self._ended: Any = np.zeros(num_envs, dtype=bool)
 
     def reset(
@@ -342,14 +345,8 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         """Advance all by a control period."""
         if np.shape(actions) != self.action_space.shape:
             raise ValueError(f"actions: found the shape {np.shape(actions)}; allowed: {self.action_space.shape}")
-        moving = [i for i in range(self.num_envs) if not self._ended[i]]
-        before = {i: self.envs[i]._set(actions[i]) for i in moving}
-
-        def move(part: list[int]) -> list[Optional[str]]:
-            return [self.envs[i]._move() for i in part]
-
-        parts = [moving[k :: self._threads] for k in range(self._threads)]
-        errors = {i: error for part, found in zip(parts, self._moved(move, parts)) for i, error in zip(part, found)}
+        before = {i: env._set(actions[i]) for i, env in enumerate(self.envs) if not self._ended[i]}
+        errors = {i: error for part in self._moved(self._move, range(self._threads)) for i, error in part}
         observations: list[Any] = []
         infos: dict[str, Any] = {}
         rewards, ends = np.zeros(self.num_envs), np.zeros((2, self.num_envs), dtype=bool)
@@ -363,7 +360,13 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         self._ended = ends.any(axis=0)
         return np.stack(observations), rewards, ends[0], ends[1], infos
 
-    def _moved(self, move: Callable[[list[int]], Any], parts: list[list[int]]) -> list[Any]:
+    def _move(self, k: int) -> list[tuple[int, Optional[str]]]:
+        """Advance part `k` by a control period; return the errors, if any, with their places."""
+        moving = [place for place, i in enumerate(self._parts[k]) if not self._ended[i]]
+        errors = self._together[k].do_step(moving, self.envs[0]._period)
+        return [(self._parts[k][place], None if error is None else str(error)) for place, error in zip(moving, errors)]
+
+    def _moved(self, move: Callable[[int], Any], parts: Sequence[int]) -> list[Any]:
         """The results of `move` for every part. None of them is still running when this ends, even by an exception."""
         if self._pool is None:
             return [move(part) for part in parts]
