@@ -151,7 +151,7 @@ def test_tails_in_lanes_move_as_each_alone_whatever_their_actions_flows_and_ends
         for n in range(24):
             actions = dice.uniform(-1.0, 1.0, own.action_space.shape)
             if n < 6:  # each in another part of its episode
-                own.envs[n]._made = stock.envs[n]._made = n + 1
+                own.envs[n]._made = stock.envs[n]._made = 0
             if n == 9:  # and one that fails
                 for environment in (own.envs[1], stock.envs[1]):
                     environment.stepper.set("natural_curvature_1_m", 1e5)
