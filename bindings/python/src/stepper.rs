@@ -525,7 +525,7 @@ impl SteppersTogether {
         }
         let mut batches = lock(py, &self.batches);
         let batches = &mut *batches;
-        let mut attention = Attention::new();
+        let (mut attention, mut looks) = (Attention::new(), 0);
         let outcomes: Vec<caudal::Result<bool>> = py.detach(|| {
             let mut outcomes = Vec::with_capacity(steppers.len());
             for (chunk, (steppers, batch)) in steppers.chunks_mut(WIDTH).zip(batches).enumerate() {
@@ -533,6 +533,11 @@ impl SteppersTogether {
                 let all = batch::do_step_with(batch.as_mut(), steppers, h, |i, _| {
                     if attention.failure.is_some() {
                         return ControlFlow::Break(());
+                    }
+                    // The clock is read for one in so many steps.
+                    looks += 1;
+                    if looks % WIDTH != 0 {
+                        return ControlFlow::Continue(());
                     }
                     let stopped = &self.steppers[WIDTH * chunk + i].get().stopped;
                     attention.poll(|_| go_on_unless(stopped))
