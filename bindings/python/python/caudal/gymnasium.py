@@ -154,6 +154,7 @@ class TailEnv(gymnasium.Env):
             if not is_number(scale) or not 0 < scale < np.inf:
                 raise ValueError(f"scales[{name!r}]: found {scale!r}; allowed: a positive number")
         self._scales = {name: float((scales or {}).get(name, 1.0)) for name in observations}
+        self._counts = {name: int(np.prod(known[name].shape)) for name in observations}
         # For each input: its bounds, and which of the action's entries each of its own takes.
         self._inputs: dict[str, tuple[float, float, Any]] = {}
         first = 0
@@ -169,7 +170,7 @@ class TailEnv(gymnasium.Env):
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, size, np.float32)
 
     def _observed(self) -> dict[str, Array]:
-        observed = {name: np.atleast_1d(self._stepper.get(name)) for name in self._scales}
+        observed = {name: self._stepper.get(name, np.empty(count)) for name, count in self._counts.items()}
         return observed if self._set_goal is None else {**observed, "goal": self._goal}
 
     def _flat(self, observed: dict[str, Array]) -> Any:
@@ -207,7 +208,7 @@ class TailEnv(gymnasium.Env):
 
     def _set(self, action: Any) -> dict[str, Array]:
         """Set the inputs; return the observation before they act."""
-        action = np.clip(numbers_of(action, "action"), -1.0, 1.0)
+        action = np.minimum(np.maximum(numbers_of(action, "action"), -1.0), 1.0)
         if action.shape != self.action_space.shape:
             raise ValueError(f"action: found the shape {action.shape}; allowed: {self.action_space.shape}")
         values: dict[str, Union[float, Array]] = {}
@@ -232,10 +233,11 @@ class TailEnv(gymnasium.Env):
         self._made += 1
         after = self._observed()
         reward = self._failure if failed else self._reward(before, after)
-        value = np.asarray(reward)
-        if value.size != 1 or value.dtype.kind not in "fiub" or not np.isfinite(value).all():
-            raise ValueError(f"reward: found {reward!r} from the function; allowed: a finite number")
-        reward = float(value.item())
+        if type(reward) is not float or not math.isfinite(reward):
+            value = np.asarray(reward)
+            if value.size != 1 or value.dtype.kind not in "fiub" or not np.isfinite(value).all():
+                raise ValueError(f"reward: found {reward!r} from the function; allowed: a finite number")
+            reward = float(value.item())
         info: dict[str, Any] = {"time_s": self._stepper.time_s, **({"error": error} if failed else {})}
         return self._flat(after), reward, failed, self._made >= self._steps, info
 
@@ -259,7 +261,9 @@ class TailEnv(gymnasium.Env):
 
 
 class TailVectorEnv(gymnasium.vector.VectorEnv):
-    """Several tails that an agent drives at once, each an independent environment. Steps run in parallel on all cores.
+    """Several tails that an agent drives at once, each an independent environment. Steps run in parallel on all cores, and four tails at a
+    time in SIMD lanes where the scene and the processor allow it: for 64 tails of 17 nodes in 0.64 of the time
+    (``bindings/python/benches/copies.py``).
 
     An episode that has ended begins anew at the next step, whose action is ignored and whose reward is 0 (Gymnasium's
     ``AutoresetMode.NEXT_STEP``). It is what ``gymnasium.vector.SyncVectorEnv`` makes of as many `TailEnv`, to the bit.
