@@ -30,9 +30,9 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, a method of one stage at a fixed step, nodal positions
-    /// as unknowns, and the local drag law, with or without the reactive force, in a uniform medium or none, and an elastic material. `None` for others, for fewer than two steppers, and on
-    /// a processor without AVX2.
+    /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, a method of one stage at a fixed step, nodal positions as
+    /// unknowns, and the local drag law, with or without the reactive force, in a uniform medium or none, and the kind of material. `None`
+    /// for others, for fewer than two steppers, and on a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
         return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });
