@@ -1033,11 +1033,16 @@ impl Dynamics {
 
     /// The loads, two entries per node, with their factors.
     pub(crate) fn loads(&self) -> impl Iterator<Item = (&[f64], f64)> {
+        self.loads_by_source().into_iter().flatten()
+    }
+
+    /// The constant load, that of a host, and buoyancy.
+    pub(crate) fn loads_by_source(&self) -> [Option<(&[f64], f64)>; 3] {
         fn with(force: &Option<Vec<f64>>, factor: f64) -> Option<(&[f64], f64)> {
             force.as_deref().map(|force| (force, factor))
         }
         let buoyancy = with(&self.model.buoyancy, self.inputs.fluid.density);
-        [with(&self.model.load, 1.0), with(&self.inputs.force, 1.0), buoyancy].into_iter().flatten()
+        [with(&self.model.load, 1.0), with(&self.inputs.force, 1.0), buoyancy]
     }
 
     /// True where any constant or host force acts.

@@ -11,6 +11,11 @@ mod kernel;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
 
+use std::ops::ControlFlow;
+
+use crate::error::Result;
+#[cfg(target_arch = "x86_64")]
+use crate::integrator::StepControl;
 use crate::stepper::Stepper;
 
 /// Number of cases in a batch.
@@ -25,9 +30,9 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, the integrator, nodal positions as unknowns, and the local
-    /// drag law, with or without the reactive force, in a uniform medium or none, and an elastic material. `None` for others, for fewer than two steppers, and on
-    /// a processor without AVX2.
+    /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, a method of one stage at a fixed step, nodal positions as
+    /// unknowns, and the local drag law, with or without the reactive force, in a uniform medium or none, and the kind of material. `None`
+    /// for others, for fewer than two steppers, and on a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
         return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });
@@ -43,20 +48,108 @@ impl Batch {
         Self::of(&[stepper; 2]).is_some()
     }
 
+    /// Batches of `steppers`, [`WIDTH`] at a time in their order; `None` in the place of one that is [not possible](Self::of).
+    pub fn of_all(steppers: &[&Stepper]) -> Vec<Option<Self>> {
+        steppers.chunks(WIDTH).map(Self::of).collect()
+    }
+
     /// Solves the next internal step of each of `steppers`: all that the batch was [made of](Self::of), or some of them in the same
     /// places. All that depends on time alone is then already at the end of that step, so each stepper must take the step before
     /// anything is read from it.
     pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) {
         #[cfg(target_arch = "x86_64")]
         {
-            self.steps += self.kernel.presolve(steppers);
+            self.steps += self.kernel.presolve(steppers, |_, stepper| stepper.presolve_next());
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = steppers;
+    }
+
+    /// Advances each of `steppers` by `h` (s): all that the batch was [made of](Self::of), or some of them in the same places. They take
+    /// their internal steps in turns, so that those of the same size are solved together, whatever their times and inputs.
+    ///
+    /// Each ends as [`Stepper::do_step_with`] ends alone, with the same bits or the same error; a failure leaves the others as they are.
+    /// `look` also receives the place. The outcome of a place without a stepper is `Ok(true)`.
+    pub fn do_step_with(
+        &mut self,
+        steppers: &mut [Option<&mut Stepper>],
+        h: f64,
+        look: impl FnMut(usize, &mut Stepper) -> ControlFlow<()>,
+    ) -> [Result<bool>; WIDTH] {
+        #[cfg(target_arch = "x86_64")]
+        {
+            self.take_in_turns(steppers, h, look)
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            do_step_alone(steppers, h, look)
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn take_in_turns(
+        &mut self,
+        steppers: &mut [Option<&mut Stepper>],
+        h: f64,
+        mut look: impl FnMut(usize, &mut Stepper) -> ControlFlow<()>,
+    ) -> [Result<bool>; WIDTH] {
+        let mut outcomes = [const { Ok(true) }; WIDTH];
+        let mut going = [None; WIDTH];
+        for (lane, ((stepper, going), outcome)) in steppers.iter_mut().zip(&mut going).zip(&mut outcomes).enumerate() {
+            let Some(stepper) = stepper else { continue };
+            if matches!(stepper.step_control(), StepControl::Adaptive(_)) {
+                *outcome = stepper.do_step_with(h, |stepper| look(lane, stepper));
+                continue;
+            }
+            match stepper.begin_shared_step(h) {
+                Ok(step) => *going = step,
+                Err(error) => *outcome = Err(error),
+            }
+        }
+        while going.iter().any(Option::is_some) {
+            self.steps +=
+                self.kernel.presolve(steppers, |lane, stepper| stepper.presolve_shared(going.get(lane)?.as_ref()?));
+            let all = steppers.iter_mut().zip(&mut going).zip(&mut outcomes).enumerate();
+            for (lane, ((stepper, going), outcome)) in all {
+                let (Some(stepper), Some(step)) = (stepper, going.as_mut()) else { continue };
+                if let Some(ended) = stepper.take_shared_step(step, |stepper| look(lane, stepper)).transpose() {
+                    (*going, *outcome) = (None, ended);
+                }
+            }
+        }
+        outcomes
     }
 
     /// Number of steps solved so far, of all cases.
     pub fn steps(&self) -> u64 {
         self.steps
     }
+}
+
+/// Advances each of at most [`WIDTH`] `steppers` by `h` (s), in lanes by their `batch`, or one after the other if there is none; see
+/// [`Batch::do_step_with`].
+pub fn do_step_with(
+    batch: Option<&mut Batch>,
+    steppers: &mut [Option<&mut Stepper>],
+    h: f64,
+    look: impl FnMut(usize, &mut Stepper) -> ControlFlow<()>,
+) -> [Result<bool>; WIDTH] {
+    match batch {
+        Some(batch) => batch.do_step_with(steppers, h, look),
+        None => do_step_alone(steppers, h, look),
+    }
+}
+
+fn do_step_alone(
+    steppers: &mut [Option<&mut Stepper>],
+    h: f64,
+    mut look: impl FnMut(usize, &mut Stepper) -> ControlFlow<()>,
+) -> [Result<bool>; WIDTH] {
+    let mut outcomes = [const { Ok(true) }; WIDTH];
+    for (i, (stepper, outcome)) in steppers.iter_mut().zip(&mut outcomes).enumerate() {
+        if let Some(stepper) = stepper {
+            *outcome = stepper.do_step_with(h, |stepper| look(i, stepper));
+        }
+    }
+    outcomes
 }

@@ -3,6 +3,7 @@
 
 mod dense_output;
 pub mod derivatives;
+mod equal_steps;
 mod head_jump;
 mod interpolation;
 mod parameter_change;
@@ -390,17 +391,22 @@ impl Stepper {
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
     pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
-        let (ahead, jump) = (self.now.pending_time, self.head_jump);
-        self.forget_last_step();
+        let before = (self.now.pending_time, self.head_jump);
         let outcome = self.advance_by(h, look);
         match outcome {
-            Err(_) => {
-                self.undo_step();
-                (self.now.pending_time, self.head_jump) = (ahead, jump);
+            Err(_) => self.return_to(before),
+            Ok(whole) => {
+                let deferred = before.0.is_some() || self.now.pending_time.is_some();
+                self.last_step = (whole && !deferred).then_some(h);
             }
-            Ok(whole) => self.last_step = (whole && ahead.is_none() && self.now.pending_time.is_none()).then_some(h),
         }
         outcome
+    }
+
+    /// Returns to the start of a communication step that has failed. `before` are the time of the host (s) and the jump of the head then.
+    fn return_to(&mut self, before: (Option<f64>, Option<HeadJump>)) {
+        self.undo_step();
+        (self.now.pending_time, self.head_jump) = before;
     }
 
     /// The same, but keeps the state of the last successful internal step if a later one fails.
@@ -409,7 +415,6 @@ impl Stepper {
     /// Those of [`do_step`](Self::do_step).
     pub fn advance_until_failure(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let (start, pending_time) = (self.now.state.t, self.now.pending_time);
-        self.forget_last_step();
         let outcome = self.advance_by(h, look);
         if outcome.is_err() {
             if self.now.state.t == start {
@@ -428,7 +433,26 @@ impl Stepper {
         (self.last_step, self.last_derivatives) = (None, None);
     }
 
-    fn advance_by(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
+    fn advance_by(&mut self, h: f64, mut look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
+        let Some((h, end)) = self.begin_step(h)? else { return Ok(true) };
+        match self.step_control {
+            StepControl::Fixed(time_step) => {
+                let mut steps = self.begin_equal_steps(h, time_step)?;
+                while !steps.are_taken() {
+                    if self.take_equal_step(&mut steps, &mut look)?.is_break() {
+                        return Ok(false);
+                    }
+                }
+                Ok(true)
+            }
+            StepControl::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
+        }
+    }
+
+    /// Begins a communication step of `h` (s). Returns how far the state is to move, and its end (s); `None` if that is rounding and
+    /// deferred.
+    fn begin_step(&mut self, h: f64) -> Result<Option<(f64, f64)>> {
+        self.forget_last_step();
         self.undo.begin();
         if !(h.is_finite() && h > 0.0) {
             return Err(Error::Step(h));
@@ -437,60 +461,10 @@ impl Stepper {
         let h = if self.now.pending_time.is_some() { end - start } else { h };
         if h <= self.shortest.max(TIME_ROUNDING * end.abs()) || end <= start {
             self.now.pending_time = Some(end);
-            return Ok(true);
+            return Ok(None);
         }
         self.now.pending_time = None;
-        match self.step_control {
-            StepControl::Fixed(time_step) => self.equal_steps(h, time_step, look),
-            StepControl::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
-        }
-    }
-
-    fn equal_steps(
-        &mut self,
-        h: f64,
-        time_step: f64,
-        mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
-    ) -> Result<bool> {
-        let start = self.now.state.t;
-        let (nearest, most) = ((h / time_step).round(), 9e15);
-        let off = (h - nearest * time_step).abs();
-        let near = nearest >= 1.0 && off <= STEP_ROUNDING * h;
-        let parts = if near { nearest } else { (h / time_step).ceil() };
-        if parts >= most {
-            return Err(Error::Step(h));
-        }
-        // The clock counts whole steps; what differs from them by more than the rounding of the time itself ends at t + h.
-        let multiple = near && off <= 2.0 * f64::EPSILON * (start + h).abs();
-        let part = if multiple { time_step } else { h / parts };
-        let end_of = |clock: Clock, count: u64| {
-            if multiple {
-                clock.at(count, part)
-            } else if count as f64 == parts {
-                start + h
-            } else {
-                start + count as f64 * part
-            }
-        };
-        let (clock, parts) = (self.now.clock, parts as u64);
-        if parts > 1 {
-            self.save_for_undo();
-        }
-        self.prepare_step(end_of(clock, parts), true)?;
-        for count in 1..=parts {
-            let end = end_of(clock, count);
-            let outcome = self.step_or_halve(end, part, 0, true, &mut look);
-            let complete = self.now.state.t == end;
-            self.now.clock = match outcome {
-                Ok(_) if multiple && complete => Clock { origin: clock.origin, count: clock.count + count },
-                _ if self.now.state.t == start => clock,
-                _ => Clock { origin: self.now.state.t, count: 0 },
-            };
-            if outcome?.is_break() && !(complete && count == parts) {
-                return Ok(false);
-            }
-        }
-        Ok(true)
+        Ok(Some((h, end)))
     }
 
     fn adaptive_steps(

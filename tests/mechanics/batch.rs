@@ -5,14 +5,15 @@ use crate::common;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use caudal::batch::{Batch, WIDTH};
+use caudal::batch::{Batch, WIDTH, do_step_with};
 use caudal::fluid::laws::{Dependence, LAWS};
 use caudal::integrator::METHODS;
 use caudal::run::{BatchedRun, Ending, run, run_batched};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
+use caudal::variable::{Causality, Variable};
 
-use common::{all_scene_files, scene, scene_of, time_step};
+use common::{Dice, all_scene_files, scene, scene_of, time_step};
 
 /// The study's tail in a fluid whose drag is in proportion to the velocity.
 const IN_FLUID: &[&str] = &["medium.viscosity_pa_s=1.0", "medium.density_kg_m3=1260.0"];
@@ -211,4 +212,125 @@ fn steps_are_solved_ahead_and_those_of_changed_inputs_are_not_taken() {
         assert_eq!(left(&cases[0]), left(&alone), "step {i}");
     }
     assert!(left(&cases[1]) != left(&alone));
+}
+
+/// Random values of `variable`, or of its rate: near the present ones, and of a size that bends or moves a rod a little where these are zero.
+fn values_near(dice: &mut Dice, stepper: &Stepper, variable: &Variable) -> Vec<f64> {
+    let size = match variable.name {
+        name if name.starts_with("force") => 1e-3 * stepper.model().rod.total_mass(),
+        name if name.starts_with("natural") => 0.3 / stepper.model().rod.length,
+        name if name.starts_with("active_moment") => 0.1 * stepper.model().rod.joint[2] / stepper.model().rod.length,
+        _ => 1e-3,
+    };
+    let near = |x: &f64| x * dice.between(0.9, 1.1) + size * dice.between(-1.0, 1.0);
+    stepper.get(variable.name).unwrap().iter().map(near).collect()
+}
+
+/// Copies of a scene that take random communication steps in turns, beside as many that take them alone: inputs of their own, with `rates`
+/// their rates too, a restart now and then, and a curvature now and then that ends the step with an error. Returns how many internal steps
+/// there were, how many of them were solved in lanes, and how many communication steps failed.
+fn in_turns(scene: &Scene, step: f64, (seed, width): (u64, usize), rates: bool) -> [u64; 3] {
+    let mut dice = Dice(seed);
+    let make = || -> Vec<Stepper> { (0..width).map(|_| Stepper::of(scene).unwrap()).collect() };
+    let (mut alone, mut together) = (make(), make());
+    let start = alone[0].save();
+    let mut batch = Batch::of(&together.iter().collect::<Vec<_>>());
+    let (mut internal, mut failures) = (0, 0);
+    for round in 0..14 {
+        let h = step * [1.0, 3.0, 2.5, 4.0, 0.3, 5.0][(dice.between(0.0, 6.0) as usize).min(5)];
+        for (one, other) in alone.iter_mut().zip(&mut together) {
+            if dice.between(0.0, 1.0) < 0.1 {
+                one.restore(&start).unwrap();
+                other.restore(&start).unwrap();
+            }
+            let inputs = one.variables().iter().filter(|variable| variable.causality == Causality::Input);
+            let inputs: Vec<&Variable> = inputs.copied().collect();
+            for variable in inputs {
+                let chance = dice.between(0.0, 1.0);
+                let mut values = values_near(&mut dice, one, variable);
+                if variable.name == "natural_curvature_1_m" && chance > 0.97 {
+                    values.iter_mut().step_by(2).for_each(|x| *x = 1e5);
+                }
+                if (0.15..0.85).contains(&chance) && variable.name != "natural_curvature_1_m" {
+                    continue;
+                }
+                let order = usize::from(rates && (0.1..0.15).contains(&chance));
+                let set = |stepper: &mut Stepper| match order {
+                    0 => stepper.set(variable.name, &values),
+                    _ => stepper.set_derivative(variable.name, order, &values),
+                };
+                assert_eq!(format!("{:?}", set(one)), format!("{:?}", set(other)));
+            }
+        }
+        let moving: Vec<bool> = (0..width).map(|_| dice.between(0.0, 1.0) < 0.9).collect();
+        let stops = (0..width).map(|_| if dice.between(0.0, 1.0) < 0.1 { 2 } else { u64::MAX });
+        let stops: Vec<u64> = stops.collect();
+        let look = |seen: &mut u64, stop: u64| {
+            *seen += 1;
+            if *seen == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let mut seen = [[0; WIDTH]; 2];
+        let mut going = together.iter_mut().zip(&moving).map(|(stepper, moves)| moves.then_some(stepper));
+        let mut going: Vec<Option<&mut Stepper>> = going.by_ref().collect();
+        let outcomes = do_step_with(batch.as_mut(), &mut going, h, |i, _| look(&mut seen[0][i], stops[i]));
+        for i in (0..width).filter(|i| moving[*i]) {
+            let expected = alone[i].do_step_with(h, |_| look(&mut seen[1][i], stops[i]));
+            let what = format!("{}, step {round} of {h} s, copy {i}", scene.name);
+            assert_eq!(format!("{:?}", outcomes[i]), format!("{expected:?}"), "{what}");
+            assert_eq!(left(&together[i]), left(&alone[i]), "{what}");
+            assert_eq!(together[i].time(), alone[i].time(), "{what}");
+            assert_eq!(together[i].take_head_jump(), alone[i].take_head_jump(), "{what}");
+            failures += u64::from(expected.is_err());
+        }
+        assert_eq!(seen[0], seen[1]);
+        internal += seen[1].iter().sum::<u64>();
+    }
+    for (one, other) in alone.iter().zip(&together) {
+        for variable in one.variables() {
+            let read =
+                |stepper: &Stepper| stepper.get(variable.name).unwrap().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            assert_eq!(read(one), read(other), "{}, {}", scene.name, variable.name);
+        }
+        assert_eq!(one.save().serialize().unwrap(), other.save().serialize().unwrap(), "{}", scene.name);
+    }
+    [internal, batch.map_or(0, |batch| batch.steps()), failures]
+}
+
+#[test]
+fn communication_steps_in_turns_have_the_bits_of_those_alone_whatever_the_inputs_and_times() {
+    let (mut taken, mut all) = (0, [0; 3]);
+    for (seed, path) in all_scene_files().iter().enumerate() {
+        let scene = Scene::load(path).unwrap();
+        let step = scene.solver.time_step_s.map_or(1e-3, |_| time_step(&scene));
+        let counts = in_turns(&scene, step, (seed as u64, WIDTH - seed % 2), true);
+        taken += u32::from(counts[1] > 0);
+        all.iter_mut().zip(counts).for_each(|(all, count)| *all += count);
+    }
+    assert!(all[2] > 0, "no step failed");
+    assert!(taken >= 8 || !lanes(), "{taken} scenes were taken in lanes");
+}
+
+#[test]
+fn communication_steps_of_any_fluid_load_and_head_are_solved_in_lanes_and_have_the_bits_of_those_alone() {
+    let heads: [&[&str]; 3] = [
+        &[],
+        &["head.kind=\"clamped\"", "rod.damping_time_s=1e-4"],
+        &["head.kind=\"driven\"", "head.angle_rad={ amplitude = 0.1, frequency_hz = 1.0 }"],
+    ];
+    let water = &["drag.law=\"cross-flow\"", "medium.viscosity_pa_s=0.1", "medium.density_kg_m3=1000.0"];
+    let around: [&[&str]; 4] = [
+        &["medium.viscosity_pa_s=1.0", "medium.density_kg_m3=1260.0", "loads.gravity_m_s2=[0.0, -0.2]"],
+        NO_FLUID,
+        &[&water[..], &["medium.flow_m_s=[0.05, 0.02]", "reactive.shedding=1.0"]].concat(),
+        &["drag.law=\"weak-inertia\"", "medium.viscosity_pa_s=0.1", "medium.density_kg_m3=1000.0"],
+    ];
+    for (seed, (head, around)) in
+        heads.iter().flat_map(|head| around.iter().map(move |around| (head, around))).enumerate()
+    {
+        let changes =
+            [&["actuation.kappa_amp=0.4", "solver.time_step_s=1e-3", "solver.duration_s=1.0"], *head, *around];
+        let scene = baseline(&changes.concat());
+        let [internal, taken, _] = in_turns(&scene, 1e-3, (100 + seed as u64, WIDTH), false);
+        assert!(2 * taken > internal || !lanes(), "{head:?} {around:?}: {taken} of {internal} steps");
+    }
 }

@@ -27,6 +27,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stepper::Snapshot>()?;
     module.add_class::<stepper::StepDerivative>()?;
     module.add_class::<stepper::Stepper>()?;
+    module.add_class::<stepper::SteppersTogether>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::variable, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::snapshot, module)?)?;

@@ -6,6 +6,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
+use caudal::batch::{self, Batch, WIDTH};
 use caudal::stepper::{Entry, InputChange, StateCoordinates};
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -15,6 +16,7 @@ use pyo3::types::{PyBytes, PyDict, PyFloat, PyString, PyTuple};
 
 use crate::attention::Attention;
 use crate::error::{OrRaise, exception};
+use crate::locks::lock;
 use crate::scene::Scene;
 use crate::values::{Numbers, fields, shown};
 
@@ -355,11 +357,7 @@ impl Stepper {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let mut attention = Attention::new();
-        let look = |_: Python<'_>| match self.stopped.load(Ordering::Relaxed) {
-            true => Err(PyKeyboardInterrupt::new_err("stopped by another thread")),
-            false => Ok(ControlFlow::Continue(())),
-        };
-        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.poll(look)));
+        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.poll(|_| go_on_unless(&self.stopped))));
         match (outcome, attention.failure) {
             (_, Some(failure)) => return Err(failure),
             (Err(error), None) => return Err(exception(py, &error)),
@@ -645,6 +643,93 @@ impl Stepper {
 
     fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
         shown(slf.as_any())
+    }
+}
+
+/// Several steppers that make their steps together, four alike in SIMD lanes, each with the bits it has alone.
+#[pyclass(frozen, name = "_SteppersTogether", module = "caudal._caudal")]
+pub struct SteppersTogether {
+    steppers: Vec<Py<Stepper>>,
+    /// Of every [`WIDTH`] of them.
+    batches: Mutex<Vec<Option<Batch>>>,
+}
+
+#[pymethods]
+impl SteppersTogether {
+    #[new]
+    fn new(steppers: Vec<Py<Stepper>>) -> PyResult<Self> {
+        let mut open = steppers.iter().map(|stepper| stepper.get().open()).collect::<PyResult<Vec<_>>>()?;
+        let all = open.iter_mut().map(|open| open.stepper().map(|stepper| &*stepper)).collect::<PyResult<Vec<_>>>()?;
+        let batches = Mutex::new(Batch::of_all(&all));
+        drop(open);
+        Ok(Self { steppers, batches })
+    }
+
+    /// `do_step` of the steppers that are `moving`, by their places. Returns for each of these the exception that it would raise alone, or
+    /// None.
+    fn do_step(&self, py: Python<'_>, moving: Vec<usize>, h: f64) -> PyResult<Vec<Option<PyErr>>> {
+        let mut open: Vec<Option<Open<'_>>> = self.steppers.iter().map(|_| None).collect();
+        for place in &moving {
+            let stepper = self.steppers.get(*place);
+            let stepper =
+                stepper.ok_or_else(|| PyValueError::new_err(format!("moving: there is no stepper {place}")))?;
+            if open[*place].is_none() {
+                open[*place] = Some(stepper.get().open()?);
+            }
+        }
+        let mut steppers = Vec::with_capacity(open.len());
+        for open in &mut open {
+            steppers.push(open.as_mut().map(Open::stepper).transpose()?);
+        }
+        let mut batches = lock(py, &self.batches);
+        let batches = &mut *batches;
+        let (mut attention, mut looks) = (Attention::new(), 0);
+        let outcomes: Vec<caudal::Result<bool>> = py.detach(|| {
+            let mut outcomes = Vec::with_capacity(steppers.len());
+            for (chunk, (steppers, batch)) in steppers.chunks_mut(WIDTH).zip(batches).enumerate() {
+                let count = steppers.len();
+                let all = batch::do_step_with(batch.as_mut(), steppers, h, |i, _| {
+                    if attention.failure.is_some() {
+                        return ControlFlow::Break(());
+                    }
+                    // The clock is read for one in so many steps.
+                    looks += 1;
+                    if looks % WIDTH != 0 {
+                        return ControlFlow::Continue(());
+                    }
+                    let stopped = &self.steppers[WIDTH * chunk + i].get().stopped;
+                    attention.poll(|_| go_on_unless(stopped))
+                });
+                outcomes.extend(all.into_iter().take(count));
+                if attention.failure.is_some() {
+                    break;
+                }
+            }
+            outcomes
+        });
+        if let Some(failure) = attention.failure {
+            return Err(failure);
+        }
+        let mut errors = Vec::with_capacity(moving.len());
+        let mut jumps = Vec::new();
+        for place in moving {
+            let failed = outcomes.get(place).and_then(|outcome| outcome.as_ref().err());
+            errors.push(failed.map(|error| exception(py, error)));
+            if let (None, Some(stepper)) = (failed, steppers[place].as_mut()) {
+                jumps.extend(stepper.take_head_jump());
+            }
+        }
+        drop(open);
+        jumps.iter().try_for_each(|jump| warn(py, jump.to_string()))?;
+        Ok(errors)
+    }
+}
+
+/// Goes on unless another thread has asked to stop.
+fn go_on_unless(stopped: &AtomicBool) -> PyResult<ControlFlow<()>> {
+    match stopped.load(Ordering::Relaxed) {
+        true => Err(PyKeyboardInterrupt::new_err("stopped by another thread")),
+        false => Ok(ControlFlow::Continue(())),
     }
 }
 

@@ -130,6 +130,48 @@ def test_a_vector_of_environments_is_gymnasiums_own_of_as_many_to_the_bit():
     wrapped.close()
 
 
+def test_tails_in_lanes_move_as_each_alone_whatever_their_actions_flows_and_ends():
+    from gymnasium.vector import SyncVectorEnv
+
+    dice = np.random.default_rng(11)
+    for width, threads in [(6, 1), (9, 2)]:
+        options = {
+            **OPTIONS,
+            "actions": {"natural_curvature_1_m": (-2.0, 2.0), "actuation_frequency_hz": (1.0, 3.0), "force_y_n": (-0.1, 0.1)},
+            "observations": ["x_m", "y_m", "vx_com_m_s", "curvature_1_m", "actuation_work_j", "viscosity_pa_s"],
+            "start": lambda stepper, dice: stepper.set("viscosity_pa_s", dice.uniform(0.5, 1.5)) if dice.uniform() < 0.7 else None,
+            "period_s": 0.01,
+            "duration_s": 0.07,
+        }
+        scene = caudal.load("models/glycerol.toml", {"rod.nodes": 17})
+        own = caudal.gymnasium.TailVectorEnv(scene, width, threads=threads, **options)
+        stock = SyncVectorEnv([lambda: caudal.gymnasium.TailEnv(scene, **options)] * width)
+        own.reset(seed=5), stock.reset(seed=5)
+        ends = set()
+        for n in range(24):
+            actions = dice.uniform(-1.0, 1.0, own.action_space.shape)
+            if n < 6:  # each in another part of its episode
+                own.envs[n]._made = stock.envs[n]._made = 0
+            if n == 9:  # and one that fails
+                for environment in (own.envs[1], stock.envs[1]):
+                    environment.stepper.set("natural_curvature_1_m", 1e5)
+                    environment._set = lambda action, environment=environment: environment._observed()
+            if n == 10:
+                del own.envs[1]._set, stock.envs[1]._set
+            found, expected = own.step(actions), stock.step(actions)
+            for one, other in zip(found[:4], expected[:4]):
+                np.testing.assert_array_equal(one, other)
+            np.testing.assert_array_equal(found[4]["time_s"], expected[4]["time_s"])
+            assert ("error" in found[4]) == ("error" in expected[4]) == (n == 9)
+            if n == 9:
+                assert found[2].tolist() == [i == 1 for i in range(width)] and list(found[4]["error"]) == list(expected[4]["error"])
+            ends.add(tuple(found[3]))
+            for one, other in zip(own.envs, stock.envs):
+                assert bytes(one.stepper.save()) == bytes(other.stepper.save())
+        assert len(ends) > 4
+        own.close()
+
+
 def test_environments_are_made_by_name():
     import gymnasium
 

@@ -50,6 +50,9 @@ trait BatchedForce: Debug + Send {
 
     /// Its totals over the rods.
     fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals;
+
+    /// Takes the case in `lane`, whose force is `own`, to another `fluid`.
+    fn enter(&mut self, lane: usize, own: &dyn Force, fluid: Fluid);
 }
 
 /// Totals of a force over the rods.
@@ -138,6 +141,15 @@ impl BatchedForces {
             rods.at_end(lane, fluid, |end| {
                 self.tips.iter().filter_map(|i| forces.0.get(*i)?.tip(end, Some(direction))).for_each(visit);
             });
+        }
+    }
+
+    /// Takes the case in `lane`, which has these `forces`, to another `fluid`.
+    pub fn enter(&mut self, lane: usize, forces: &Forces, fluid: Fluid) {
+        for (i, force) in &mut self.forces {
+            if let Some(own) = forces.0.get(*i) {
+                force.enter(lane, &**own, fluid);
+            }
         }
     }
 
@@ -320,6 +332,12 @@ impl<L: BatchedLaw> BatchedForce for BatchedDrag<L> {
             },
         )
     }
+
+    fn enter(&mut self, lane: usize, own: &dyn Force, fluid: Fluid) {
+        let Some(drag) = (own as &dyn Any).downcast_ref::<LocalDrag<L>>() else { return };
+        let in_fluid = drag.law().in_fluids([&fluid; 2]);
+        self.fluids.iter_mut().zip(in_fluid).for_each(|(to, from)| to.set(lane, from.to_array()));
+    }
 }
 
 /// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
@@ -402,6 +420,13 @@ impl BatchedForce for BatchedReactive {
                 whole
             },
         )
+    }
+
+    fn enter(&mut self, lane: usize, own: &dyn Force, fluid: Fluid) {
+        let Some(reactive) = (own as &dyn Any).downcast_ref::<Reactive>() else { return };
+        for (e, c) in self.0.iter_mut().enumerate() {
+            c.set(lane, reactive.inertia(e, [fluid.density; 2]).to_array());
+        }
     }
 }
 

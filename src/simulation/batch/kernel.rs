@@ -39,6 +39,8 @@ pub struct Kernel {
     models: [Arc<Model>; WIDTH],
     rods: BatchedRods,
     others: BatchedForces,
+    /// Viscosity and density of the fluids that the coefficients of drag and of `others` are in.
+    fluids: [[f64; 2]; WIDTH],
     at: TimeDependent,
     before: StepStart,
     motion: NodalMotion,
@@ -81,7 +83,9 @@ struct TimeDependent {
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
-    loads: Vec<NodalVectors>,
+    /// The loads of each [source](Dynamics::loads_by_source), and whether any case has one of it.
+    loads: [NodalVectors; 3],
+    loaded: [bool; 3],
     /// Position, velocity and acceleration of a held head.
     head: [[Lanes; 2]; 3],
 }
@@ -158,13 +162,7 @@ impl Kernel {
         };
         let in_pass = first.model().forces.in_pass().map(|(i, _)| i);
         let others = BatchedForces::of(simd, std::array::from_fn(model), in_pass)?;
-        let coefficients = |lane: usize, e: usize| {
-            let model = model(lane);
-            let (i, drag) = model.forces.in_pass()?;
-            // Its powers are those of a drag.
-            let takes = model.forces.0[i].power_kind().is_some() && model.forces.0[i].is_of_fluid();
-            drag.coefficients(model.fluid, e).filter(|_| takes)
-        };
+        let coefficients = |lane: usize, e: usize| drag_coefficients(model(lane), model(lane).fluid, e);
         if in_pass.is_some() && (0..WIDTH).any(|lane| coefficients(lane, 0).is_none()) {
             return None;
         }
@@ -184,7 +182,6 @@ impl Kernel {
         });
         let edge = Edge::new(Vector2::new(zero.like(1.0), zero));
         let vectors = || vec![[zero; 2]; nodes];
-        let loads = dynamics(first).loads().count();
         let (dragged, around) =
             [in_pass.is_some(), others.are_on_edges()].map(|any| if any { nodes - 1 } else { 0 }).into();
         let none = Block::diagonal(zero);
@@ -213,7 +210,8 @@ impl Kernel {
                 clamp_spin: zero,
                 flow: Vector2::new(zero, zero),
                 fluids: [Fluid::NONE; WIDTH],
-                loads: vec![vectors(); loads],
+                loads: std::array::from_fn(|_| vectors()),
+                loaded: [false; 3],
                 head: [[zero; 2]; 3],
             },
             before: StepStart { motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
@@ -232,16 +230,23 @@ impl Kernel {
                 solution: vectors(),
                 band: BlockBand::of(nodes, zero),
             },
+            fluids: std::array::from_fn(|lane| viscosity_and_density(model(lane).fluid)),
             others,
         })
     }
 
-    /// See [`Batch::presolve`](super::Batch::presolve); returns the number of steps solved.
-    pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
+    /// See [`Batch::presolve`](super::Batch::presolve). `prepare` returns the next step of the stepper in a lane. Returns the number of
+    /// steps solved.
+    pub fn presolve(
+        &mut self,
+        steppers: &mut [Option<&mut Stepper>],
+        prepare: impl Fn(usize, &mut Stepper) -> Option<PresolvedStep>,
+    ) -> u64 {
         let mut steps: [Option<PresolvedStep>; WIDTH] = [None; WIDTH];
-        for ((step, stepper), model) in steps.iter_mut().zip(steppers.iter_mut()).zip(&self.models) {
-            let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, model));
-            *step = known.and_then(|stepper| stepper.presolve_next());
+        for (lane, (step, stepper)) in steps.iter_mut().zip(steppers.iter_mut()).enumerate() {
+            let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, &self.models[lane]));
+            let prepared = known.and_then(|stepper| Some((prepare(lane, stepper)?, dynamics(stepper).inputs.fluid)));
+            *step = prepared.filter(|(_, fluid)| self.enter(lane, *fluid)).map(|(step, _)| step);
         }
         let Some(kind) = steps.iter().flatten().map(PresolvedStep::kind).next() else { return 0 };
         // Whoever takes another step takes it alone.
@@ -250,6 +255,11 @@ impl Kernel {
         }
         let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some());
         let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return 0 };
+        self.at.loaded = [false; 3];
+        for case in steppers.iter().flatten() {
+            let sources = dynamics(case).loads_by_source();
+            self.at.loaded.iter_mut().zip(sources).for_each(|(loaded, load)| *loaded |= load.is_some());
+        }
         let mut progress: [Option<SolveProgress>; WIDTH] = [None; WIDTH]; // of those that go on
         for lane in 0..WIDTH {
             let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| steps[lane].is_some());
@@ -296,6 +306,22 @@ impl Kernel {
             }
         }
         solved.iter().filter(|iterations| **iterations > 0).count() as u64
+    }
+
+    /// Takes the case in `lane` to another `fluid`, with its coefficients. False if they cannot be batched.
+    fn enter(&mut self, lane: usize, fluid: Fluid) -> bool {
+        let other = viscosity_and_density(fluid);
+        if self.fluids[lane] == other {
+            return true;
+        }
+        let Self { models, rods, others, fluids, .. } = self;
+        for (e, parts) in rods.drag.iter_mut().enumerate() {
+            let Some(coefficients) = drag_coefficients(&models[lane], fluid, e) else { return false };
+            parts.iter_mut().zip(coefficients).for_each(|(part, own)| part.set(lane, own.to_array()));
+        }
+        others.enter(lane, &models[lane].forces, fluid);
+        fluids[lane] = other;
+        true
     }
 
     /// The initial guess of steps of this [kind](PresolvedStep::kind).
@@ -366,8 +392,12 @@ impl Kernel {
         if let (Some(to), Some(clamp_tangent)) = (&mut at.clamp_tangent_before, dynamics.clamp_tangent_before(from)) {
             write_vector(to, lane, clamp_tangent);
         }
-        for (to, (force, factor)) in at.loads.iter_mut().zip(dynamics.loads()) {
-            write(to, lane, force, factor);
+        let loads = at.loads.iter_mut().zip(at.loaded).zip(dynamics.loads_by_source());
+        for ((to, _), load) in loads.filter(|((_, loaded), _)| *loaded) {
+            match load {
+                Some((force, factor)) => write(to, lane, force, factor),
+                None => to.iter_mut().flatten().for_each(|x| x.set(lane, 0.0)),
+            }
         }
     }
 
@@ -455,6 +485,27 @@ fn write(to: &mut [[Lanes; 2]], lane: usize, from: &[f64], factor: f64) {
 fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
     to.x.set(lane, from.x);
     to.y.set(lane, from.y);
+}
+
+impl TimeDependent {
+    /// The loads of all sources that there are.
+    #[inline(always)]
+    fn loads(&self) -> impl Iterator<Item = &NodalVectors> {
+        self.loads.iter().zip(self.loaded).filter(|(_, loaded)| *loaded).map(|(load, _)| load)
+    }
+}
+
+/// The lengths of the halves of edge `e`, and the coefficients along and across them in `fluid` of the drag that is linear in velocity.
+fn drag_coefficients(model: &Model, fluid: Fluid, e: usize) -> Option<[f64x2; 3]> {
+    let (i, drag) = model.forces.in_pass()?;
+    // Its powers are those of a drag.
+    let takes = model.forces.0[i].power_kind().is_some() && model.forces.0[i].is_of_fluid();
+    drag.coefficients(fluid, e).filter(|_| takes)
+}
+
+/// What coefficients depend on.
+fn viscosity_and_density(fluid: Fluid) -> [f64; 2] {
+    [fluid.viscosity, fluid.density]
 }
 
 /// Validity of the rods at the ends of steps.
@@ -615,7 +666,11 @@ fn held(
     let damped = KelvinVoigt::of(rods.damping.as_ref(), rates.as_ref());
     let tension = damped.map_or(elastic, |damped| damped.tension(0, cell, elastic));
     let carried = elastic::force(edge, tension, &joints[0], &joints[1]);
-    let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
+    let load = at.loads().fold(
+        [zero; 2],
+        #[inline(always)]
+        |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]],
+    );
     let mut opposing = PairLanes::new([zero; 2]);
     for whole in wholes {
         opposing += whole.first;
@@ -680,7 +735,7 @@ fn solve(
             }
         }
     }
-    for load in &at.loads {
+    for load in at.loads() {
         for (r, w) in residual.iter_mut().zip(load) {
             *r = [r[0] - w[0], r[1] - w[1]];
         }

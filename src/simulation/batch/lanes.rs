@@ -133,6 +133,11 @@ impl Real for Lanes {
 pub struct PairLanes([Lanes; 2]);
 
 impl PairLanes {
+    /// Sets the pair of a case.
+    pub fn set(&mut self, case: usize, pair: [f64; 2]) {
+        self.0.iter_mut().zip(pair).for_each(|(to, from)| to.set(case, from));
+    }
+
     #[inline(always)]
     fn with(self, other: Self, of: impl Fn(Lanes, Lanes) -> Lanes) -> Self {
         Self([of(self.0[0], other.0[0]), of(self.0[1], other.0[1])])

@@ -1,10 +1,14 @@
 //! Time steps that a batch has solved in SIMD lanes together with those of other cases, before their steppers accept them.
 
+use std::ops::ControlFlow;
+
 use nalgebra::Vector2;
 
-use super::Stepper;
+use super::equal_steps::EqualSteps;
+use super::{HeadJump, Stepper};
+use crate::error::Result;
+use crate::fluid::Force;
 use crate::fluid::force::Powers;
-use crate::fluid::{Fluid, Force};
 use crate::integrator::{StepControl, StepWeights};
 use crate::metrics::BatchedMeasurements;
 use crate::newton::SolveProgress;
@@ -35,20 +39,27 @@ impl PresolvedStep {
     }
 }
 
+/// A communication step that is taken in turn with those of other steppers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SharedStep {
+    steps: EqualSteps,
+    /// The time of the host (s) and the jump of the head before it.
+    before: (Option<f64>, Option<HeadJump>),
+}
+
 /// The properties that cases must share to be solved in one batch.
 #[derive(Debug, PartialEq)]
 pub(crate) struct BatchKey {
     nodes: usize,
     held: bool,
     forces: Vec<&'static str>,
-    loads: usize,
     damped: Option<DampedRate>,
 }
 
 impl Stepper {
     /// The properties that steppers must share to be solved in one batch, or `None` if this one cannot be batched.
     pub(crate) fn batch_key(&self) -> Option<BatchKey> {
-        let (dynamics, model) = (&self.dynamics, self.model());
+        let model = self.model();
         let StepControl::Fixed(step) = self.step_control else { return None };
         let same = self.model_stepper.rule(step).is_some()
             && self.newton.is_by_blocks()
@@ -59,28 +70,72 @@ impl Stepper {
             nodes: model.rod.nodes,
             held: model.head.is_some(),
             forces: model.forces.iter().map(Force::name).collect(),
-            loads: dynamics.loads().count(),
             damped: model.rod.damping.as_ref().map(|damping| damping.rate),
         };
         same.then_some(shape)
+    }
+
+    /// Begins a communication step of `h` (s) that is taken in turn with those of others. `None` if there is nothing to solve, because it
+    /// is deferred.
+    ///
+    /// # Errors
+    /// Those of [`do_step`](Self::do_step); the stepper is then as it was before.
+    pub(crate) fn begin_shared_step(&mut self, h: f64) -> Result<Option<SharedStep>> {
+        let before = (self.now.pending_time, self.head_jump);
+        let begun = self.begin_step(h).and_then(|step| match (step, self.step_control) {
+            (Some((h, _)), StepControl::Fixed(time_step)) => self.begin_equal_steps(h, time_step).map(Some),
+            _ => Ok(None),
+        });
+        if begun.is_err() {
+            self.return_to(before);
+        }
+        Ok(begun?.map(|steps| SharedStep { steps, before }))
+    }
+
+    /// Takes the next internal step of `step`, and calls `look` after it and after each part of a halved one. Returns `None` if more steps
+    /// are left, and otherwise whether the end was reached.
+    ///
+    /// # Errors
+    /// Those of [`do_step`](Self::do_step); the stepper is then as it was before the communication step.
+    pub(crate) fn take_shared_step(
+        &mut self,
+        step: &mut SharedStep,
+        mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
+    ) -> Result<Option<bool>> {
+        let outcome = self.take_equal_step(&mut step.steps, &mut look);
+        if outcome.is_err() {
+            self.return_to(step.before);
+        }
+        Ok(if outcome?.is_break() { Some(false) } else { step.steps.are_taken().then_some(true) })
+    }
+
+    /// Prepares the next internal step of `step`, unless inputs have changed since the last one, see
+    /// [`presolve_next`](Self::presolve_next).
+    pub(crate) fn presolve_shared(&mut self, step: &SharedStep) -> Option<PresolvedStep> {
+        let [end, h] = step.steps.next();
+        self.presolve_to(end, h)
     }
 
     /// Prepares the next internal step, if nothing but the time has changed since the last one. Quantities that depend on time alone are
     /// evaluated at its end.
     pub(crate) fn presolve_next(&mut self) -> Option<PresolvedStep> {
         let StepControl::Fixed(h) = self.step_control else { return None };
-        let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
-        let told = self.now.needs_reinitialisation
-            || self.now.inputs_changed
-            || self.now.pending_time.is_some()
-            || self.dynamics.extrapolation.is_some();
-        let fluid = |fluid: &Fluid| [fluid.viscosity, fluid.density];
-        let hosts = inputs.head.is_some() || inputs.force.is_some() || fluid(&inputs.fluid) != fluid(&scenes);
-        let t = self.now.state.t;
-        if told || hosts || t != self.now.clock.at(0, h) || self.dynamics.head_jumps_at(t) {
+        let told = self.now.pending_time.is_some() || self.dynamics.extrapolation.is_some();
+        // The motion of a head that a host moves is known when the communication step begins.
+        if told || self.dynamics.inputs.head.is_some() || self.now.state.t != self.now.clock.at(0, h) {
             return None;
         }
-        let (end, rule) = (self.now.clock.at(1, h), self.model_stepper.rule(h)?);
+        self.presolve_to(self.now.clock.at(1, h), h)
+    }
+
+    /// Prepares the internal step of `h` (s) to time `end` (s), unless it is one that is taken alone.
+    fn presolve_to(&mut self, end: f64, h: f64) -> Option<PresolvedStep> {
+        // Inputs that go on by themselves change the water around, which lanes leave out.
+        let alone = self.now.needs_reinitialisation
+            || self.now.inputs_changed
+            || self.dynamics.extrapolation.is_some() && self.model().forces.are_inertial()
+            || self.dynamics.head_jumps_at(self.now.state.t);
+        let rule = self.model_stepper.rule(h).filter(|_| !alone)?;
         self.dynamics.step_end = Some(end);
         self.next.t = end;
         self.dynamics.move_to(end, &mut self.next);

@@ -10,7 +10,7 @@ from typing import Any, Callable, Optional, Union
 
 import numpy as np
 
-from ._caudal import Stepper
+from ._caudal import Stepper, _SteppersTogether
 from .arguments import check_count, check_function, is_number, numbers_of
 from .errors import Error
 from .optional import optional
@@ -154,6 +154,7 @@ class TailEnv(gymnasium.Env):
             if not is_number(scale) or not 0 < scale < np.inf:
                 raise ValueError(f"scales[{name!r}]: found {scale!r}; allowed: a positive number")
         self._scales = {name: float((scales or {}).get(name, 1.0)) for name in observations}
+        self._counts = {name: int(np.prod(known[name].shape)) for name in observations}
         # For each input: its bounds, and which of the action's entries each of its own takes.
         self._inputs: dict[str, tuple[float, float, Any]] = {}
         first = 0
@@ -169,7 +170,7 @@ class TailEnv(gymnasium.Env):
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, size, np.float32)
 
     def _observed(self) -> dict[str, Array]:
-        observed = {name: np.atleast_1d(self._stepper.get(name)) for name in self._scales}
+        observed = {name: self._stepper.get(name, np.empty(count)) for name, count in self._counts.items()}
         return observed if self._set_goal is None else {**observed, "goal": self._goal}
 
     def _flat(self, observed: dict[str, Array]) -> Any:
@@ -207,7 +208,7 @@ class TailEnv(gymnasium.Env):
 
     def _set(self, action: Any) -> dict[str, Array]:
         """Set the inputs; return the observation before they act."""
-        action = np.clip(numbers_of(action, "action"), -1.0, 1.0)
+        action = np.minimum(np.maximum(numbers_of(action, "action"), -1.0), 1.0)
         if action.shape != self.action_space.shape:
             raise ValueError(f"action: found the shape {action.shape}; allowed: {self.action_space.shape}")
         values: dict[str, Union[float, Array]] = {}
@@ -232,10 +233,11 @@ class TailEnv(gymnasium.Env):
         self._made += 1
         after = self._observed()
         reward = self._failure if failed else self._reward(before, after)
-        value = np.asarray(reward)
-        if value.size != 1 or value.dtype.kind not in "fiub" or not np.isfinite(value).all():
-            raise ValueError(f"reward: found {reward!r} from the function; allowed: a finite number")
-        reward = float(value.item())
+        if type(reward) is not float or not math.isfinite(reward):
+            value = np.asarray(reward)
+            if value.size != 1 or value.dtype.kind not in "fiub" or not np.isfinite(value).all():
+                raise ValueError(f"reward: found {reward!r} from the function; allowed: a finite number")
+            reward = float(value.item())
         info: dict[str, Any] = {"time_s": self._stepper.time_s, **({"error": error} if failed else {})}
         return self._flat(after), reward, failed, self._made >= self._steps, info
 
@@ -259,7 +261,9 @@ class TailEnv(gymnasium.Env):
 
 
 class TailVectorEnv(gymnasium.vector.VectorEnv):
-    """Several tails that an agent drives at once, each an independent environment. Steps run in parallel on all cores.
+    """Several tails that an agent drives at once, each an independent environment. Steps run in parallel on all cores, and four tails at a
+    time in SIMD lanes where the scene and the processor allow it: for 64 tails of 17 nodes in 0.64 of the time
+    (``bindings/python/benches/copies.py``).
 
     An episode that has ended begins anew at the next step, whose action is ignored and whose reward is 0 (Gymnasium's
     ``AutoresetMode.NEXT_STEP``). It is what ``gymnasium.vector.SyncVectorEnv`` makes of as many `TailEnv`, to the bit.
@@ -311,6 +315,9 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         self._threads = max(1, min(threads or cores, num_envs))
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
         self._process = os.getpid()
+        #: The environments that each thread moves, and their steppers.
+        self._parts = [range(num_envs)[k :: self._threads] for k in range(self._threads)]
+        self._together = [_SteppersTogether([self.envs[i].stepper for i in part]) for part in self._parts]
         self._ended: Any = np.zeros(num_envs, dtype=bool)
 
     def reset(
@@ -342,14 +349,8 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         """Advance all by a control period."""
         if np.shape(actions) != self.action_space.shape:
             raise ValueError(f"actions: found the shape {np.shape(actions)}; allowed: {self.action_space.shape}")
-        moving = [i for i in range(self.num_envs) if not self._ended[i]]
-        before = {i: self.envs[i]._set(actions[i]) for i in moving}
-
-        def move(part: list[int]) -> list[Optional[str]]:
-            return [self.envs[i]._move() for i in part]
-
-        parts = [moving[k :: self._threads] for k in range(self._threads)]
-        errors = {i: error for part, found in zip(parts, self._moved(move, parts)) for i, error in zip(part, found)}
+        before = {i: env._set(actions[i]) for i, env in enumerate(self.envs) if not self._ended[i]}
+        errors = {i: error for part in self._moved(self._move, range(self._threads)) for i, error in part}
         observations: list[Any] = []
         infos: dict[str, Any] = {}
         rewards, ends = np.zeros(self.num_envs), np.zeros((2, self.num_envs), dtype=bool)
@@ -363,7 +364,13 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         self._ended = ends.any(axis=0)
         return np.stack(observations), rewards, ends[0], ends[1], infos
 
-    def _moved(self, move: Callable[[list[int]], Any], parts: list[list[int]]) -> list[Any]:
+    def _move(self, k: int) -> list[tuple[int, Optional[str]]]:
+        """Advance part `k` by a control period; return the errors, if any, with their places."""
+        moving = [place for place, i in enumerate(self._parts[k]) if not self._ended[i]]
+        errors = self._together[k].do_step(moving, self.envs[0]._period)
+        return [(self._parts[k][place], None if error is None else str(error)) for place, error in zip(moving, errors)]
+
+    def _moved(self, move: Callable[[int], Any], parts: Sequence[int]) -> list[Any]:
         """The results of `move` for every part. None of them is still running when this ends, even by an exception."""
         if self._pool is None:
             return [move(part) for part in parts]
