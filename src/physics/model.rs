@@ -217,6 +217,8 @@ pub struct Inputs {
     pub layers: Option<Layers>,
     /// A host's motion of the head, of those coordinates that it moves.
     pub head: Option<Box<HostHead>>,
+    /// What a host has said of the other coordinates, which they do anyway.
+    pub(crate) own_words: OwnWords,
 }
 
 impl Clone for Inputs {
@@ -257,6 +259,7 @@ impl Inputs {
             flow_taken: false,
             layers: model.layers,
             head: None,
+            own_words: OwnWords::default(),
         }
     }
 
@@ -432,8 +435,6 @@ pub struct Dynamics {
     pub tensions: [[f64; MAX_TENDONS]; 2],
     /// Pose of a held head at the time last moved to; the angle of one on a hinge is that of the state that was looked at last.
     pub held: Option<Pose>,
-    /// What a host has said of the head that is so anyway.
-    pub(crate) own_words: OwnWords,
     /// What the motor of a hinge is asked for at the time last moved to.
     pub command: MotorCommand,
     /// What the last assembly in the chain form left of the equation of a hinge.
@@ -470,7 +471,6 @@ impl Dynamics {
             active: None,
             tensions: Default::default(),
             held: None,
-            own_words: OwnWords::default(),
             command: MotorCommand::default(),
             hinge_residual: None,
             step_end: None,
@@ -565,10 +565,15 @@ impl Dynamics {
         let now = pose[i];
         let hosts = self.inputs.head.as_ref().is_some_and(|host| host.axes[i].is_some());
         if !hosts && [now.value, now.rate, now.acceleration, 0.0].get(order) == Some(&value) {
-            self.own_words.keep(t, [i, order], value);
+            self.inputs.own_words.keep(t, [i, order], value);
             return;
         }
-        self.inputs.head.get_or_insert_default().set_derivative(t, i, now, order, value, derivative);
+        let words = if hosts { Default::default() } else { self.inputs.own_words.of(t, i) };
+        let head = self.inputs.head.get_or_insert_default();
+        for (order, word) in words.into_iter().enumerate() {
+            word.into_iter().for_each(|word| head.set_derivative(t, i, now, order, word, false));
+        }
+        head.set_derivative(t, i, now, order, value, derivative);
     }
 
     /// Hands the flow over to the host: it stays constant until it is set again.

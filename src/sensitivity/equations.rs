@@ -241,6 +241,21 @@ impl Equations {
         &self.product
     }
 
+    /// Adds f_a x to y.
+    fn add_inertia(&mut self, masses: &[f64], x: &[f64], y: &mut [f64]) {
+        if self.inertia.is_some() {
+            y.iter_mut().zip(self.accelerate(x)).for_each(|(y, by)| *y += by);
+        } else {
+            for (k, mass) in masses.iter().enumerate() {
+                y[2 * k] += mass * x[2 * k];
+                y[2 * k + 1] += mass * x[2 * k + 1];
+            }
+        }
+        if let Some([.., own]) = &self.hinge {
+            y[2 * masses.len()] += own.own * x[2 * masses.len()];
+        }
+    }
+
     /// Replaces `rhs` by f_a⁻¹ rhs, where f_a is symmetric.
     pub(super) fn divide_by_inertia(&mut self, masses: &[f64], rhs: &mut [f64]) -> Result<()> {
         if let Some([.., own]) = &self.hinge {
@@ -356,9 +371,10 @@ impl Equations {
 }
 
 /// Adds `factor` times the derivatives of the equation of a hinge, and of those of node 1 by its arc, times `x` to `y`, or their transpose.
-/// Node 0, which it holds, has no part in them.
+/// The hinge goes with node 0, so it meets the difference of both; of that node, which it holds, the transpose gives nothing.
 fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
-    let (Some(&arc), Some(node)) = (x.last(), x.get(2..4)) else { return };
+    let (Some(&arc), Some(&[x_0, y_0, x_1, y_1])) = (x.last(), x.first_chunk()) else { return };
+    let node = if transposed { [x_1, y_1] } else { [x_1 - x_0, y_1 - y_0] };
     let [by_node, by_arc] = if transposed { [own.by_arc, own.by_node] } else { [own.by_node, own.by_arc] };
     let sum = own.own * arc + by_node.x * node[0] + by_node.y * node[1];
     if let Some(last) = y.last_mut() {

@@ -153,7 +153,10 @@ impl Stepper {
         let given: Vec<_> = self.given_head_inputs().into_iter().map(|variable| (variable, 0)).collect();
         let found = self.step_along(h, StateCoordinates::Full, &[], &given);
         if found.is_err() || self.time() != there.time() {
+            let mut kept = self.take_last_step();
             self.restore(&there)?;
+            kept.size = Some(h);
+            self.put_last_step(kept);
         }
         self.put_head_jump(jump);
         let ends = found?;
@@ -236,6 +239,15 @@ impl Stepper {
         if !(h.is_finite() && h > 0.0) {
             return Err(Error::Step(h));
         }
+        if self.restarts_in(h) {
+            let problem = "this step begins the run anew, with the pose that is given for its end; allowed: linearise from the next one on";
+            return Err(Error::Derivative { problem: problem.to_string() });
+        }
+        if self.flow_jumps_in_water() {
+            let problem = "the flow jumps at the beginning of this step, where it accelerates water, which has no derivative; allowed: a step by \
+                           do_step before, or a flow that was set with its rate";
+            return Err(Error::Derivative { problem: problem.to_string() });
+        }
         let mut inputs = Vec::with_capacity(given.len());
         for (variable, k) in given {
             let first = variable.entries(self.model()).start;
@@ -264,8 +276,10 @@ impl Stepper {
             start: Equations::new(self.model())?,
             point: LocalDerivatives::new(self.model().rod.nodes, &[]),
             last: self.state().clone(),
+            reinitialisations: self.reinitialisations(),
             begun: false,
             rhs: vec![0.0; width * self.model().unknowns()],
+            begins: Vec::new(),
         };
         let mut failed = None;
         let outcome = self.do_step_with(h, |stepper| match columns.follow(stepper) {
@@ -280,6 +294,11 @@ impl Stepper {
             return Err(error);
         }
         outcome?;
+        if !columns.begun && columns.consistent.contains(&true) {
+            // No internal step was made: the time alone has moved on.
+            let state = self.state().clone();
+            columns.reinitialise(self.dynamics_mut(), &state, false)?;
+        }
         self.return_to_now()?;
         Ok(columns)
     }
@@ -316,10 +335,14 @@ struct Columns {
     states: Vec<State>,
     start: Equations,
     point: LocalDerivatives,
-    /// The state at the end of the internal step before, or at the beginning.
+    /// The state at the end of the internal step.
     last: State,
+    /// How often the stepper had made its accelerations consistent then.
+    reinitialisations: u64,
     begun: bool,
     rhs: Vec<f64>,
+    /// The positions at the beginning of the internal step.
+    begins: Vec<f64>,
 }
 
 impl Columns {
@@ -344,7 +367,8 @@ impl Columns {
             self.stages.push(self.now.clone());
         }
         // Accelerations follow anew where they jump, of all columns where they did in the step itself.
-        let jumped = from.a != self.last.a;
+        let jumped = stepper.reinitialisations() != self.reinitialisations;
+        self.reinitialisations = stepper.reinitialisations();
         if jumped || !self.begun && self.consistent.contains(&true) {
             self.reinitialise(stepper.dynamics_mut(), &from, jumped)?;
         }
@@ -363,15 +387,17 @@ impl Columns {
             look_at_inputs(dynamics, state, &mut self.inputs, &mut self.point)?;
             given.push(self.inputs.iter().map(|input| (input.force.clone(), input.head)).collect::<Vec<_>>());
         }
-        let held = dynamics.held.is_some();
+        let (held, model) = (dynamics.held.is_some(), std::sync::Arc::clone(&dynamics.model));
         let Some(integrator) = stepper.integrator() else { return Ok(()) };
-        let Self { now, stages: own, equations, rhs, width, inputs, .. } = self;
-        let (width, along, first) = (*width, stages.direction, *width - inputs.len());
+        let Self { now, stages: own, equations, rhs, width, inputs, begins, .. } = self;
+        let (width, first) = (*width, *width - inputs.len());
+        begins.clone_from(&now.q);
         let mut outcome = Ok(());
         integrator.step_linear(now, h, own, &mut |i, state| {
             if outcome.is_ok() {
                 let given = given[i].iter().map(|(force, head)| (&force[..], head));
-                outcome = solve_stage(&mut equations[i], (along, held), (width, first), given, state, rhs);
+                let stage = StageSolve { along: stages.direction, masses: &model.rod.mass, held, width, first };
+                outcome = stage.solve(&mut equations[i], given, begins, state, rhs);
             }
         });
         outcome?;
@@ -435,44 +461,69 @@ impl Columns {
     }
 }
 
-/// Solves one stage of `width` columns for the accelerations along `along`: those from `first` on follow what is `given` for inputs, ∂f/∂u and
-/// how they move a head that is `held`.
-fn solve_stage<'a>(
-    equations: &mut Equations,
-    (along, held): (Direction, bool),
-    (width, first): (usize, usize),
-    given: impl Iterator<Item = (&'a [f64], &'a [[f64; 2]; 3])> + Clone,
-    state: &mut State,
-    rhs: &mut [f64],
-) -> Result<()> {
-    state.a.fill(0.0);
-    if held {
-        for values in [&mut state.q, &mut state.v] {
-            values[..2 * width].fill(0.0);
-        }
-        for (j, (_, head)) in given.clone().enumerate() {
-            for (values, moved) in [&mut state.q, &mut state.v, &mut state.a].into_iter().zip(head) {
-                (0..2).for_each(|axis| values[axis * width + first + j] = moved[axis]);
+/// How one stage of `width` columns is solved for the accelerations along `along`: those from `first` on are by inputs.
+#[derive(Debug, Clone, Copy)]
+struct StageSolve<'a> {
+    along: Direction,
+    masses: &'a [f64],
+    held: bool,
+    width: usize,
+    first: usize,
+}
+
+impl StageSolve<'_> {
+    /// Solves the stage whose explicit parts Q*, V* are in `state`, where what is `given` for inputs is ∂f/∂u and how they move a head
+    /// that is held. The positions at the beginning of the internal step are `begins`.
+    ///
+    /// Q* may be far from there: a consistent acceleration times h² is (ωh)² times the positions of a stretching wave of frequency ω. What is
+    /// solved for is therefore X = Q − Q₀: with D = Q* − Q₀, J X = f_a D + B f_v D − A (f_q Q₀ + f_v V* + f_u), whose terms are
+    /// not larger than J by that factor.
+    fn solve<'b>(
+        self,
+        equations: &mut Equations,
+        given: impl Iterator<Item = (&'b [f64], &'b [[f64; 2]; 3])> + Clone,
+        begins: &[f64],
+        state: &mut State,
+        rhs: &mut [f64],
+    ) -> Result<()> {
+        let Self { along, masses, held, width, first } = self;
+        let mut begin = begins.to_vec();
+        state.a.fill(0.0);
+        if held {
+            for values in [&mut state.q, &mut state.v] {
+                values[..2 * width].fill(0.0);
             }
+            for (j, (_, head)) in given.clone().enumerate() {
+                for (values, moved) in [&mut state.q, &mut state.v, &mut state.a].into_iter().zip(head) {
+                    (0..2).for_each(|axis| values[axis * width + first + j] = moved[axis]);
+                }
+            }
+            begin[..2 * width].copy_from_slice(&state.q[..2 * width]);
         }
+        equations.differences_of_many(&begin, rhs, width)?;
+        // Now the way from there to Q*.
+        state.q.iter_mut().zip(&begin).for_each(|(q, begin)| *q -= begin);
+        equations.add_damping_of_many(along.v, &state.q, rhs, width)?;
+        equations.add_inertia_of_many(masses, &state.q, rhs, width)?;
+        equations.add_damping_of_many(-along.q, &state.v, rhs, width)?;
+        for (j, (force, _)) in given.clone().enumerate() {
+            rhs.iter_mut().skip(first + j).step_by(width).zip(force).for_each(|(rhs, force)| *rhs -= along.q * force);
+        }
+        if held {
+            subtract_inertia_of_heads(equations, along.q, given.map(|(_, head)| head), (width, first), rhs);
+            rhs[..2 * width].fill(0.0);
+        }
+        equations.factor_and_solve_many(rhs, width)?;
+        let (a_of, v_of) = (1.0 / along.q, along.v / along.q);
+        let State { q, v, a, .. } = state;
+        for ((((q, v), a), x), begin) in q.iter_mut().zip(v).zip(a).zip(&*rhs).zip(&begin) {
+            let by = x - *q;
+            *q = begin + x;
+            *v += v_of * by;
+            *a += a_of * by;
+        }
+        Ok(())
     }
-    equations.differences_of_many(&state.q, rhs, width)?;
-    equations.add_damping_of_many(-along.q, &state.v, rhs, width)?;
-    for (j, (force, _)) in given.clone().enumerate() {
-        rhs.iter_mut().skip(first + j).step_by(width).zip(force).for_each(|(rhs, force)| *rhs -= along.q * force);
-    }
-    if held {
-        subtract_inertia_of_heads(equations, along.q, given.map(|(_, head)| head), (width, first), rhs);
-        rhs[..2 * width].fill(0.0);
-    }
-    equations.factor_and_solve_many(rhs, width)?;
-    let (a_of, v_of) = (1.0 / along.q, along.v / along.q);
-    for (((q, v), a), by) in state.q.iter_mut().zip(&mut state.v).zip(&mut state.a).zip(&*rhs) {
-        *q += by;
-        *v += v_of * by;
-        *a += a_of * by;
-    }
-    Ok(())
 }
 
 /// Subtracts `factor` times the forces of inertia of accelerated `heads` on other nodes from the columns of `rhs` from `first` on.

@@ -104,6 +104,8 @@ pub struct Stepper {
     /// given for it, once they have been asked for.
     last_step: Option<f64>,
     last_derivatives: Option<Box<LastDerivatives>>,
+    /// How often accelerations were made consistent after a jump of inputs or of the head.
+    reinitialisations: u64,
     // Work arrays.
     inputs: (Inputs, Option<Box<InputExtrapolation>>),
     next: State,
@@ -115,6 +117,15 @@ pub struct Stepper {
 
 /// How the state at the end of the last communication step follows from the inputs that were given for it.
 pub(crate) type LastDerivatives = Vec<(&'static Variable, State, InputDirection)>;
+
+/// What is known of the last communication step, to be kept while another state is looked at.
+#[derive(Debug, Default)]
+pub struct LastStep {
+    /// Its size, s.
+    pub(crate) size: Option<f64>,
+    derivatives: Option<Box<LastDerivatives>>,
+    undo: undo::Undo,
+}
 
 /// Time as an integer number of steps, free of accumulated rounding: t = origin + count·Δt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -223,6 +234,7 @@ impl Stepper {
             head_jump: None,
             last_step: None,
             last_derivatives: None,
+            reinitialisations: 0,
             inputs: (dynamics.inputs.clone(), None),
             next: now.state.clone(),
             measurements: now.metrics.now.clone(),
@@ -428,6 +440,34 @@ impl Stepper {
         outcome
     }
 
+    /// Takes away what is known of the communication step that led here, to be [put back](Self::put_last_step) once this stepper is
+    /// again in the same state, after a look at others.
+    pub fn take_last_step(&mut self) -> LastStep {
+        let undo = std::mem::take(&mut self.undo);
+        LastStep { size: self.last_step.take(), derivatives: self.last_derivatives.take(), undo }
+    }
+
+    /// Puts back what [`take_last_step`](Self::take_last_step) took.
+    pub fn put_last_step(&mut self, LastStep { size, derivatives, undo }: LastStep) {
+        (self.last_step, self.last_derivatives, self.undo) = (size, derivatives, undo);
+    }
+
+    /// How often accelerations were made consistent after a jump.
+    pub(crate) fn reinitialisations(&self) -> u64 {
+        self.reinitialisations
+    }
+
+    /// True where a step of `h` (s) begins the run anew, with the pose that a host gives for its end.
+    pub(crate) fn restarts_in(&self, h: f64) -> bool {
+        let t = self.now.state.t;
+        self.is_at_start() && self.dynamics.starts_elsewhere(t, Some(t + h))
+    }
+
+    /// True where the flow has jumped since the last step, and accelerates water with the next one.
+    pub(crate) fn flow_jumps_in_water(&self) -> bool {
+        self.now.flow_jump != [0.0; 2] && self.dynamics.model.forces.are_inertial()
+    }
+
     /// Nothing is known any more of the communication step that led here.
     fn forget_last_step(&mut self) {
         (self.last_step, self.last_derivatives) = (None, None);
@@ -452,11 +492,12 @@ impl Stepper {
     /// Begins a communication step of `h` (s). Returns how far the state is to move, and its end (s); `None` if that is rounding and
     /// deferred.
     fn begin_step(&mut self, h: f64) -> Result<Option<(f64, f64)>> {
-        self.forget_last_step();
-        self.undo.begin();
         if !(h.is_finite() && h > 0.0) {
+            self.undo.begin();
             return Err(Error::Step(h));
         }
+        self.forget_last_step();
+        self.undo.begin();
         let (start, end) = (self.now.state.t, self.time() + h);
         let h = if self.now.pending_time.is_some() { end - start } else { h };
         if h <= self.shortest.max(TIME_ROUNDING * end.abs()) || end <= start {
@@ -536,7 +577,7 @@ impl Stepper {
     /// Prepares the internal steps to `end`, when a communication step `begins` or inputs have changed within one: fits the motion of the
     /// head, and reinitialises the state after a jump of inputs.
     fn prepare_step(&mut self, end: f64, begins: bool) -> Result<()> {
-        let words = self.dynamics.inputs.head.is_some() || self.dynamics.own_words.are_of(self.now.state.t);
+        let words = self.dynamics.inputs.head.is_some() || self.dynamics.inputs.own_words.are_of(self.now.state.t);
         if words || self.now.needs_reinitialisation {
             self.save_for_undo();
         }
@@ -598,6 +639,7 @@ impl Stepper {
     /// A jump of the flow (m/s) accelerates the added mass impulsively: because forces of the fluid are linear in accelerations, the
     /// jump of velocities follows from two solves.
     fn reinitialise(&mut self) -> Result<()> {
+        self.reinitialisations += 1;
         let flow_jump = Vector2::from(self.now.flow_jump);
         let Self {
             dynamics,

@@ -456,7 +456,7 @@ impl CoordinateExtrapolation {
 }
 
 /// What a host has said of coordinates of the head before it moves them: derivatives that they have anyway, which change nothing.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct OwnWords {
     time: f64,
     derivatives: [[Option<f64>; HIGHEST + 1]; 3],

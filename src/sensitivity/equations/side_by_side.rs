@@ -3,7 +3,7 @@
 
 use super::{Equations, neighbours};
 use crate::error::Result;
-use crate::linear::HALF_BANDWIDTH;
+use crate::linear::{BandMatrix, HALF_BANDWIDTH};
 
 /// The rows of both axes of node `k`.
 fn node(x: &[f64], k: usize, width: usize) -> [&[f64]; 2] {
@@ -39,6 +39,17 @@ fn add_product([y0, y1]: [&mut [f64]; 2], block: [f64; 4], x: [&[f64]; 2]) {
     for i in 0..width {
         y0[i] += a * x[0][i] + b * x[1][i];
         y1[i] += c * x[0][i] + d * x[1][i];
+    }
+}
+
+/// Adds `factor` times `matrix` times `width` vectors to y.
+fn add_band_of_many(matrix: &BandMatrix, factor: f64, x: &[f64], y: &mut [f64], width: usize) {
+    let nodes = matrix.rows().len();
+    for (i, row) in matrix.rows().iter().enumerate() {
+        for (j, block) in row.iter().enumerate() {
+            let Some(j) = (i + j).checked_sub(HALF_BANDWIDTH).filter(|j| *j < nodes) else { continue };
+            add_product(node_mut(y, i, width), block.map(|entry| factor * entry), node(x, j, width));
+        }
     }
 }
 
@@ -105,12 +116,33 @@ impl Equations {
                 Ok(())
             });
         }
-        let Some(damping) = &self.damping else { return Ok(()) };
-        let nodes = damping.rows().len();
-        for (i, row) in damping.rows().iter().enumerate() {
-            for (j, block) in row.iter().enumerate() {
-                let Some(j) = (i + j).checked_sub(HALF_BANDWIDTH).filter(|j| *j < nodes) else { continue };
-                add_product(node_mut(y, i, width), block.map(|entry| factor * entry), node(x, j, width));
+        if let Some(damping) = &self.damping {
+            add_band_of_many(damping, factor, x, y, width);
+        }
+        Ok(())
+    }
+
+    /// Adds f_a x of `width` vectors to y, of nodes of these `masses`.
+    pub(in crate::sensitivity) fn add_inertia_of_many(
+        &mut self,
+        masses: &[f64],
+        x: &[f64],
+        y: &mut [f64],
+        width: usize,
+    ) -> Result<()> {
+        if !self.is_banded() {
+            return self.one_by_one(x, y, width, |own, x, y| {
+                own.add_inertia(masses, x, y);
+                Ok(())
+            });
+        }
+        match &self.inertia {
+            Some(inertia) => add_band_of_many(inertia, 1.0, x, y, width),
+            None => {
+                for (k, mass) in masses.iter().enumerate() {
+                    let rows = 2 * k * width..2 * (k + 1) * width;
+                    y[rows.clone()].iter_mut().zip(&x[rows]).for_each(|(y, x)| *y += mass * x);
+                }
             }
         }
         Ok(())

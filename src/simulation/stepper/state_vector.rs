@@ -101,7 +101,7 @@ impl Stepper {
 
     /// Sets positions and velocities in the order of [`motion`](Self::motion): those of an estimator, or where a prediction begins. A held
     /// head goes on as it moves. Accelerations follow from the equation of motion, as after a jump of inputs; the energy and the momentum
-    /// that the change brings count as those of loads.
+    /// that the change brings count as those of loads. A jump of the flow that was set before acts with the next step, on this motion.
     ///
     /// # Errors
     /// [`Error::Derivative`] for a reduced model; [`Error::WrongLength`], [`Error::BadValue`]; errors of a shape without meaning, as
@@ -117,9 +117,6 @@ impl Stepper {
         }
         if let Some(value) = motion.iter().find(|x| !x.is_finite()) {
             return Err(Error::BadValue { name: "motion", value: *value, allowed: "finite numbers" });
-        }
-        if self.now.needs_reinitialisation {
-            self.reinitialise()?;
         }
         self.forget_step();
         self.forget_last_step();

@@ -88,12 +88,17 @@ impl Instance {
                 *out += time * output.and_then(|(variable, k)| rates.of(variable, k)).unwrap_or(0.0);
             }
         }
-        for (place, seed) in parameters {
-            self.add_by_parameter(place, seed, &outputs, out)?;
-        }
         if !through_step.is_empty() {
             self.ready()?.add_through_last_step(&through_step, &outputs, out)?;
         }
+        // A look at other values of parameters leaves what is known of the last step.
+        let last = if parameters.is_empty() { None } else { Some(self.ready()?.take_last_step()) };
+        let added =
+            parameters.into_iter().try_for_each(|(place, seed)| self.add_by_parameter(place, seed, &outputs, out));
+        if let (Some(last), Ok(stepper)) = (last, self.ready()) {
+            stepper.put_last_step(last);
+        }
+        added?;
         Ok(())
     }
 

@@ -19,7 +19,7 @@ const HEAD_DIFFERENCES: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-6, 1e-8];
 /// How nearly.
 const HEAD_LINEARITY: f64 = 1e-6;
 
-/// What a drive with a lag gives is differenced over this part of its input, or of one unit, and half of it.
+/// What a drive with a lag gives is differenced over this part of its input, or of what bends the rod by much, and half of it.
 const DRIVE_DIFFERENCE: f64 = 1e-3;
 
 /// A direction of the inputs at the beginning of a step, one entry of one input.
@@ -200,7 +200,7 @@ impl Stepper {
         let t = self.now.state.t;
         let mut values = vec![0.0; variable.len(&self.dynamics.model)];
         variable.read(&self.view(), &mut values);
-        let size = DRIVE_DIFFERENCE * if values[k] == 0.0 { 1.0 } else { values[k].abs() };
+        let size = DRIVE_DIFFERENCE * self.drive_scale(variable, values[k]);
         let kept = (self.dynamics.inputs.clone(), self.dynamics.extrapolation.clone());
         let differences = [size, 0.5 * size].map(|size| {
             let asked = [size, -size].map(|by| {
@@ -218,6 +218,23 @@ impl Stepper {
         Way::Drive(differences)
     }
 
+    /// Over what an input of the drive of this `value` bends the rod by much, within its limit.
+    fn drive_scale(&self, variable: &Variable, value: f64) -> f64 {
+        let model = &self.dynamics.model;
+        let (rod, joints) = (&model.rod, model.rod.joints());
+        let stiffest = joints.clone().fold(0.0_f64, |most, k| most.max(rod.joint[k]));
+        let largest = model.largest_drive.unwrap_or(f64::INFINITY);
+        // A joint that is bent by about 1/N of a radian.
+        let [own, limit] = match (variable.name, variable.unit) {
+            ("actuation_phase_rad", _) => return 1.0,
+            ("actuation_frequency_hz", _) => return if value == 0.0 { 1.0 } else { value.abs() },
+            (_, "N m") => [stiffest / rod.nodes as f64, if model.active_moments { largest } else { f64::INFINITY }],
+            (_, "1/m") => [1.0 / rod.length, if model.active_moments { f64::INFINITY } else { largest / rod.spacing }],
+            _ => [1.0, largest],
+        };
+        (if value == 0.0 { own } else { value.abs() }).min(limit)
+    }
+
     fn way_of_head(&self, name: &str, [axis, order]: [usize; 2], h: f64) -> Result<Way> {
         let refused = |problem: String| Err(Error::Derivative { problem });
         let (t, model) = (self.now.state.t, &self.dynamics.model);
@@ -233,7 +250,7 @@ impl Stepper {
         let end = t + h;
         let mut host = self.dynamics.inputs.head.as_deref().copied().unwrap_or_default();
         if host.axes[axis].is_none() {
-            for (order, value) in self.dynamics.own_words.of(t, axis).into_iter().enumerate() {
+            for (order, value) in self.dynamics.inputs.own_words.of(t, axis).into_iter().enumerate() {
                 value.into_iter().for_each(|value| host.set_derivative(t, axis, pose[axis], order, value, false));
             }
         }
@@ -253,7 +270,8 @@ impl Stepper {
             None if now_input => pose[axis].value,
             None => fit(host).axes[axis].and_then(|own| own.at(end)).unwrap_or_else(|| motion[axis].at(end)).value,
         };
-        let unit = if axis < 2 { model.rod.length } else { 1.0 } / h.powi(order as i32);
+        let length = if axis < 2 { model.rod.length } else { 1.0 };
+        let unit = length / h.powi(order as i32);
         let ways = |part: f64| {
             let heads = [1.0, -1.0].map(|sign| {
                 let mut host = host;
@@ -273,7 +291,8 @@ impl Stepper {
         let smallest = all[HEAD_DIFFERENCES.len() - 1].1;
         let size = smallest.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         // Differences over the smallest have the rounding of the pose itself.
-        let rounding = 8.0 * f64::EPSILON * (value.abs() * h.powi(order as i32) + unit)
+        let size_of = |own: f64| own * h.powi(order as i32) / length;
+        let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0)
             / HEAD_DIFFERENCES[HEAD_DIFFERENCES.len() - 1];
         let near = |slopes: &[[f64; 3]; 3]| {
             let apart = slopes.as_flattened().iter().zip(smallest.as_flattened()).map(|(a, b)| (a - b).abs());
@@ -338,7 +357,7 @@ impl Stepper {
             let Some([axis, order]) = variable.of_head() else { return false };
             match axes.and_then(|axes| axes[axis]) {
                 Some(own) => own.given_at(t, order).is_some(),
-                None => self.dynamics.own_words.of(t, axis)[order].is_some(),
+                None => self.dynamics.inputs.own_words.of(t, axis)[order].is_some(),
             }
         };
         self.variables.iter().copied().filter(given).collect()
