@@ -506,7 +506,7 @@ fn largest(values: &[f64], a_node: usize, time_s: f64, what: &'static str) -> Re
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    #![allow(clippy::unwrap_used, clippy::panic, reason = "a failure ends the test")]
     use super::*;
 
     #[test]

