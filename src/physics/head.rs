@@ -6,7 +6,7 @@ pub mod pose_extrapolation;
 use std::f64::consts::TAU;
 
 pub use hinge::{Hinge, MotorCommand};
-pub use pose_extrapolation::{HeadInput, HostHead, OwnWords};
+pub use pose_extrapolation::{HeadInput, HostHead, RedundantHeadInputs};
 use serde::{Deserialize, Serialize};
 
 /// A value with its first and second rate.

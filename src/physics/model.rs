@@ -29,8 +29,8 @@ use crate::fluid::medium::by_key;
 use crate::fluid::{Fluid, FluidAlong, FluidRuns, Force, Forces, Kinematics, Layers, PowerKind};
 use crate::head::hinge::{HingeEquation, HingeResidual};
 use crate::head::{
-    HeadInput, HeadMotion, Hinge, HostHead, MotorCommand, OwnWords, Pose, RESOLVING_STEPS_PER_PERIOD, Sample, Signal,
-    pose, pose_before,
+    HeadInput, HeadMotion, Hinge, HostHead, MotorCommand, Pose, RESOLVING_STEPS_PER_PERIOD, RedundantHeadInputs,
+    Sample, Signal, pose, pose_before,
 };
 use crate::linear::{ChainMatrix, Coupling, Direction};
 use crate::rod::bend::{self, Joint};
@@ -218,7 +218,7 @@ pub struct Inputs {
     /// A host's motion of the head, of those coordinates that it moves.
     pub head: Option<Box<HostHead>>,
     /// What a host has said of the other coordinates, which they do anyway.
-    pub(crate) own_words: OwnWords,
+    pub(crate) redundant_head_inputs: RedundantHeadInputs,
 }
 
 impl Clone for Inputs {
@@ -259,7 +259,7 @@ impl Inputs {
             flow_taken: false,
             layers: model.layers,
             head: None,
-            own_words: OwnWords::default(),
+            redundant_head_inputs: RedundantHeadInputs::default(),
         }
     }
 
@@ -565,10 +565,10 @@ impl Dynamics {
         let now = pose[i];
         let hosts = self.inputs.head.as_ref().is_some_and(|host| host.axes[i].is_some());
         if !hosts && [now.value, now.rate, now.acceleration, 0.0].get(order) == Some(&value) {
-            self.inputs.own_words.keep(t, [i, order], value);
+            self.inputs.redundant_head_inputs.keep(t, [i, order], value);
             return;
         }
-        let words = if hosts { Default::default() } else { self.inputs.own_words.of(t, i) };
+        let words = if hosts { Default::default() } else { self.inputs.redundant_head_inputs.of(t, i) };
         let head = self.inputs.head.get_or_insert_default();
         for (order, word) in words.into_iter().enumerate() {
             word.into_iter().for_each(|word| head.set_derivative(t, i, now, order, word, false));

@@ -275,7 +275,6 @@ impl Stepper {
             states: Vec::new(),
             start: Equations::new(self.model())?,
             point: LocalDerivatives::new(self.model().rod.nodes, &[]),
-            last: self.state().clone(),
             reinitialisations: self.reinitialisations(),
             begun: false,
             rhs: vec![0.0; width * self.model().unknowns()],
@@ -335,9 +334,7 @@ struct Columns {
     states: Vec<State>,
     start: Equations,
     point: LocalDerivatives,
-    /// The state at the end of the internal step.
-    last: State,
-    /// How often the stepper had made its accelerations consistent then.
+    /// How often the stepper had made its accelerations consistent at the end of the internal step before.
     reinitialisations: u64,
     begun: bool,
     rhs: Vec<f64>,
@@ -373,9 +370,8 @@ impl Columns {
             self.reinitialise(stepper.dynamics_mut(), &from, jumped)?;
         }
         self.begun = true;
-        self.last = to;
         if let Some(integrator) = stepper.integrator() {
-            integrator.write_stages(&from, h, &self.last, &mut self.states);
+            integrator.write_stages(&from, h, &to, &mut self.states);
         }
         let mut given = Vec::with_capacity(stages.count);
         let dynamics = stepper.dynamics_mut();

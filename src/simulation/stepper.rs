@@ -577,7 +577,8 @@ impl Stepper {
     /// Prepares the internal steps to `end`, when a communication step `begins` or inputs have changed within one: fits the motion of the
     /// head, and reinitialises the state after a jump of inputs.
     fn prepare_step(&mut self, end: f64, begins: bool) -> Result<()> {
-        let words = self.dynamics.inputs.head.is_some() || self.dynamics.inputs.own_words.are_of(self.now.state.t);
+        let words =
+            self.dynamics.inputs.head.is_some() || self.dynamics.inputs.redundant_head_inputs.are_of(self.now.state.t);
         if words || self.now.needs_reinitialisation {
             self.save_for_undo();
         }

@@ -457,12 +457,12 @@ impl CoordinateExtrapolation {
 
 /// What a host has said of coordinates of the head before it moves them: derivatives that they have anyway, which change nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct OwnWords {
+pub struct RedundantHeadInputs {
     time: f64,
     derivatives: [[Option<f64>; HIGHEST + 1]; 3],
 }
 
-impl OwnWords {
+impl RedundantHeadInputs {
     /// Keeps the derivative of `order` of coordinate `i`, said at time `t` (s).
     pub(crate) fn keep(&mut self, t: f64, [i, order]: [usize; 2], value: f64) {
         if t != self.time {

@@ -232,7 +232,7 @@ impl Inputs {
         (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
         (self.fluid, self.flow_taken) = (Fluid::NONE, false);
         self.layers = self.layers.as_ref().map(Layers::none);
-        (self.head, self.own_words) = (None, Default::default());
+        (self.head, self.redundant_head_inputs) = (None, Default::default());
         (self.tension, self.winch) = ([0.0; MAX_TENDONS], [0.0; MAX_TENDONS]);
         self.hinge = MotorCommand::default();
         self.lagging = None;

@@ -26,11 +26,11 @@ const DRIVE_DIFFERENCE: f64 = 1e-3;
 #[derive(Debug)]
 pub(crate) struct InputDirection {
     since: f64,
-    way: Way,
+    change: InputVariation,
 }
 
 #[derive(Debug)]
-enum Way {
+enum InputVariation {
     /// Inputs that stay as they are given.
     Given(Box<Inputs>),
     /// What the head does with more and with less of a derivative of coordinate `axis`, `apart` in all.
@@ -46,15 +46,15 @@ impl InputDirection {
     /// Writes what changes along it at the time (s) that `dynamics` was moved to, where it is again afterwards.
     pub(crate) fn evaluate(&self, dynamics: &mut Dynamics, t: f64, tangent: &mut StateTangent) {
         tangent.clear();
-        match &self.way {
-            Way::Given(given) => {
+        match &self.change {
+            InputVariation::Given(given) => {
                 let tau = t - self.since;
                 tangent.inputs.clone_from(given);
                 tangent.inputs.phase_offset -= std::f64::consts::TAU * given.drive.frequency * tau;
             }
-            Way::Head { axis, heads, apart } => {
-                let way = heads.each_ref().map(|head| head.axes[*axis].and_then(|axis| axis.at(t)).unwrap_or_default());
-                let [more, less] = way;
+            InputVariation::Head { axis, heads, apart } => {
+                let at = |head: &HostHead| head.axes[*axis].and_then(|axis| axis.at(t)).unwrap_or_default();
+                let [more, less] = heads.each_ref().map(at);
                 let slope = |of: fn(&Sample) -> f64| (of(&more) - of(&less)) / apart;
                 let moved =
                     [slope(|sample| sample.value), slope(|sample| sample.rate), slope(|sample| sample.acceleration)];
@@ -67,7 +67,7 @@ impl InputDirection {
                     tangent.angle = [moved[0], moved[1]];
                 }
             }
-            Way::Drive(differences) => {
+            InputVariation::Drive(differences) => {
                 // Richardson's extrapolation of central differences.
                 for ((asked, apart), factor) in differences.iter().zip([-1.0 / 3.0, 4.0 / 3.0]) {
                     for ((inputs, extrapolation), sign) in asked.iter().zip([1.0, -1.0]) {
@@ -86,20 +86,20 @@ impl InputDirection {
 
     /// Completes what [`evaluate`](Self::evaluate) has written, of the rod at that time.
     pub(crate) fn follow(&self, bent: &DeformedRod<'_>, tangent: &mut StateTangent) {
-        if let Way::Given(_) = self.way {
+        if let InputVariation::Given(_) = self.change {
             tangent.follow_inputs(bent);
         }
     }
 
     /// True where the motion goes on without a jump of accelerations: by the head.
     pub(crate) fn is_of_head(&self) -> bool {
-        matches!(self.way, Way::Head { .. })
+        matches!(self.change, InputVariation::Head { .. })
     }
 
     /// The change of the flow, m/s, along both axes.
     pub(crate) fn flow(&self) -> [f64; 2] {
-        match &self.way {
-            Way::Given(given) => given.fluid.flow.into(),
+        match &self.change {
+            InputVariation::Given(given) => given.fluid.flow.into(),
             _ => [0.0; 2],
         }
     }
@@ -165,7 +165,7 @@ impl Stepper {
     pub(crate) fn input_direction(&mut self, variable: &'static Variable, k: usize, h: f64) -> Result<InputDirection> {
         let since = self.now.state.t;
         if let Some([axis, order]) = variable.of_head() {
-            return Ok(InputDirection { since, way: self.way_of_head(variable.name, [axis, order], h)? });
+            return Ok(InputDirection { since, change: self.head_variation(variable.name, [axis, order], h)? });
         }
         if matches!(variable.name, "flow_x_m_s" | "flow_y_m_s")
             && self.dynamics.model.flow.is_some()
@@ -187,16 +187,16 @@ impl Stepper {
                 | "active_moment_n_m"
         );
         if of_drive && self.dynamics.model.lag.is_some() {
-            return Ok(InputDirection { since, way: self.way_of_drive(variable, k) });
+            return Ok(InputDirection { since, change: self.drive_variation(variable, k) });
         }
         let mut given = Inputs::none(&self.dynamics.model);
         let mut values = vec![0.0; variable.len(&self.dynamics.model)];
         values[k] = 1.0;
         Seed { dynamics: &mut self.dynamics, change: &mut given }.set(variable, &values)?;
-        Ok(InputDirection { since, way: Way::Given(Box::new(given)) })
+        Ok(InputDirection { since, change: InputVariation::Given(Box::new(given)) })
     }
 
-    fn way_of_drive(&mut self, variable: &'static Variable, k: usize) -> Way {
+    fn drive_variation(&mut self, variable: &'static Variable, k: usize) -> InputVariation {
         let t = self.now.state.t;
         let mut values = vec![0.0; variable.len(&self.dynamics.model)];
         variable.read(&self.view(), &mut values);
@@ -215,7 +215,7 @@ impl Stepper {
             (Box::new(asked), 2.0 * size)
         });
         self.dynamics.evaluate_at(t);
-        Way::Drive(differences)
+        InputVariation::Drive(differences)
     }
 
     /// Over what an input of the drive of this `value` bends the rod by much, within its limit.
@@ -235,7 +235,7 @@ impl Stepper {
         (if value == 0.0 { own } else { value.abs() }).min(limit)
     }
 
-    fn way_of_head(&self, name: &str, [axis, order]: [usize; 2], h: f64) -> Result<Way> {
+    fn head_variation(&self, name: &str, [axis, order]: [usize; 2], h: f64) -> Result<InputVariation> {
         let refused = |problem: String| Err(Error::Derivative { problem });
         let (t, model) = (self.now.state.t, &self.dynamics.model);
         let (Some(pose), Some(motion)) = (&self.dynamics.held, &model.head) else {
@@ -250,7 +250,7 @@ impl Stepper {
         let end = t + h;
         let mut host = self.dynamics.inputs.head.as_deref().copied().unwrap_or_default();
         if host.axes[axis].is_none() {
-            for (order, value) in self.dynamics.inputs.own_words.of(t, axis).into_iter().enumerate() {
+            for (order, value) in self.dynamics.inputs.redundant_head_inputs.of(t, axis).into_iter().enumerate() {
                 value.into_iter().for_each(|value| host.set_derivative(t, axis, pose[axis], order, value, false));
             }
         }
@@ -272,7 +272,7 @@ impl Stepper {
         };
         let length = if axis < 2 { model.rod.length } else { 1.0 };
         let unit = length / h.powi(order as i32);
-        let ways = |part: f64| {
+        let variation = |part: f64| {
             let heads = [1.0, -1.0].map(|sign| {
                 let mut host = host;
                 host.set_derivative(t, axis, pose[axis], order, value + sign * part * unit, false);
@@ -285,9 +285,9 @@ impl Stepper {
                     .map(|change| change / apart)
             };
             let slopes = SAMPLES.map(|part| slope(t + part * h));
-            (Way::Head { axis, heads: Box::new(heads), apart }, slopes)
+            (InputVariation::Head { axis, heads: Box::new(heads), apart }, slopes)
         };
-        let mut all = HEAD_DIFFERENCES.map(ways);
+        let mut all = HEAD_DIFFERENCES.map(variation);
         let smallest = all[HEAD_DIFFERENCES.len() - 1].1;
         let size = smallest.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         // Differences over the smallest have the rounding of the pose itself.
@@ -300,8 +300,8 @@ impl Stepper {
         };
         let taken = all.iter().position(|(_, slopes)| near(slopes)).unwrap_or(HEAD_DIFFERENCES.len() - 1);
         all.swap(0, taken);
-        let [(way, _), ..] = all;
-        Ok(way)
+        let [(taken, _), ..] = all;
+        Ok(taken)
     }
 
     /// The state at the beginning of the internal step that has just been made; `None` where it was not made by one.
@@ -357,7 +357,7 @@ impl Stepper {
             let Some([axis, order]) = variable.of_head() else { return false };
             match axes.and_then(|axes| axes[axis]) {
                 Some(own) => own.given_at(t, order).is_some(),
-                None => self.dynamics.inputs.own_words.of(t, axis)[order].is_some(),
+                None => self.dynamics.inputs.redundant_head_inputs.of(t, axis)[order].is_some(),
             }
         };
         self.variables.iter().copied().filter(given).collect()
