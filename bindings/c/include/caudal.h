@@ -32,6 +32,14 @@ typedef enum {
   CAUDAL_INDEPENDENT = 3,
 } caudal_causality;
 
+// The coordinates of the state that the derivatives of a step are taken by.
+typedef enum {
+  // Positions and velocities; accelerations follow from them at the beginning of the step.
+  CAUDAL_MOTION = 0,
+  // All that a state has of the motion: accelerations too, and what a method remembers of earlier ones.
+  CAUDAL_FULL = 1,
+} caudal_coordinates;
+
 // A simulation. It is used by one thread at a time; different ones are independent.
 typedef struct caudal_simulation caudal_simulation;
 
@@ -51,6 +59,19 @@ typedef struct {
   // Number of values.
   size_t length;
 } caudal_variable;
+
+// The derivatives of a step, each row by row: a (states x states) and b (states x inputs) of the state at its end, c (outputs x states) and
+// d (outputs x inputs) of the outputs there. Null pointers are left out. Inputs and outputs count by entry, an array's all in a row.
+typedef struct {
+  // By the state at the beginning, of the state at the end.
+  double *a;
+  // By the inputs, of the state.
+  double *b;
+  // By the state, of the outputs.
+  double *c;
+  // By the inputs, of the outputs.
+  double *d;
+} caudal_derivatives;
 
 #ifdef __cplusplus
 extern "C" {
@@ -109,6 +130,29 @@ caudal_status caudal_set_derivative(caudal_simulation *simulation,
 
 // Writes the first derivatives by time of variable `index` now: of an input as it goes on, of a parameter zero.
 caudal_status caudal_rate(caudal_simulation *simulation, size_t index, double *out, size_t length);
+
+// The number of coordinates of the state, 0 without a simulation.
+size_t caudal_state_count(const caudal_simulation *simulation, caudal_coordinates coordinates);
+
+// Writes positions and velocities, `length` in all, in the order of the coordinates CAUDAL_MOTION: x and y of each node that nothing
+// holds, the angle of a hinge, and the same of their velocities.
+caudal_status caudal_motion(caudal_simulation *simulation,
+                            double *out,
+                            size_t length);
+
+// Sets positions and velocities, in the order of caudal_motion; accelerations follow from the equation of motion.
+caudal_status caudal_set_motion(caudal_simulation *simulation, const double *given, size_t length);
+
+// Makes a step of `h` (s) as caudal_do_step does, and writes its derivatives by the state in these coordinates and by the inputs, of the
+// state and of the outputs, which are given by their indices.
+caudal_status caudal_linearise(caudal_simulation *simulation,
+                               double h,
+                               caudal_coordinates coordinates,
+                               const size_t *inputs,
+                               size_t input_count,
+                               const size_t *outputs,
+                               size_t output_count,
+                               const caudal_derivatives *derivatives);
 
 // Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.
 caudal_status caudal_save(caudal_simulation *simulation, caudal_state **state);
