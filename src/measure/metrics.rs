@@ -587,6 +587,19 @@ impl Measurements {
         bend::curvature_per_turning(self.kappa[k]) * (spin(k) - before)
     }
 
+    /// The power (W) that the actuation puts in at the joint of node `k`, without that of tendons; all joints make [`Power::actuation`].
+    pub(crate) fn actuation_power_at(&self, dynamics: &Dynamics, state: &State, k: usize) -> f64 {
+        let by_curvature = -self.driven(false)[k] * dynamics.natural_rate[k];
+        let taken = dynamics.mechanics == Mechanics::Shape;
+        match dynamics.active.as_ref().filter(|_| !taken || dynamics.model.active_moments) {
+            None => by_curvature,
+            Some(active) if taken => by_curvature + (self.kappa[k] - active.natural[k]) * active.rate[k],
+            Some(active) => {
+                active.moment[k] * self.curvature_rate(dynamics, state, k) - self.elastic[k] * active.natural_rate[k]
+            }
+        }
+    }
+
     /// The moments that the natural curvature works against, N m: where it `jumps`, the elastic part of them.
     fn driven(&self, jumps: bool) -> &[f64] {
         if self.elastic.is_empty() || (self.drives_all && !jumps) { &self.moment } else { &self.elastic }

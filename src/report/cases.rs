@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
 use super::heat_map::{HeatMap, HeatMapAxis};
-use super::page::{Animation, RawJson, render};
+use super::page::{Animation, Figures, RawJson, render};
 use super::run_record::Frame;
 use crate::error::Result;
 use crate::number_format::number;
@@ -294,7 +294,7 @@ struct PageContent<'a> {
     /// Cases that failed without a motion.
     still: usize,
     text: &'a str,
-    figures: &'a [Figure],
+    figures: Figures<'a>,
     /// Sentences on figures that are left out.
     left_out: &'a [String],
     data: RawJson<PageData<'a>>,
@@ -404,7 +404,7 @@ impl Cases {
                         quantity.name,
                         of(label)
                     );
-                    figures.push(Figure::new(names.file(&["map", quantity.key, label]), caption, map.svg()));
+                    figures.push(map.figure(names.file(&["map", quantity.key, label]), caption));
                 }
             }
         }
@@ -437,7 +437,7 @@ impl Cases {
             && let Some(chart) = self.compared(quantity, column)
         {
             let caption = format!("The {} of each case with every level of the split side by side.", quantity.name);
-            figures.push(Figure::new(names.file(&["compared"]), caption, chart.svg()));
+            figures.push(Figure::of_chart(names.file(&["compared"]), caption, &chart));
         }
         for (label, cases) in &parts {
             if let Some(chart) = self.paths(label, cases) {
@@ -446,7 +446,7 @@ impl Cases {
                      and of the one in the middle, others in grey.",
                     of(label)
                 );
-                figures.push(Figure::new(names.file(&["paths", label]), caption, chart.svg()));
+                figures.push(Figure::of_chart(names.file(&["paths", label]), caption, &chart));
             }
         }
         // Along a single axis the first ones have theirs already.
@@ -840,7 +840,7 @@ impl Cases {
             played: self.motions.len(),
             still,
             text: &self.text,
-            figures,
+            figures: Figures::of(figures),
             left_out,
             data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
@@ -895,8 +895,14 @@ mod tests {
     }
 
     fn motion(way: f64) -> Vec<Frame> {
-        let frame =
-            |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], body: None, medium: None };
+        let frame = |time: f64| Frame {
+            time,
+            points: vec![[0.0; 2]; 3],
+            com: [way * time, 0.0],
+            body: None,
+            medium: None,
+            loads: None,
+        };
         vec![frame(0.0), frame(1.0)]
     }
 

@@ -4,6 +4,7 @@
 use nalgebra::Vector2;
 
 use super::chart_axis::{ChartAxis, told_apart};
+use super::packed_numbers::PackedNumbers;
 pub use super::svg::SERIES;
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width, wrapped};
 use crate::number_format::superscript;
@@ -78,17 +79,24 @@ pub struct Series {
     pub colour: Option<usize>,
     /// Dots at or below this are hollow: their values are only known to be no larger.
     pub hollow_to: f64,
+    /// A text for each dot, or none: seen under the cursor, and on a page copied by a click.
+    pub notes: Vec<String>,
 }
 
 impl Series {
     /// A series with a style.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
-        Self { label: label.into(), points, mark, colour: None, hollow_to: f64::NEG_INFINITY }
+        Self { label: label.into(), points, mark, colour: None, hollow_to: f64::NEG_INFINITY, notes: Vec::new() }
     }
 
     /// With the `k`-th colour and dashes.
     pub fn coloured(self, k: usize) -> Self {
         Self { colour: Some(k), ..self }
+    }
+
+    /// With a text for each dot.
+    pub fn with_notes(self, notes: Vec<String>) -> Self {
+        Self { notes, ..self }
     }
 
     /// With hollow dots at or below `level`.
@@ -132,7 +140,7 @@ pub struct Chart {
 }
 
 /// A figure with its file name and caption.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Figure {
     /// Name of its file.
     pub file: String,
@@ -140,13 +148,63 @@ pub struct Figure {
     pub caption: String,
     /// Its SVG document.
     pub svg: String,
+    /// What a page's script draws instead, if it can.
+    #[serde(skip)]
+    pub chart: Option<InteractiveChart>,
+    /// The cases in the cells of a map, for a page that plays them.
+    #[serde(skip)]
+    pub cells: Option<CellCases>,
+}
+
+/// Which case is where on a map.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct CellCases {
+    /// Borders of columns, from the left, and of rows, from below, px of the figure.
+    pub(super) columns: Vec<f64>,
+    pub(super) rows: Vec<f64>,
+    /// Column, row and index of each case.
+    pub(super) cases: Vec<[usize; 3]>,
 }
 
 impl Figure {
     /// A figure.
     pub fn new(file: impl Into<String>, caption: impl Into<String>, svg: String) -> Self {
-        Self { file: file.into(), caption: caption.into(), svg }
+        Self { file: file.into(), caption: caption.into(), svg, chart: None, cells: None }
     }
+
+    /// That of a chart, be it empty.
+    pub fn of_chart(file: impl Into<String>, caption: impl Into<String>, chart: &Chart) -> Self {
+        Self { chart: chart.interactive(), ..Self::new(file, caption, chart.svg()) }
+    }
+}
+
+/// A chart of lines and dots over increasing x, which shows values under the cursor and parts of its axes.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct InteractiveChart {
+    title: String,
+    x: String,
+    y: String,
+    /// Scale of x: `linear`, or `log`.
+    x_scale: &'static str,
+    /// Scale of y: `linear`, `log`, or `signed` for logarithms in both directions.
+    y_scale: &'static str,
+    /// Least size that a logarithmic y shows, if it does not follow from the data.
+    floor: Option<f64>,
+    pub(super) series: Vec<InteractiveSeries>,
+}
+
+/// A series of it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub(super) struct InteractiveSeries {
+    label: String,
+    colour: usize,
+    dash: &'static str,
+    dots: bool,
+    line: bool,
+    /// A page has it once for all series that share it.
+    #[serde(skip)]
+    pub(super) x: PackedNumbers,
+    y: PackedNumbers,
 }
 
 /// The plot area, px.
@@ -185,7 +243,47 @@ impl Chart {
         if !names.is_empty() {
             caption += &format!(" Without a value on this scale: {}.", names.join(", "));
         }
-        Some(Figure::new(file, caption, self.svg()))
+        Some(Figure::of_chart(file, caption, self))
+    }
+
+    /// The chart as a page's script draws it; `None` for scales and marks that it does not have, and where x goes back.
+    fn interactive(&self) -> Option<InteractiveChart> {
+        let (x_scale, y_scale, decades) = match self.scale {
+            Scale::Linear => ("linear", "linear", None),
+            Scale::LogX => ("log", "linear", None),
+            Scale::LogY(decades) => ("linear", "log", Some(decades)),
+            Scale::SignedLogY(decades) => ("linear", "signed", Some(decades)),
+            Scale::LogLog => ("log", "log", None),
+            Scale::Equal | Scale::Categories(_) => return None,
+        };
+        let rises = |series: &Series| series.points.is_sorted_by(|a, b| a.0 <= b.0);
+        if !self.series.iter().all(|series| series.mark.is_of_data() && rises(series) && series.notes.is_empty()) {
+            return None;
+        }
+        let sizes = self.series.iter().flat_map(|series| &series.points).map(|point| point.1.abs());
+        let largest = sizes.filter(|size| size.is_finite()).fold(0.0, f64::max);
+        let of = |(k, series): (usize, &Series)| {
+            let colour = series.colour.unwrap_or(k);
+            let sized = |y: f64| if y_scale == "log" { y.abs() } else { y };
+            InteractiveSeries {
+                label: series.label.clone(),
+                colour: colour % SERIES,
+                dash: dashes(colour),
+                dots: series.mark != Mark::Line,
+                line: series.mark != Mark::Dots,
+                x: series.points.iter().map(|point| point.0).collect(),
+                y: series.points.iter().map(|point| sized(point.1)).collect(),
+            }
+        };
+        Some(InteractiveChart {
+            title: self.title.clone(),
+            x: self.x.clone(),
+            y: self.y.clone(),
+            x_scale,
+            y_scale,
+            floor: decades.filter(|_| largest > 0.0).map(|decades| largest * 10.0_f64.powi(-decades)),
+            series: self.series.iter().enumerate().map(of).collect(),
+        })
     }
 
     /// True if the axes have a place for a point of a series.
@@ -302,10 +400,18 @@ impl Chart {
         let colour = Colour::series(named);
         let dashes = dashes(named);
         let dots = |svg: &mut Svg| {
-            for (at, (_, value)) in points.iter().zip(&series.points).filter_map(|(at, point)| Some(((*at)?, point))) {
+            for (i, (at, (_, value))) in points.iter().zip(&series.points).enumerate() {
+                let Some(at) = *at else { continue };
+                let note = series.notes.get(i);
+                if let Some(note) = note {
+                    svg.begin_note(note);
+                }
                 svg.mark(named, at, 3.2, colour);
                 if *value <= series.hollow_to {
                     svg.mark(named, at, 1.9, Colour::PAPER);
+                }
+                if note.is_some() {
+                    svg.end_note();
                 }
             }
         };

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::chart::Figure;
 use super::folder::Folder;
-use super::page::{Animation, RawJson, render};
+use super::page::{Animation, Figures, RawJson, render};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::number_format::number;
@@ -113,7 +113,7 @@ impl Findings {
             "subject": self.subject,
             "version": env!("CARGO_PKG_VERSION"),
             "answers": self.answers,
-            "figures": self.figures,
+            "figures": Figures::of(&self.figures),
             "tables": tables,
             "motion": self.motion.as_ref().map(|motion| RawJson(&motion.0)),
             "shown": self.motion.as_ref().map(|motion| &motion.1),

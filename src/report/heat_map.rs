@@ -1,6 +1,8 @@
 //! Heat maps: a quantity over two axes as cell colours, with extreme values marked.
 
-use super::chart::{LABEL, LABEL_HEIGHT, LINE, PLOT, PlotArea, Scale, TITLE, WIDTH, readable_along, readable_up};
+use super::chart::{
+    CellCases, Figure, LABEL, LABEL_HEIGHT, LINE, PLOT, PlotArea, Scale, TITLE, WIDTH, readable_along, readable_up,
+};
 use super::chart_axis::ChartAxis;
 use super::outcome_map::edges;
 use super::svg::{Anchor, Colour, Svg, width};
@@ -21,7 +23,8 @@ const SEQUENTIAL: [[u8; 3]; 10] = [
     [253, 231, 37],
 ];
 /// Diverging colour map with zero in the middle: ColorBrewer's RdBu, from blue to red.
-const DIVERGING: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
+pub(super) const DIVERGING: [[u8; 3]; 5] =
+    [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
 
 /// Number of colours.
 const COLOUR_COUNT: usize = 64;
@@ -80,10 +83,105 @@ pub struct HeatMap {
     pub failed: Vec<usize>,
 }
 
+/// A quantity over two axes with so many levels that they look continuous, without marks.
+#[derive(Debug, Clone)]
+pub struct Raster {
+    /// Title.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: HeatMapAxis,
+    /// The vertical axis.
+    pub y: HeatMapAxis,
+    /// Label of the quantity, with its unit.
+    pub value: String,
+    /// Level of x, level of y, and value.
+    pub cells: Vec<(usize, usize, f64)>,
+}
+
+/// Number of colours of a raster: neighbours of one colour are drawn as one.
+const RASTER_COLOURS: usize = 21;
+
+impl Raster {
+    /// The raster as an SVG document.
+    pub fn svg(&self) -> String {
+        let scale = ColourScale::of(self.cells.iter().map(|cell| cell.2));
+        let canvas = MapCanvas::new(&self.title, [&self.x, &self.y], &scale);
+        let coarse = |value: f64| {
+            (scale.shade(value) * RASTER_COLOURS / COLOUR_COUNT) * (COLOUR_COUNT - 1) / (RASTER_COLOURS - 1)
+        };
+        let mut shades = vec![vec![None; self.x.at.len()]; self.y.at.len()];
+        for (i, j, value) in self.cells.iter().filter(|cell| cell.2.is_finite()) {
+            shades[*j][*i] = Some(coarse(*value));
+        }
+        let MapCanvas { mut svg, frame, columns, rows, .. } = canvas;
+        let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); COLOUR_COUNT];
+        for (j, row) in shades.iter().enumerate() {
+            let mut first = 0;
+            for same in row.chunk_by(|a, b| a == b) {
+                if let Some(shade) = same[0] {
+                    let (low, high) =
+                        (frame.at(columns[first], rows[j]), frame.at(columns[first + same.len()], rows[j + 1]));
+                    fields[shade].push([low.0, high.1, high.0 - low.0, low.1 - high.1]);
+                }
+                first += same.len();
+            }
+        }
+        for (shade, fields) in fields.iter().enumerate().filter(|(_, fields)| !fields.is_empty()) {
+            svg.cells(fields, scale.colour(shade));
+        }
+        scale.draw(&mut svg, &frame, &self.value);
+        svg.finish()
+    }
+}
+
+/// The axes of a map with the place of its colour scale.
+struct MapCanvas {
+    svg: Svg,
+    frame: PlotArea,
+    axes: [ChartAxis; 2],
+    /// Places of the borders between the levels, from 0 to 1 along each axis.
+    columns: Vec<f64>,
+    rows: Vec<f64>,
+}
+
+impl MapCanvas {
+    fn new(title: &str, [along, up]: [&HeatMapAxis; 2], scale: &ColourScale) -> Self {
+        let y = readable_up(up.axis(), PLOT);
+        let frame = PlotArea::about(&y, LINE);
+        let frame = PlotArea { width: frame.width - SCALE_WIDTH - scale.label_width(), ..frame };
+        let x = readable_along(along.axis(), frame.width, along.is_of_categories());
+        let height = frame.top + frame.height + frame.height_below(&x, along.is_of_categories());
+        let mut svg = Svg::new(WIDTH, height, title);
+        svg.heading((WIDTH / 2.0, 24.0), title, TITLE, WIDTH - 20.0);
+        frame.draw_y(&mut svg, &y, &up.name);
+        frame.draw_x(&mut svg, &x, &along.name, along.is_of_categories());
+        let [columns, rows] = [(&x, along.edges()), (&y, up.edges())].map(|(axis, edges)| {
+            edges.into_iter().map(|edge| axis.place(edge).unwrap_or(f64::NAN)).collect::<Vec<_>>()
+        });
+        Self { svg, frame, axes: [x, y], columns, rows }
+    }
+}
+
 impl HeatMap {
+    /// The map as a figure of a page that plays its cases.
+    pub fn figure(&self, file: impl Into<String>, caption: impl Into<String>) -> Figure {
+        let scale = ColourScale::of(self.known().map(|cell| cell.2));
+        let MapCanvas { frame, columns, rows, .. } = MapCanvas::new(&self.title, [&self.x, &self.y], &scale);
+        let cells = CellCases {
+            columns: columns.iter().map(|x| frame.at(*x, 0.0).0).collect(),
+            rows: rows.iter().map(|y| frame.at(0.0, *y).1).collect(),
+            cases: self.cells.iter().map(|(i, j, _, case)| [*i, *j, *case]).collect(),
+        };
+        Figure { cells: Some(cells), ..Figure::new(file, caption, self.svg()) }
+    }
+
+    fn known(&self) -> impl Iterator<Item = &(usize, usize, f64, usize)> + Clone {
+        self.cells.iter().filter(|cell| cell.2.is_finite())
+    }
+
     /// The map as an SVG document.
     pub fn svg(&self) -> String {
-        let known = || self.cells.iter().filter(|cell| cell.2.is_finite());
+        let known = || self.known();
         // Of one sign, values are large or small by their size, as everywhere on the page; of two signs one is higher than another.
         let [negative, positive] = [known().any(|cell| cell.2 < 0.0), known().any(|cell| cell.2 > 0.0)];
         let size = |cell: &(usize, usize, f64, usize)| if positive { cell.2 } else { cell.2.abs() };
@@ -95,18 +193,8 @@ impl HeatMap {
             _ => ["largest", "least"],
         };
         let scale = ColourScale::of(known().map(|cell| cell.2));
-        let y = readable_up(self.y.axis(), PLOT);
-        let frame = PlotArea::about(&y, LINE);
-        let frame = PlotArea { width: frame.width - SCALE_WIDTH - scale.label_width(), ..frame };
-        let x = readable_along(self.x.axis(), frame.width, self.x.is_of_categories());
-        let height = frame.top + frame.height + frame.height_below(&x, self.x.is_of_categories());
-        let mut svg = Svg::new(WIDTH, height, &self.title);
-        svg.heading((WIDTH / 2.0, 24.0), &self.title, TITLE, WIDTH - 20.0);
-        frame.draw_y(&mut svg, &y, &self.y.name);
-        frame.draw_x(&mut svg, &x, &self.x.name, self.x.is_of_categories());
-        let [columns, rows] = [(&x, self.x.edges()), (&y, self.y.edges())].map(|(axis, edges)| {
-            edges.into_iter().map(|edge| axis.place(edge).unwrap_or(f64::NAN)).collect::<Vec<_>>()
-        });
+        let MapCanvas { mut svg, frame, axes: [x, y], columns, rows } =
+            MapCanvas::new(&self.title, [&self.x, &self.y], &scale);
         let field = |i: usize, j: usize| {
             let (low, high) = (frame.at(columns[i], rows[j]), frame.at(columns[i + 1], rows[j + 1]));
             [low.0, high.1, high.0 - low.0, low.1 - high.1]

@@ -12,6 +12,7 @@ mod heat_map;
 mod number_groups;
 pub mod outcome_map;
 mod output;
+mod packed_numbers;
 mod page;
 #[cfg(feature = "parquet")]
 pub mod parquet;
@@ -19,6 +20,7 @@ pub mod parquet;
 pub mod picture;
 mod run_figures;
 mod run_record;
+mod scenery;
 mod summary;
 mod svg;
 pub mod tables;
@@ -35,4 +37,5 @@ pub(crate) use run_figures::energy_balance;
 pub use run_record::Frame;
 #[cfg(test)]
 pub(crate) use run_record::RunRecord;
+pub use scenery::Scenery;
 pub use summary::{FluidError, Summary, TendonMaxima};

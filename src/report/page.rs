@@ -6,10 +6,13 @@ use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 
 use super::Summary;
-use super::chart::Figure;
+use super::chart::{CellCases, Figure, InteractiveChart};
+use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
+use super::packed_numbers::{PackedNumbers, Shades};
 use super::run_record::Frame;
-use super::svg::SERIES;
+use super::scenery::Scenery;
+use super::svg::{SERIES, series_colours};
 use crate::error::{Error, Result};
 use crate::number_format::{in_sentence, number, significant, typeset};
 
@@ -26,6 +29,8 @@ pub struct Page<'a> {
     pub notes: &'a [String],
     /// Frames of the animation.
     pub frames: &'a [Frame],
+    /// What they do not have.
+    pub scenery: &'a Scenery,
     /// Figures.
     pub figures: &'a [Figure],
 }
@@ -40,18 +45,81 @@ struct RunPageContent<'a> {
     end: String,
     cycles: String,
     groups: Vec<NumberGroup>,
-    figures: &'a [Figure],
+    figures: Figures<'a>,
     notes: &'a [String],
     scene: &'a str,
     overrides: &'a [String],
     motion: RawJson<Animation>,
 }
 
-/// Data of an animation; numbers are rounded to a few micrometres for a rod of a metre.
+/// The figures of a page. Those that its script draws have no SVG there.
+#[derive(Serialize)]
+pub struct Figures<'a> {
+    all: Vec<PageFigure<'a>>,
+    /// What the script draws, if anything.
+    drawn: Option<RawJson<DrawnCharts<'a>>>,
+}
+
+/// A figure of a page.
+#[derive(Serialize)]
+struct PageFigure<'a> {
+    file: &'a str,
+    caption: &'a str,
+    svg: Option<&'a str>,
+    /// The cases of a map.
+    cells: Option<RawJson<&'a CellCases>>,
+}
+
+/// The charts that the script of a page draws, in order.
+#[derive(Serialize)]
+struct DrawnCharts<'a> {
+    charts: Vec<DrawnChart<'a>>,
+    /// The coordinates x of all series, each once.
+    x: Vec<&'a PackedNumbers>,
+}
+
+#[derive(Serialize)]
+struct DrawnChart<'a> {
+    #[serde(flatten)]
+    chart: &'a InteractiveChart,
+    /// Index of the coordinates x of each series.
+    x_of: Vec<usize>,
+}
+
+impl<'a> Figures<'a> {
+    /// Those of a page.
+    pub fn of(figures: &'a [Figure]) -> Self {
+        let on_page = |figure: &'a Figure| PageFigure {
+            file: &figure.file,
+            caption: &figure.caption,
+            svg: figure.chart.is_none().then_some(figure.svg.as_str()),
+            cells: figure.cells.as_ref().map(RawJson),
+        };
+        let mut x: Vec<&PackedNumbers> = Vec::new();
+        let mut index = |numbers: &'a PackedNumbers| {
+            x.iter().position(|known| *known == numbers).unwrap_or_else(|| {
+                x.push(numbers);
+                x.len() - 1
+            })
+        };
+        let mut drawn = |chart: &'a InteractiveChart| DrawnChart {
+            chart,
+            x_of: chart.series.iter().map(|series| index(&series.x)).collect(),
+        };
+        let charts: Vec<_> = figures.iter().filter_map(|figure| figure.chart.as_ref()).map(&mut drawn).collect();
+        Self {
+            all: figures.iter().map(on_page).collect(),
+            drawn: (!charts.is_empty()).then(|| RawJson(DrawnCharts { charts, x })),
+        }
+    }
+}
+
+/// Data of an animation. Positions are relative to the centre of mass, so that single precision is enough wherever the rod is.
 #[derive(Debug, Clone, Serialize)]
 pub struct Animation {
     times: Vec<f64>,
-    points: Vec<Vec<f64>>,
+    /// Coordinates of the points of all frames.
+    points: PackedNumbers,
     com: Vec<[f64; 2]>,
     /// Semi-axes and angle of the body at the head.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -60,13 +128,51 @@ pub struct Animation {
     beside: Vec<Companion>,
     /// The media in the background, if there are several.
     media: Option<Media>,
+    /// What does not move by itself, if it is known.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    scenery: Option<Scenery>,
+    /// What acts on the rod, if it is known.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    loads: Option<Loads>,
+}
+
+/// What acts on the rod at all times.
+#[derive(Debug, Clone, Serialize)]
+struct Loads {
+    /// Bending moments at the points of all frames, N m.
+    moment: Shades,
+    /// Powers per length there, W/m.
+    power: Shades,
+    /// Forces on a held head, N.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    head_force: Option<PackedNumbers>,
+    /// Velocities of the flow, m/s, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flow: Option<PackedNumbers>,
+}
+
+impl Loads {
+    fn of(frames: &[Frame]) -> Option<Self> {
+        let all: Vec<_> = frames.iter().map(|frame| frame.loads.as_ref()).collect::<Option<_>>()?;
+        let some = |vectors: Vec<[f64; 2]>| {
+            let is_there = vectors.iter().any(|vector| *vector != [0.0; 2]);
+            is_there.then(|| vectors.into_iter().flatten().collect())
+        };
+        Some(Self {
+            moment: all.iter().flat_map(|loads| &loads.moment).copied().collect(),
+            power: all.iter().flat_map(|loads| &loads.power).copied().collect(),
+            head_force: some(all.iter().filter_map(|loads| loads.head_force).collect()),
+            flow: some(all.iter().map(|loads| loads.flow).collect()),
+        })
+    }
 }
 
 /// Another rod in the same animation.
 #[derive(Debug, Clone, Serialize)]
 struct Companion {
     name: String,
-    points: Vec<Vec<f64>>,
+    /// Coordinates of the points of all frames, relative to the centres of mass of the first rod.
+    points: PackedNumbers,
 }
 
 /// Layered media in the background.
@@ -119,6 +225,8 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     environment.add_filter("typeset", |text: String| typeset(&text));
+    environment.add_global("series_colours", Serde(series_colours()));
+    environment.add_global("diverging", Serde(DIVERGING));
     for (name, text) in [
         ("style.css", include_str!("style.css")),
         ("figures.html", include_str!("figures.html")),
@@ -126,6 +234,10 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
         ("motion.html", include_str!("motion.html")),
         ("rows.html", include_str!("rows.html")),
         ("player.js", include_str!("player.js")),
+        ("notes.js", include_str!("notes.js")),
+        ("charts.js", include_str!("charts.js")),
+        ("uPlot.js", include_str!("uplot/uPlot.iife.min.js")),
+        ("uPlot.css", include_str!("uplot/uPlot.min.css")),
     ] {
         environment.add_template(name, text).map_err(failed)?;
     }
@@ -164,11 +276,11 @@ impl Page<'_> {
             end: in_sentence(self.summary.end_time_s, 7),
             cycles: self.summary.cycles.to_string(),
             groups: numbers.as_object().map(groups).unwrap_or_default(),
-            figures: self.figures,
+            figures: Figures::of(self.figures),
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: RawJson(Animation::of(self.frames)),
+            motion: RawJson(Animation::of(self.frames).with_scenery(self.scenery)),
         };
         render(include_str!("page.html"), &content)
     }
@@ -184,18 +296,25 @@ impl Animation {
         };
         let extent = frames.iter().map(|frame| side(frame, 0).hypot(side(frame, 1))).fold(1e-12, f64::max);
         let unit = 10.0_f64.powi(5 - extent.log10().floor() as i32);
-        let round = |x: f64| (x * unit).round() / unit;
+        let com: Vec<_> = frames.iter().map(|frame| frame.com.map(|x| (x * unit).round() / unit)).collect();
         Self {
-            times: frames.iter().map(|frame| frame.time).collect(),
-            points: frames.iter().map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect()).collect(),
-            com: frames.iter().map(|frame| frame.com.map(round)).collect(),
+            times: frames.iter().map(|frame| in_digits(frame.time, 9)).collect(),
+            points: relative(frames, &com),
             body: frames
                 .iter()
                 .map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4]))
                 .collect(),
+            com,
             beside: Vec::new(),
             media: Media::of(frames),
+            scenery: None,
+            loads: Loads::of(frames),
         }
+    }
+
+    /// With what frames do not have.
+    pub fn with_scenery(self, scenery: &Scenery) -> Self {
+        Self { scenery: Some(scenery.clone()), ..self }
     }
 
     /// The series of charts that has the colour of the `i`-th rod with a name beside the first: neither that of the first rod, which is the
@@ -206,7 +325,21 @@ impl Animation {
 
     /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name.
     pub fn with_companion(mut self, name: &str, frames: &[Frame]) -> Self {
-        self.beside.push(Companion { name: name.to_string(), points: Self::of(frames).points });
+        self.beside.push(Companion { name: name.to_string(), points: relative(frames, &self.com) });
         self
     }
+}
+
+/// The points of all frames relative to these centres.
+fn relative(frames: &[Frame], centres: &[[f64; 2]]) -> PackedNumbers {
+    let seen = |(frame, centre): (&Frame, &[f64; 2])| -> Vec<f64> {
+        let [x, y] = *centre;
+        frame.points.iter().flat_map(|point| [point[0] - x, point[1] - y]).collect()
+    };
+    frames.iter().zip(centres).flat_map(seen).collect()
+}
+
+/// A number rounded to these significant digits.
+fn in_digits(x: f64, digits: usize) -> f64 {
+    format!("{x:.*e}", digits - 1).parse().unwrap_or(x)
 }

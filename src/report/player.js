@@ -1,11 +1,25 @@
-// Plays a motion: { times, points: flat x, y of the nodes at each time, com, body: semi-axes and angle of a body around the first node,
-// if any, beside: [{ name, points }] of other rods }. Call start once, play for every motion.
+// Plays a motion: { times, points: packed x, y of the nodes at all times, relative to com, body: semi-axes and angle of a body around the
+// first node, if any, beside: [{ name, points }] of other rods }, and where they are known half_widths, head, tendons, shear, and at all
+// times moment, power, head_force and flow, packed. Call start once, play for every motion.
+let stage_view = null;
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 // The picture is drawn in units of the window's size, not in metres: browsers do not draw shapes of a few micrometres.
 const WINDOW = 1000;
 let unit = 1;
 const part = (id) => document.getElementById(id);
 const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += unit * flat[i] + "," + -unit * flat[i + 1] + " "; return text; };
+const SVG = "http://www.w3.org/2000/svg";
+const shape = (kind, attributes) => { const node = document.createElementNS(SVG, kind); for (const name in attributes) node.setAttribute(name, attributes[name]); return node; };
+// Packed numbers, of which so many belong to each frame.
+function unpacked(text, frames) {
+  const all = new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer), each = all.length / frames;
+  return Array.from({ length: frames }, (_, k) => all.subarray(k * each, (k + 1) * each));
+}
+// Numbers as whole parts of a size.
+function shades({ size, parts }, frames) {
+  const all = Float32Array.from(atob(parts), (c) => ((c.charCodeAt(0) << 24) >> 24) / 127 * size), each = all.length / frames;
+  return Array.from({ length: frames }, (_, k) => all.subarray(k * each, (k + 1) * each));
+}
 const empty = () => ({ left: Infinity, right: -Infinity, low: Infinity, high: -Infinity });
 function widen(box, x, y) {
   box.left = Math.min(box.left, x); box.right = Math.max(box.right, x); box.low = Math.min(box.low, y); box.high = Math.max(box.high, y);
@@ -21,8 +35,21 @@ function length(x) {
   const scale = [[0.1, "m", 1], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]].find(([size]) => x >= 0.999 * size) ?? [1e-9, "nm"];
   return Number((x / (scale[2] ?? scale[0])).toPrecision(1)) + "\u00a0" + scale[1];
 }
+// A motion whose numbers are unpacked; one that was played is already.
+function unpack(wanted) {
+  const frames = wanted.times.length;
+  if (typeof wanted.points === "string") {
+    const placed = (text) => unpacked(text, frames).map((frame, k) => Float64Array.from(frame, (value, i) => value + wanted.com[k][i % 2]));
+    wanted.points = placed(wanted.points);
+    wanted.beside.forEach((other) => { other.points = placed(other.points); });
+    for (const name of ["head_force", "flow"]) if (wanted[name]) wanted[name] = unpacked(wanted[name], frames);
+    for (const name of ["moment", "power"]) if (wanted[name]) wanted[name] = shades(wanted[name], frames);
+  }
+  return wanted;
+}
 function play(wanted) {
-  motion = wanted;
+  motion = unpack(wanted);
+  fields = {};
   // What holds every frame, y upwards; and what holds each about its centre of mass.
   world = empty(); near = empty();
   motion.points.forEach((frame, k) => {
@@ -44,15 +71,120 @@ function play(wanted) {
   part("speed").value = String(usual);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
-  const lines = motion.beside.map((other, i) => {
-    const line = document.createElementNS("http://www.w3.org/2000/svg", "polyline");
-    line.setAttribute("vector-effect", "non-scaling-stroke"); if (other.name) line.setAttribute("style", "stroke: " + coloured(i));
-    return line;
-  });
-  part("beside").replaceChildren(...lines);
+  part("beside").replaceChildren(...motion.beside.map((other, i) =>
+    shape("polyline", { "vector-effect": "non-scaling-stroke", ...(other.name ? { style: "stroke: " + coloured(i) } : {}) })));
+  part("tendons").replaceChildren(...(motion.tendons ?? []).map(() => shape("polyline", { "vector-effect": "non-scaling-stroke" })));
+  part("segments").replaceChildren(...Array.from({ length: motion.points[0].length / 2 - 1 }, () => shape("polygon", { "vector-effect": "non-scaling-stroke" })));
+  for (const option of part("colour").options) option.disabled = option.hidden = !(option.value in FIELDS ? FIELDS[option.value].of(0) : true);
+  if (part("colour").selectedOptions[0].disabled) part("colour").value = "body";
+  largest = { force: most(motion.head_force), flow: most(motion.flow) + (motion.shear ? Math.abs(motion.shear.rate) * world.size : 0) };
+  force_scale = usual_size((motion.head_force ?? []).map(([x, y]) => Math.hypot(x, y)));
   named(motion.media);
-  now = first; playing = motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
-  show(0);
+  now = within_run(asked("t")) ?? first; playing = asked("t") === null && motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
+  show(at(now));
+}
+// What the address asks for, as "t" of #t=1.5&colour=moment.
+function asked(name) { return new URLSearchParams(location.hash.slice(1)).get(name); }
+function within_run(time) { return time === null || !Number.isFinite(Number(time)) ? null : Math.min(Math.max(Number(time), motion.times[0]), motion.times[motion.times.length - 1]); }
+// The address of what is seen; where a page has no address of its own, as in a notebook, there is none.
+function address() {
+  try { history.replaceState(null, "", "#t=" + Number(now.toPrecision(6)) + (part("colour").value === "body" ? "" : "&colour=" + part("colour").value)); } catch { /* it has none */ }
+}
+
+// Quantities along the rod that colour it, each with its unit and its values in a frame.
+const FIELDS = {
+  curvature: { unit: "1/m", of: (k) => curvature(motion.points[k]) },
+  moment: { unit: "N m", of: (k) => motion.moment?.[k] },
+  power: { unit: "W/m", of: (k) => motion.power?.[k] },
+};
+const DIVERGING = [{% for colour in diverging %}[{{ colour|join(", ") }}], {% endfor %}];
+let fields = {}, largest = {}, force_scale = 0;
+// The size of a scale that all but a hundredth of the values stay within, if the largest, as that of a start, is far beyond; else that.
+function usual_size(sizes) {
+  const sorted = Float64Array.from(sizes).sort(), most = sorted[sorted.length - 1] ?? 0, within = sorted[Math.floor(0.99 * (sorted.length - 1))] ?? 0;
+  return most > 4 * within && within > 0 ? within : most;
+}
+const most = (vectors) => Math.max(0, ...(vectors ?? []).map(([x, y]) => Math.hypot(x, y)));
+function curvature(points) {
+  const values = new Float64Array(points.length / 2);
+  for (let i = 1; i + 1 < values.length; i++) {
+    const [ax, ay, bx, by] = [points[2 * i] - points[2 * i - 2], points[2 * i + 1] - points[2 * i - 1], points[2 * i + 2] - points[2 * i], points[2 * i + 3] - points[2 * i + 1]];
+    values[i] = 4 * Math.tan(Math.atan2(ax * by - ay * bx, ax * bx + ay * by) / 2) / (Math.hypot(ax, ay) + Math.hypot(bx, by));
+  }
+  return values;
+}
+// The size of a field that has the strongest colours.
+function size_of(name) {
+  return fields[name] ??= usual_size(motion.times.flatMap((_, k) => Array.from(FIELDS[name].of(k), Math.abs)));
+}
+// A colour between blue for -1, white for 0 and red for 1.
+function diverging(x) {
+  const place = Math.min(Math.max((x + 1) / 2, 0), 1) * (DIVERGING.length - 1), low = Math.min(Math.floor(place), DIVERGING.length - 2);
+  return "rgb(" + DIVERGING[low].map((from, c) => Math.round(from + (place - low) * (DIVERGING[low + 1][c] - from))).join(",") + ")";
+}
+// The points of a line beside the rod, at a distance to its left seen from the head, in units of the picture.
+function offset(points, distance) {
+  const count = points.length / 2, line = [];
+  for (let i = 0; i < count; i++) {
+    const [a, b] = [Math.max(i - 1, 0), Math.min(i + 1, count - 1)];
+    const [x, y] = [points[2 * b] - points[2 * a], points[2 * b + 1] - points[2 * a + 1]], long = Math.hypot(x, y) || 1, d = distance(i);
+    line.push([unit * points[2 * i] - d * y / long, -(unit * points[2 * i + 1] + d * x / long)]);
+  }
+  return line;
+}
+const text_of = (line) => line.map(([x, y]) => x + "," + y).join(" ");
+// The body with its widths, by one colour or by the colours of a field.
+function dress(k, points) {
+  const widths = motion.half_widths, pixel = part("stage").viewBox.baseVal.width / (part("stage").clientWidth || WINDOW);
+  const half = (i) => unit * (widths ? widths[i] : 0), name = part("colour").value, coloured = name in FIELDS;
+  const wide = widths && Math.max(...widths) * unit > 2 * pixel;
+  part("outline").style.display = wide ? "" : "none"; part("segments").style.display = coloured ? "" : "none";
+  part("rod").setAttribute("stroke-width", coloured ? 0 : wide ? 1.5 : 4);
+  if (wide) part("outline").setAttribute("points", text_of([...offset(points, half), ...offset(points, (i) => -half(i)).reverse()]));
+  if (coloured) {
+    const seen = (i) => Math.max(half(i), 2.5 * pixel), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
+    const values = FIELDS[name].of(k), size = size_of(name) || 1;
+    [...part("segments").children].forEach((segment, i) => {
+      segment.setAttribute("points", text_of([left[i], left[i + 1], right[i + 1], right[i]]));
+      segment.setAttribute("fill", diverging((values[i] + values[i + 1]) / 2 / size));
+    });
+  }
+  (motion.tendons ?? []).forEach(({ offset: distance, points: [from, to] }, i) =>
+    part("tendons").children[i].setAttribute("points", text_of(offset(points, () => unit * distance).slice(from, to + 1))));
+}
+// An arrow from a point, both in units of the picture.
+function arrow(x, y, dx, dy) {
+  const long = Math.hypot(dx, dy), [ux, uy] = [dx / long, dy / long], tip = Math.min(0.3 * long, 0.02 * WINDOW);
+  const back = (side) => (x + dx - tip * (ux + side * uy)) + " " + (y + dy - tip * (uy - side * ux));
+  return long > 0 ? "M" + x + " " + y + "l" + dx + " " + dy + "M" + back(0.5) + "L" + (x + dx) + " " + (y + dy) + "L" + back(-0.5) : "";
+}
+// How the head is held, and the force of the tail on it.
+function hold(k, points) {
+  const angle = Math.atan2(points[3] - points[1], points[2] - points[0]), size = 0.03 * WINDOW, [x, y] = [unit * points[0], -unit * points[1]];
+  const lines = {
+    clamped: "M0 -1V1M0 -1l-.4 .4M0 -.5l-.4 .4M0 0l-.4 .4M0 .5l-.4 .4M0 1l-.4 .4", driven: "M0 -.7H-.7V.7H0Z", hinged: "M.35 0A.35 .35 0 1 1 .349 -.01M0 .35L-.5 1H.5Z",
+  };
+  const turn = motion.head === "hinged" ? 0 : -angle * 180 / Math.PI;
+  part("holder").setAttribute("d", lines[motion.head] ?? "");
+  part("holder").setAttribute("transform", "translate(" + x + "," + y + ") rotate(" + turn + ") scale(" + size + ")");
+  const force = motion.head_force?.[k], size_of_force = force ? Math.hypot(...force) : 0, long = 0.16 * WINDOW * Math.min(1 / force_scale, 1.5 / size_of_force);
+  part("force").setAttribute("d", size_of_force > 0 ? arrow(x, y, long * force[0], -long * force[1]) : "");
+}
+// The velocity of the fluid, relative to the largest, at places that stay in the window.
+function stream(k, view) {
+  const flow = motion.flow?.[k] ?? [0, 0], long = 0.07 * WINDOW / largest.flow, arrows = [];
+  const flow_at = (x, y) => {
+    if (!motion.shear) return flow;
+    const { normal, rate, beyond } = motion.shear, h = x * normal[0] + y * normal[1], edges = motion.media?.moved?.[k] ?? motion.media?.edges ?? [];
+    const past = beyond.filter((_, j) => edges[j] && h > (edges[j][0] + edges[j][1]) / 2), shear = rate * h;
+    return [0, 1].map((axis) => flow[axis] + past.reduce((sum, more) => sum + more[axis], 0) + shear * [normal[1], -normal[0]][axis]);
+  };
+  if (largest.flow > 0) for (let i = 0; i < 5; i++) for (let j = 0; j < 3; j++) {
+    const x = view.left + (0.06 + 0.2 * i) * (view.right - view.left), y = view.low + (0.2 + 0.3 * j) * (view.high - view.low);
+    const [ux, uy] = flow_at(x / unit, y / unit);
+    arrows.push(arrow(x, -y, long * ux, -long * uy));
+  }
+  part("stream").setAttribute("d", arrows.join(""));
 }
 // Moves the camera to the whole way, or along with the centre of mass; the grid stands still in the world.
 function look(com) {
@@ -62,6 +194,7 @@ function look(com) {
   part("stage").setAttribute("viewBox", [view.left, -view.high, view.right - view.left, view.high - view.low].join(" "));
   part("stage").dataset.follow = follow;
   const metres = Math.pow(10, Math.floor(Math.log10(box.size / 2))), square = unit * metres;
+  stage_view = view;
   part("square").textContent = length(metres);
   const lines = [];
   const line = (x1, y1, x2, y2) => lines.push("M" + x1 + " " + -y1 + "L" + x2 + " " + -y2);
@@ -71,12 +204,8 @@ function look(com) {
   for (let y = Math.ceil((view.low - high) / square); y <= (view.high + high) / square; y += 1) line(view.left - wide, y * square, view.right + wide, y * square);
   const behind = { x: view.left - wide, y: -view.high - high, width: 2 * wide + view.right - view.left, height: 2 * high + view.high - view.low };
   for (const name in behind) part("media").setAttribute(name, behind[name]);
-  let path = part("grid").firstChild;
-  if (!path) {
-    path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-    path.setAttribute("vector-effect", "non-scaling-stroke"); part("grid").append(path);
-  }
-  path.setAttribute("d", lines.join(""));
+  if (!part("grid").firstChild) part("grid").append(shape("path", { "vector-effect": "non-scaling-stroke" }));
+  part("grid").firstChild.setAttribute("d", lines.join(""));
   part("head").setAttribute("r", 0.011 * WINDOW); part("com").setAttribute("r", 0.008 * WINDOW);
 }
 // The media behind the rod: one rectangle over the window, whose gradient blends where the interfaces do.
@@ -85,11 +214,7 @@ function within(k) {
   const low = edges[0][0], high = edges[edges.length - 1][1], blend = part("blend");
   for (const [name, value] of [["x1", x * low], ["y1", -y * low], ["x2", x * high], ["y2", -y * high]]) blend.setAttribute(name, unit * value);
   const stops = edges.flatMap((ends, j) => ends.map((end, side) => [(end - low) / (high - low), media.tints[j + side]]));
-  blend.replaceChildren(...stops.map(([offset, tint]) => {
-    const stop = document.createElementNS("http://www.w3.org/2000/svg", "stop");
-    stop.setAttribute("offset", offset); stop.setAttribute("style", "stop-color: var(--medium-" + tint + ")");
-    return stop;
-  }));
+  blend.replaceChildren(...stops.map(([offset, tint]) => shape("stop", { offset, style: "stop-color: var(--medium-" + tint + ")" })));
 }
 // What the tints mean, in the order of the media along the normal.
 function named(media) {
@@ -101,18 +226,30 @@ function named(media) {
   };
   const layers = media ? ["Media:", ...media.names.flatMap((name, i) => entry(name, "var(--medium-" + media.tints[i] + ")"))] : [];
   const beside = motion.beside.flatMap((other, i) => other.name ? entry(other.name, coloured(i)) : []);
-  part("legend").replaceChildren(...layers, ...(beside.length ? [" Beside it, from above:", ...beside] : []));
+  const [force, flow] = [largest.force, largest.flow].map((size) => Number(size.toPrecision(3)));
+  const drawn = [
+    ...(force > 0 ? ["Arrow at the head: the force of the tail on it, at most " + force + "\u00a0N."] : []),
+    ...(flow > 0 ? [" Grey arrows: the flow."] : []), ...(motion.tendons ? [" Lines along the rod: tendons."] : []),
+  ];
+  const name = part("colour").value, bar = document.createElement("span");
+  bar.className = "scale"; bar.style.background = "linear-gradient(to right," + [-1, -0.5, 0, 0.5, 1].map(diverging).join(",") + ")";
+  const most = name in FIELDS ? Number(size_of(name).toPrecision(3)) : 0;
+  const scale = name in FIELDS ? [" " + part("colour").selectedOptions[0].textContent + ": −" + most, bar, most + "\u00a0" + FIELDS[name].unit + "."] : [];
+  part("legend").replaceChildren(...drawn, ...scale, " ", ...layers, ...(beside.length ? [" Beside it, from above:", ...beside] : []));
 }
 // Colours that are neither the rod's nor its centre's, as charts have them.
-function coloured(i) { return "var(--companion-" + i % 6 + ")"; }
+function coloured(i) { return "var(--series-" + (2 + i % 6) + ")"; }
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   look(com);
   if (motion.media) within(k);
-  part("rod").setAttribute("points", pairs(frame));
+  part("rod").setAttribute("points", pairs(frame).trim());
+  dress(k, frame); hold(k, frame); stream(k, stage_view);
+  const paths = part("paths").checked ? [0, frame.length - 2] : [];
+  part("ends").setAttribute("d", paths.map((i) => "M" + pairs(motion.points.slice(0, k + 1).flatMap((points) => [points[i], points[i + 1]]))).join(""));
   motion.beside.forEach((other, i) => part("beside").children[i].setAttribute("points", pairs(other.points[k])));
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
-  part("head").style.display = motion.body ? "none" : ""; part("body").style.display = motion.body ? "" : "none";
+  part("head").style.display = motion.body || motion.head ? "none" : ""; part("body").style.display = motion.body ? "" : "none";
   if (motion.body) {
     const [along, across, angle] = motion.body[k];
     part("body").setAttribute("rx", unit * along); part("body").setAttribute("ry", unit * across);
@@ -123,6 +260,7 @@ function show(k) {
   const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));
   part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(digits) + " s";
   part("stage").dataset.frame = k;
+  document.dispatchEvent(new CustomEvent("shown", { detail: motion.times[k] }));
 }
 function at(time) { let a = 0, b = motion.times.length - 1; while (a < b) { const m = (a + b + 1) >> 1; if (motion.times[m] <= time) a = m; else b = m - 1; } return a; }
 function tick(stamp) {
@@ -133,7 +271,30 @@ function tick(stamp) {
   }
   last = stamp; requestAnimationFrame(tick);
 }
-part("play").onclick = () => { playing = !playing; part("play").textContent = playing ? "Pause" : "Play"; };
-part("time").oninput = () => { playing = false; part("play").textContent = "Play"; const k = Number(part("time").value); now = motion.times[k]; show(k); };
-part("follow").onchange = () => show(Number(part("time").value));
+// Shows a time and stays there.
+function halt(time) { playing = false; part("play").textContent = "Play"; now = time; show(at(time)); address(); }
+part("play").onclick = () => { playing = !playing; part("play").textContent = playing ? "Pause" : "Play"; if (!playing) address(); };
+part("time").oninput = () => halt(motion.times[Number(part("time").value)]);
+part("follow").onchange = part("paths").onchange = () => show(Number(part("time").value));
+part("colour").onchange = () => { named(motion.media); show(Number(part("time").value)); address(); };
+if ([...part("colour").options].some((option) => option.value === asked("colour"))) part("colour").value = asked("colour");
+// The cursor of a chart: a click stays at its time, and a player that stands follows it.
+document.addEventListener("seek", (event) => {
+  const time = motion && within_run(event.detail.time);
+  if (event.detail.pauses) halt(time); else if (motion && !playing) { now = time; show(at(time)); }
+});
+addEventListener("hashchange", () => { if (motion && asked("t") !== null) halt(within_run(asked("t")) ?? motion.times[0]); });
+const KEYS = {
+  " ": () => part("play").click(), k: () => part("play").click(), f: () => part("follow").click(),
+  ArrowLeft: () => step(-1), ArrowRight: () => step(1), Home: () => step(-Infinity), End: () => step(Infinity),
+  "+": () => faster(1), "-": () => faster(-1),
+};
+function step(frames) { halt(motion.times[Math.min(Math.max(Number(part("time").value) + frames, 0), motion.times.length - 1)]); }
+function faster(by) { const list = part("speed"); list.selectedIndex = Math.min(Math.max(list.selectedIndex + by, 0), list.options.length - 1); }
+// Not where a key means something else, as in a field of a table.
+addEventListener("keydown", (event) => {
+  const elsewhere = event.target.closest?.("input:not([type=range], [type=checkbox]), select, textarea, button, [tabindex]");
+  const run = !elsewhere && !event.ctrlKey && !event.metaKey && !event.altKey && motion ? KEYS[event.key] : undefined;
+  if (run) { event.preventDefault(); run(); }
+});
 function start() { requestAnimationFrame(tick); }

@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
+use super::heat_map::{HeatMapAxis, Raster};
 use super::run_record::{Frame, RunRecord};
 use crate::number_format::in_sentence;
 
@@ -13,11 +14,15 @@ const EARLIER_SHAPES: usize = 8;
 const LEAST_SAMPLES: usize = 8;
 
 /// Names of all possible figures of a run.
-pub const FILES: [&str; 15] = [
+pub const FILES: [&str; 19] = [
     "shape.svg",
     "com_path.svg",
     "speed.svg",
     "envelope.svg",
+    "curvature.svg",
+    "amplitude.svg",
+    "phase.svg",
+    "power_along.svg",
     "mid_y.svg",
     "tip_y.svg",
     "head_force.svg",
@@ -41,10 +46,10 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
         let series: Vec<_> = series.map(|(label, points)| Series::new(*label, points, Mark::Line)).collect();
         let moves = |series: &Series| series.points.windows(2).any(|pair| pair[0].1 != pair[1].1);
         let caption = format!("The {title} over time{signs}.");
-        let svg = || chart(title, "time (s)", y, Scale::Linear, series.clone()).svg();
+        let figure = || Figure::of_chart(file, &caption, &chart(title, "time (s)", y, Scale::Linear, series.clone()));
         // Of several quantities that not every scene has, all or none.
         let whole = series.iter().all(|series| !series.points.is_empty());
-        (whole && series.iter().any(moves)).then(|| Figure::new(file, caption, svg()))
+        (whole && series.iter().any(moves)).then(figure)
     };
     let tensions = [
         ("tendon 1", "tendon_1_tension_n"),
@@ -54,6 +59,10 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     ];
     let tensions: Vec<_> =
         tensions.into_iter().filter(|(_, variable)| !record.curve("time_s", variable).is_empty()).collect();
+    let along = |file: &str, title: &str, y: &str, points: Option<Vec<(f64, f64)>>, caption: &str| {
+        let series = Series::new("", points?, Mark::Line);
+        chart(title, ARC_LENGTH, y, Scale::Linear, vec![series]).figure(file, caption)
+    };
     let end = record.frames().last().map_or(0.0, |frame| frame.time);
     let at_end = in_sentence(end, 7);
     let path = vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)];
@@ -73,10 +82,10 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             format!("The rod at t = {at_end} s with its centre of mass; in grey, shapes of {since}.{}", interfaces_in_words(record)),
             shape.svg(),
         )),
-        Some(Figure::new(
+        Some(Figure::of_chart(
             "com_path.svg",
             "The path of the centre of mass; the two axes have scales of their own.",
-            path.svg(),
+            &path,
         )),
         in_time(
             "speed.svg",
@@ -92,6 +101,30 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             let svg = chart("envelope of the last period", x, y, Scale::Equal, envelope).svg();
             Figure::new("envelope.svg", caption, svg)
         }),
+        kymograph(name, record, since_time),
+        along(
+            "amplitude.svg",
+            "amplitude along the body",
+            "half the excursion across (m)",
+            amplitude(record, since_time).filter(|_| cycle),
+            "How far each place of the body goes across in the last period, half from side to side: of a free swimmer as seen from its \
+             centre of mass.",
+        ),
+        along(
+            "phase.svg",
+            "phase along the body",
+            "phase of the curvature (rad)",
+            period.filter(|_| cycle).and_then(|period| phase(record, since_time, period)),
+            "By how much the curvature lags behind that nearest to the head, from its first harmonic over the last period: a straight \
+             rising line is a wave that travels towards the tip, and a level one a standing wave.",
+        ),
+        along(
+            "power_along.svg",
+            "power along the body",
+            "mean power per length (W/m)",
+            power_along(record, since_time),
+            &format!("What the actuation puts in along the body, as a mean over {since}: negative where it takes power."),
+        ),
         in_time("mid_y.svg", "y displacement of the middle node", "y displacement (m)", &[("middle", "mid_dy_m")], ""),
         in_time("tip_y.svg", "y displacement of the tip", "y displacement (m)", &[("tip", "tip_dy_m")], ""),
         in_time(
@@ -145,14 +178,14 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
         (!powers.is_empty()).then(|| {
             let caption = format!("Power over {since}: above zero what puts energy in, below zero what takes it, in the colours of the balance.");
             let power = chart(&format!("power over {since}"), "time (s)", "put in above, taken below zero (W)", Scale::Linear, powers);
-            Figure::new("power.svg", caption, power.svg())
+            Figure::of_chart("power.svg", caption, &power)
         }),
-        Some(Figure::new(
+        Some(Figure::of_chart(
             "energy.svg",
             "The energy balance: above zero what put energy in since the start, below zero what took it or has stored it. At every time the \
              curves add up to zero; what the method itself takes, or puts in, is its numerical dissipation. The axis is logarithmic \
              towards both signs.",
-            energy.svg(),
+            &energy,
         )),
     ]
     .into_iter()
@@ -194,23 +227,35 @@ fn powers(record: &RunRecord, since: f64) -> Vec<Series> {
     PARTS.into_iter().enumerate().filter_map(part).collect()
 }
 
-/// The shapes of a free rod from time `since` (s) on about its centre of mass, with x along the mean direction from head to tip, and
-/// how far each node goes to both sides; none for a held head, which [`shapes`] shows, or if they were hardly recorded.
-fn envelope(record: &RunRecord, since: f64) -> Vec<Series> {
+/// The shapes from time `since` (s) on with x along the mean direction from head to tip: of a free rod about its centre of mass, of a
+/// held one about where its head is first. `None` if they were hardly recorded.
+fn seen_along(record: &RunRecord, since: f64) -> Option<Vec<Vec<(f64, f64)>>> {
     let frames = record.frames();
     let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
-    let held = !record.curve("time_s", "head_force_x_n").is_empty();
     let along = |frame: &Frame| Some(Vector2::from(*frame.points.last()?) - Vector2::from(*frame.points.first()?));
     let axis: Vector2<f64> = cycle.iter().filter_map(along).sum();
-    if held || cycle.len() < LEAST_SAMPLES || axis.norm() == 0.0 {
-        return Vec::new();
+    if cycle.len() < LEAST_SAMPLES || axis.norm() == 0.0 {
+        return None;
     }
     let axis = axis.normalize();
+    let first = *cycle.first()?.points.first()?;
     let seen = |frame: &Frame| -> Vec<(f64, f64)> {
-        let from = |point: &[f64; 2]| Vector2::from(*point) - Vector2::from(frame.com);
+        let centre = if is_held(record) { first } else { frame.com };
+        let from = |point: &[f64; 2]| Vector2::from(*point) - Vector2::from(centre);
         frame.points.iter().map(from).map(|from| (from.dot(&axis), axis.perp(&from))).collect()
     };
-    let shapes: Vec<_> = cycle.iter().map(seen).collect();
+    Some(cycle.iter().map(seen).collect())
+}
+
+/// True for a held head.
+fn is_held(record: &RunRecord) -> bool {
+    !record.curve("time_s", "head_force_x_n").is_empty()
+}
+
+/// The shapes of a free rod from time `since` (s) on, and how far each node goes to both sides; none for a held head, which [`shapes`]
+/// shows.
+fn envelope(record: &RunRecord, since: f64) -> Vec<Series> {
+    let Some(shapes) = seen_along(record, since).filter(|_| !is_held(record)) else { return Vec::new() };
     let nodes = 0..shapes.first().map_or(0, Vec::len);
     let side = |furthest: fn(f64, f64) -> f64, start: f64| {
         let of_node = |i: usize| {
@@ -224,6 +269,129 @@ fn envelope(record: &RunRecord, since: f64) -> Vec<Series> {
     let ghosts = shapes.iter().step_by(stride).map(|shape| Series::new("", shape.clone(), Mark::Ghost));
     let limits = limits.clone().map(|points| Series::new("", points, Mark::Line).coloured(0));
     ghosts.chain(limits).collect()
+}
+
+/// The axis along the body.
+const ARC_LENGTH: &str = "arc length from the head (m)";
+
+/// Most periods of a kymograph, and most places and times of it.
+const KYMOGRAPH_PERIODS: f64 = 2.0;
+const MAX_KYMOGRAPH_CELLS: [usize; 2] = [40, 96];
+
+/// The curvature over arc length and time, in the last two periods before the end, or in the whole run where none is known.
+fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
+    let frames = record.frames();
+    let end = frames.last()?.time;
+    let since = frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since));
+    let recent = &frames[frames.partition_point(|frame| frame.time < since)..];
+    let arcs = record.scenery().arc_lengths();
+    let inner = 1..arcs.len().saturating_sub(1);
+    if recent.len() < LEAST_SAMPLES || inner.len() < 2 {
+        return None;
+    }
+    let [places, times] = [(inner.len(), 0), (recent.len(), 1)].map(|(count, i)| count.min(MAX_KYMOGRAPH_CELLS[i]));
+    let of = |count: usize, chosen: usize| {
+        (0..chosen).map(move |i| i * (count - 1) / (chosen - 1).max(1)).collect::<Vec<_>>()
+    };
+    let (places, times) = (of(inner.len(), places), of(recent.len(), times));
+    let curvatures: Vec<Vec<f64>> = times.iter().map(|t| curvatures(&recent[*t].points)).collect();
+    let cells = |t: usize| {
+        let row = &curvatures[t];
+        places.iter().enumerate().map(move |(p, place)| (t, p, row[inner.start + place])).collect::<Vec<_>>()
+    };
+    let map = Raster {
+        title: format!("{name}: curvature over arc length and time"),
+        x: HeatMapAxis {
+            name: "time (s)".to_string(),
+            at: times.iter().map(|t| recent[*t].time).collect(),
+            scale: Scale::Linear,
+        },
+        y: HeatMapAxis {
+            name: ARC_LENGTH.to_string(),
+            at: places.iter().map(|p| arcs[inner.start + p]).collect(),
+            scale: Scale::Linear,
+        },
+        value: "curvature (1/m)".to_string(),
+        cells: (0..times.len()).flat_map(cells).collect(),
+    };
+    let caption = "The curvature over arc length and time: bands that rise are waves that travel towards the tip, at the speed of their \
+                   slope; upright ones are standing waves.";
+    Some(Figure::new("curvature.svg", caption, map.svg()))
+}
+
+/// The curvature at each of these points of a line, 1/m: of a turn by θ between two edges of the mean length ℓ, 2 tan(θ/2)/ℓ; 0 at its ends.
+fn curvatures(points: &[[f64; 2]]) -> Vec<f64> {
+    let inner = points.array_windows().map(|[a, b, c]| {
+        let [a, b, c] = [a, b, c].map(|point| Vector2::from(*point));
+        let (before, after) = (b - a, c - b);
+        let turn = before.perp(&after).atan2(before.dot(&after));
+        4.0 * (0.5 * turn).tan() / (before.norm() + after.norm())
+    });
+    std::iter::once(0.0).chain(inner).chain([0.0]).collect()
+}
+
+/// Half the excursion across of each point from time `since` (s) on, over arc length.
+fn amplitude(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
+    let shapes = seen_along(record, since)?;
+    let arcs = record.scenery().arc_lengths();
+    let side =
+        |i: usize, furthest: fn(f64, f64) -> f64, start| shapes.iter().map(|shape| shape[i].1).fold(start, furthest);
+    let half = |i: usize| 0.5 * (side(i, f64::max, f64::NEG_INFINITY) - side(i, f64::min, f64::INFINITY));
+    Some(arcs.iter().enumerate().map(|(i, arc)| (*arc, half(i))).collect())
+}
+
+/// Places whose curvature has a first harmonic below this part of the largest have no phase.
+const LEAST_HARMONIC: f64 = 0.02;
+
+/// The lag of the curvature's first harmonic behind that nearest to the head, rad, over arc length, over the last `period` (s).
+fn phase(record: &RunRecord, since: f64, period: f64) -> Option<Vec<(f64, f64)>> {
+    let frames = record.frames();
+    let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
+    if cycle.len() < LEAST_SAMPLES {
+        return None;
+    }
+    let arcs = record.scenery().arc_lengths();
+    let mut harmonics = vec![Vector2::zeros(); arcs.len()];
+    // By the trapezoidal rule, since frames are not always evenly spaced.
+    for [before, after] in cycle.array_windows() {
+        for frame in [before, after] {
+            let (sin, cos) = (std::f64::consts::TAU * frame.time / period).sin_cos();
+            let weight = 0.5 * (after.time - before.time);
+            for (harmonic, curvature) in harmonics.iter_mut().zip(curvatures(&frame.points)) {
+                *harmonic += weight * curvature * Vector2::new(cos, sin);
+            }
+        }
+    }
+    let largest = harmonics.iter().map(Vector2::norm).fold(0.0, f64::max);
+    let known = arcs
+        .iter()
+        .zip(&harmonics)
+        .filter(|(_, harmonic)| largest > 0.0 && harmonic.norm() >= LEAST_HARMONIC * largest);
+    let mut lags: Vec<(f64, f64)> = Vec::new();
+    let mut before: Option<Vector2<f64>> = None;
+    for (arc, harmonic) in known {
+        // From one place to the next it turns by less than half a turn.
+        let step = before.map_or(0.0, |before| before.perp(harmonic).atan2(before.dot(harmonic)));
+        lags.push((*arc, lags.last().map_or(0.0, |last| last.1) + step));
+        before = Some(*harmonic);
+    }
+    (lags.len() > 2).then_some(lags)
+}
+
+/// The mean power per length that the actuation puts in from time `since` (s) on, W/m, over arc length.
+fn power_along(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
+    let frames = record.frames();
+    let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
+    let span = cycle.last()?.time - cycle[0].time;
+    let arcs = record.scenery().arc_lengths();
+    let power = |frame: &Frame, i: usize| frame.loads.as_ref().map_or(0.0, |loads| loads.power[i]);
+    let mean = |i: usize| {
+        let pieces = cycle.array_windows().map(|[a, b]| 0.5 * (b.time - a.time) * (power(a, i) + power(b, i)));
+        pieces.sum::<f64>() / span
+    };
+    let inner = 1..arcs.len().saturating_sub(1);
+    let points: Vec<_> = inner.map(|i| (arcs[i], mean(i))).collect();
+    (cycle.len() >= LEAST_SAMPLES && points.iter().any(|point| point.1 != 0.0)).then_some(points)
 }
 
 /// The energy balance since the start: work that was put into the rod (J, positive), and work or energy that was dissipated or

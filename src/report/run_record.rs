@@ -4,10 +4,11 @@ use std::ops::ControlFlow;
 
 use serde::{Deserialize, Serialize};
 
+use super::scenery::Scenery;
 use crate::error::Result;
 use crate::fluid::{Fluid, Layers};
 use crate::integrator::StepControl;
-use crate::rod::{Rod, node};
+use crate::rod::{Rod, bend, node};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
@@ -101,6 +102,22 @@ pub struct Frame {
     /// The medium, if it has layers.
     #[serde(default)]
     pub medium: Option<(Fluid, Layers)>,
+    /// What is drawn along the rod and around it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loads: Option<FrameLoads>,
+}
+
+/// Moments, powers and forces at the time of a frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FrameLoads {
+    /// Bending moment at the frame's points, N m; 0 where there is no joint.
+    pub moment: Vec<f64>,
+    /// Power that the actuation puts in per length of the rod at the frame's points, W/m; 0 where there is no joint.
+    pub power: Vec<f64>,
+    /// Force of the tail on a held head, N.
+    pub head_force: Option<[f64; 2]>,
+    /// Velocity of the flow before the first interface, or where a shear begins, m/s.
+    pub flow: [f64; 2],
 }
 
 impl Frame {
@@ -117,19 +134,42 @@ impl Frame {
     /// The current frame.
     pub fn of(view: &View<'_>) -> Self {
         let nodes = view.state.q.len() / 2;
-        let points = Self::POINTS.min(nodes);
-        let point = |i: usize| {
-            let k = i * (nodes - 1) / (points - 1);
-            [view.state.q[2 * k], view.state.q[2 * k + 1]]
-        };
+        let point = |k: usize| [view.state.q[2 * k], view.state.q[2 * k + 1]];
         let inputs = &view.dynamics.inputs;
         Self {
             time: view.state.t,
-            points: (0..points).map(point).collect(),
+            points: Self::nodes(nodes).map(point).collect(),
             com: view.metrics.now.com.into(),
             body: Self::body(&view.dynamics.model.rod, &view.state.q),
             medium: inputs.layers.filter(|layers| layers.iter().len() > 0).map(|layers| (inputs.fluid, layers)),
+            loads: None,
         }
+    }
+
+    /// The current frame with its loads.
+    pub fn with_loads(view: &View<'_>) -> Self {
+        let View { dynamics, state, metrics, .. } = view;
+        let rod = &dynamics.model.rod;
+        let joints = rod.joints();
+        let at_joints = |value: &dyn Fn(usize) -> f64| {
+            let at = |k: usize| if joints.contains(&k) { value(k) } else { 0.0 };
+            Self::nodes(rod.nodes).map(at).collect()
+        };
+        let loads = FrameLoads {
+            moment: at_joints(&|k| metrics.now.moment[k] * bend::curvature_per_turning(metrics.now.kappa[k])),
+            power: at_joints(&|k| {
+                metrics.now.actuation_power_at(dynamics, state, k) / (rod.joint_part(k) * rod.spacing)
+            }),
+            head_force: dynamics.model.head.is_some().then(|| metrics.now.head_force.into()),
+            flow: dynamics.inputs.fluid.flow.into(),
+        };
+        Self { loads: Some(loads), ..Self::of(view) }
+    }
+
+    /// The nodes of a rod of so many that a frame has points of.
+    pub fn nodes(nodes: usize) -> impl Iterator<Item = usize> + Clone {
+        let points = Self::POINTS.min(nodes);
+        (0..points).map(move |i| i * (nodes - 1) / (points - 1))
     }
 }
 
@@ -172,6 +212,7 @@ pub struct RunRecord {
     columns: Vec<&'static Variable>,
     samples: Thinned<Vec<f64>>,
     frames: Thinned<Frame>,
+    scenery: Scenery,
     step: u64,
 }
 
@@ -209,11 +250,12 @@ impl RunRecord {
                 .collect(),
             samples: Thinned::new(MAX_SAMPLES),
             frames: Thinned::new(MAX_FRAMES),
+            scenery: Scenery::of(model),
             step: 0,
         };
         let view = stepper.view();
         record.samples.offer(0, || sample(&record.columns, &view));
-        record.frames.offer(0, || Frame::of(&view));
+        record.frames.offer(0, || Frame::with_loads(&view));
         record
     }
 
@@ -234,7 +276,7 @@ impl RunRecord {
     fn take(&mut self, view: &View<'_>) {
         self.step += 1;
         self.samples.offer(self.step, || sample(&self.columns, view));
-        self.frames.offer(self.step, || Frame::of(view));
+        self.frames.offer(self.step, || Frame::with_loads(view));
     }
 
     /// Records the final state, unless it was recorded.
@@ -244,7 +286,7 @@ impl RunRecord {
             self.samples.kept.push(sample(&self.columns, view));
         }
         if self.frames.kept.last().map(|frame| frame.time) != now {
-            self.frames.kept.push(Frame::of(view));
+            self.frames.kept.push(Frame::with_loads(view));
         }
     }
 
@@ -255,6 +297,11 @@ impl RunRecord {
             (Some(x), Some(y)) => self.samples.kept.iter().map(|sample| (sample[x], sample[y])).collect(),
             _ => Vec::new(),
         }
+    }
+
+    /// What frames do not have, since it does not move by itself.
+    pub fn scenery(&self) -> &Scenery {
+        &self.scenery
     }
 
     /// The frames in order of time; never empty.

@@ -30,6 +30,11 @@ pub const SERIES: usize = 8;
 /// Dash patterns, which distinguish series without colours.
 const DASHES: [&str; SERIES] = ["", "9 3", "2 2.5", "9 3 2 3", "16 4", "5 2 1.5 2 1.5 2", "5 3", "1.5 4"];
 
+/// The colours of series on light and on dark pages.
+pub fn series_colours() -> &'static [[&'static str; 2]] {
+    &PALETTE[..SERIES]
+}
+
 /// The dash pattern of series `k`; when colours repeat, patterns differ.
 pub fn dashes(k: usize) -> &'static str {
     DASHES[(k + k / SERIES) % SERIES]
@@ -165,6 +170,16 @@ impl Svg {
             colour.0,
             colour.light()
         );
+    }
+
+    /// Begins a group that has a text under the cursor.
+    pub fn begin_note(&mut self, note: &str) {
+        let _ = writeln!(self.0, "<g class=\"note\"><title>{}</title>", escaped(note));
+    }
+
+    /// Ends it.
+    pub fn end_note(&mut self) {
+        self.0 += "</g>\n";
     }
 
     /// A dot.

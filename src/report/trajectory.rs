@@ -131,6 +131,7 @@ impl TrajectoryTable {
             summary: &'a Summary,
             motion: RawJson<Animation>,
         }
-        render(include_str!("inline.html"), &Content { summary, motion: RawJson(Animation::of(self.record.frames())) })
+        let motion = Animation::of(self.record.frames()).with_scenery(self.record.scenery());
+        render(include_str!("inline.html"), &Content { summary, motion: RawJson(motion) })
     }
 }

@@ -105,7 +105,7 @@ fn the_report_plays_the_tail_in_a_browser() {
     let frames: usize = attribute(&page, "stage", "data-frames").parse().expect("the script ran to its end");
     assert!(frames >= 200 && frame < frames, "frame {frame} of {frames}");
     assert_eq!(attribute(&page, "rod", "points").split_whitespace().count(), 9, "the rod has its nodes");
-    assert_eq!(page.matches("<figure>").count(), 8);
+    assert_eq!(page.matches("<figure>").count(), 12);
     assert!(page.contains("net_displacement_m"));
     // What a person would see: the rod's and the trace's colours are on the picture, not only in the text.
     let count = pixels_on(&browser, &path, folder.path());
@@ -205,6 +205,220 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
     let svgs =
         svgs.filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|kind| kind == "svg")).count();
     assert_eq!((page.matches("<figure>").count(), svgs), (svgs, 25));
+}
+
+/// What a script at the end of the page leaves in the data of its body, by their names.
+fn after<'a>(browser: &Path, path: &Path, script: &str, names: &'a [&str]) -> Vec<(&'a str, String)> {
+    let source = std::fs::read_to_string(path).unwrap();
+    let tried = path.with_file_name("tried.html");
+    std::fs::write(&tried, source.replace("</body>", &format!("<script>{script}</script></body>"))).unwrap();
+    let page = browse(browser, &tried, 3000, &["--dump-dom".to_string()]);
+    let body = page.split('<').find(|element| element.starts_with("body")).unwrap().to_string();
+    let of = |name: &str| {
+        let value = body.split(&format!("data-{name}=\"")).nth(1);
+        value.unwrap_or_else(|| panic!("{name}: {body}")).split('"').next().unwrap().to_string()
+    };
+    names.iter().map(|name| (*name, of(name))).collect()
+}
+
+/// Moves the mouse in the first chart of the page that is over time, to a part of its width, with more keys of the event.
+const POINTER: &str = r##"
+    const over_time = [...document.querySelectorAll(".plot")].filter((plot) => plot.textContent.includes("time (s)"));
+    const over = (plot) => plot.querySelector(".u-over");
+    function mouse(kind, plot, part, more) {
+      const box = over(plot).getBoundingClientRect();
+      const at = { clientX: box.left + part * box.width, clientY: box.top + 0.5 * box.height, bubbles: true, view: window, ...more };
+      (kind === "mouseup" ? document : over(plot)).dispatchEvent(new MouseEvent(kind, at));
+    }
+    const legend = (plot) => [...plot.querySelectorAll(".u-legend .u-value")].map((value) => value.textContent);
+"##;
+
+#[test]
+fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_and_keys_move_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "models/tendon-fish.toml", "--set", "solver.duration_s=2.0", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let Some(browser) = chromium() else { return };
+    let script = format!(
+        "{POINTER}{}",
+        r##"
+        const frame = () => Number(part("stage").dataset.frame), clock = () => part("clock").textContent;
+        halt(0);
+        const plot = over_time[0], next = over_time[1];
+        mouse("mouseenter", plot, 0.5); mouse("mousemove", plot, 0.5);
+        setTimeout(() => {
+          document.body.dataset.value = legend(plot).join(" ");
+          document.body.dataset.shared = legend(next)[0];
+          document.body.dataset.followed = clock();
+          mouse("click", plot, 0.25);
+          document.body.dataset.sought = clock();
+          document.body.dataset.address = location.hash;
+          const line = next.querySelector(".shown").getBoundingClientRect(), box = over(next).getBoundingClientRect();
+          document.body.dataset.line = (line.left - box.left) / box.width;
+          const at = frame();
+          const key = (name) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key: name, bubbles: true }));
+          key("ArrowRight"); document.body.dataset.right = frame() - at;
+          key("End"); document.body.dataset.end = frame() === motion.times.length - 1;
+          key("Home"); document.body.dataset.home = frame();
+          key(" "); document.body.dataset.plays = part("play").textContent; key(" ");
+          plot.querySelectorAll(".u-series")[1].querySelector("th").click();
+          document.body.dataset.hidden = plot.querySelectorAll(".u-series.u-off").length;
+          const labels = () => [...document.querySelectorAll(".plot")].length;
+          mouse("mousedown", plot, 0.25, { button: 0, buttons: 1 }); mouse("mousemove", plot, 0.75, { buttons: 1 });
+          setTimeout(() => {
+            mouse("mouseup", plot, 0.75, { button: 0 });
+            setTimeout(() => {
+              mouse("mousemove", plot, 0.0001);
+              setTimeout(() => {
+                document.body.dataset.enlarged = legend(plot)[0];
+                for (const name of ["curvature", "moment", "power"]) {
+                  part("colour").value = name; part("colour").onchange();
+                  document.body.dataset[name] = new Set([...part("segments").children].map((segment) => segment.getAttribute("fill"))).size;
+                }
+                document.body.dataset.outline = part("outline").getAttribute("points").split(" ").length;
+                document.body.dataset.tendons = [...part("tendons").children].filter((line) => line.getAttribute("points")).length;
+              }, 50);
+            }, 50);
+          }, 50);
+        }, 50);"##
+    );
+    let names = [
+        "value",
+        "shared",
+        "followed",
+        "sought",
+        "address",
+        "line",
+        "right",
+        "end",
+        "home",
+        "plays",
+        "hidden",
+        "enlarged",
+        "curvature",
+        "moment",
+        "power",
+        "outline",
+        "tendons",
+        "charts",
+    ];
+    let found = after(&browser, &folder.path().join("report.html"), &script, &names);
+    let of = |name: &str| found.iter().find(|(known, _)| *known == name).unwrap().1.as_str();
+    // The middle of two seconds, with the velocity that the table has there.
+    let mut reader = csv::Reader::from_path(folder.path().join("trajectory.csv")).unwrap();
+    let header = reader.headers().unwrap().clone();
+    let place = |name: &str| header.iter().position(|column| column == name).unwrap();
+    let (time, x) = (place("time_s"), place("x_com_m"));
+    let rows: Vec<[f64; 2]> = (reader.records().map(Result::unwrap))
+        .map(|row| [time, x].map(|column| row[column].parse().unwrap()))
+        .collect();
+    let values: Vec<f64> = of("value").split(' ').map(|value| value.parse().unwrap()).collect();
+    let middle = rows.iter().position(|row| (row[0] - values[0]).abs() < 1e-6).unwrap();
+    assert!((values[0] - 1.0).abs() < 0.02, "{}", of("value"));
+    let slope = (rows[middle + 1][1] - rows[middle - 1][1]) / (rows[middle + 1][0] - rows[middle - 1][0]);
+    // The velocity is that of the centre of mass: measured difference to its differences 0.1 %.
+    assert!((values[1] - slope).abs() < 0.02 * slope.abs(), "{} {slope}", of("value"));
+    assert_eq!(of("shared"), values[0].to_string());
+    assert!(of("followed").starts_with("t = 1.0") || of("followed").starts_with("t = 0.99"), "{}", of("followed"));
+    assert!(of("sought").starts_with("t = 0.5") || of("sought").starts_with("t = 0.49"), "{}", of("sought"));
+    let address: f64 = of("address").trim_start_matches("#t=").parse().unwrap();
+    assert!((address - 0.5).abs() < 0.01, "{}", of("address"));
+    assert!((of("line").parse::<f64>().unwrap() - 0.25).abs() < 0.01, "{}", of("line"));
+    assert_eq!([of("right"), of("end"), of("home"), of("plays"), of("hidden")], ["1", "true", "0", "Pause", "1"]);
+    // From a quarter of the run on.
+    assert!((of("enlarged").parse::<f64>().unwrap() - 0.5).abs() < 0.02, "{}", of("enlarged"));
+    for name in ["curvature", "moment", "power"] {
+        assert!(of(name).parse::<usize>().unwrap() > 5, "{name} has {} colours", of(name));
+    }
+    assert_eq!((of("outline"), of("tendons")), ("52", "2"));
+    assert!(of("charts").parse::<usize>().unwrap() >= 8, "{}", of("charts"));
+}
+
+#[test]
+fn an_address_with_a_time_shows_that_moment() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "models/servo-tail.toml", "--set", "solver.duration_s=1.0", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let Some(browser) = chromium() else { return };
+    let address = PathBuf::from(format!("{}#t=0.6&colour=moment", folder.path().join("report.html").display()));
+    let page = browse(&browser, &address, 2000, &["--dump-dom".to_string()]);
+    assert!(page.contains(">t = 0.600 s</output>"), "it stands at the time of the address");
+    assert_eq!(attribute(&page, "play", "type"), "button");
+    assert!(!attribute(&page, "holder", "d").is_empty() && !attribute(&page, "force", "d").is_empty(), "a held head");
+    assert_eq!(attribute(&page, "stream", "d").matches('l').count(), 15, "the stream");
+}
+
+#[test]
+fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_keys() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("map.toml");
+    std::fs::write(
+        &scene,
+        "scene = \"SCENE\"\n[axes]\nactuation.frequency_hz = [1.0, 2.0, 3.0]\nactuation.kappa_amp = [0.5, 1.0]\n"
+            .replace("SCENE", &format!("{}/models/glycerol.toml", env!("CARGO_MANIFEST_DIR"))),
+    )
+    .unwrap();
+    let out = folder.path().join("out");
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .args(["sweep".as_ref(), scene.as_os_str(), "--set".as_ref(), "solver.duration_s=0.5".as_ref()])
+        .args(["--out".as_ref(), out.as_os_str()])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let Some(browser) = chromium() else { return };
+    let script = r##"
+        const figure = document.querySelector("figure[data-cells]"), svg = figure.querySelector("svg");
+        const { columns, rows, cases } = JSON.parse(figure.dataset.cells);
+        const click = (column, row) => {
+          const box = svg.getBoundingClientRect(), view = svg.viewBox.baseVal;
+          const x = (columns[column] + columns[column + 1]) / 2, y = (rows[row] + rows[row + 1]) / 2;
+          svg.dispatchEvent(new MouseEvent("click", { clientX: box.left + x / view.width * box.width, clientY: box.top + y / view.height * box.height, bubbles: true }));
+        };
+        click(2, 0); document.body.dataset.first = part("stage").dataset.case + " " + part("what").textContent;
+        part("together").checked = true;
+        click(0, 1); document.body.dataset.second = part("what").textContent;
+        document.body.dataset.beside = part("beside").children.length + " " + part("legend").textContent.trim();
+    "##;
+    let found = after(&browser, &out.join("report.html"), script, &["first", "second", "beside"]);
+    // Cases are numbered by the first axis, then the second.
+    assert_eq!(found[0].1, "4 Case 4: actuation.frequency_hz = 3.0, actuation.kappa_amp = 0.5");
+    assert_eq!(
+        found[1].1,
+        "Case 1: actuation.frequency_hz = 1.0, actuation.kappa_amp = 1.0; beside it Case 4: actuation.frequency_hz = 3.0, \
+         actuation.kappa_amp = 0.5"
+    );
+    assert_eq!(found[2].1, "1 Beside it, from above:case\u{a0}4");
+
+    let out = folder.path().join("study");
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["study", "accuracy", "models/baseline-smooth.toml", "--set", "solver.duration_s=0.2", "--out"])
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let script = r##"
+        const note = [...document.querySelectorAll("svg .note")].find((note) => note.textContent.includes("newmark"));
+        note.dispatchEvent(new MouseEvent("click", { bubbles: true }));
+        document.body.dataset.keys = note.closest("figure").querySelector(".copied").textContent;
+        document.body.dataset.dots = document.querySelectorAll("svg .note").length;
+    "##;
+    let found = after(&browser, &out.join("report.html"), script, &["keys", "dots"]);
+    // The keys make a scene whose run has the row of the table.
+    let keys: Vec<&str> = found[0].1.lines().collect();
+    assert_eq!(&keys[..3], &["solver.integrator = &quot;newmark&quot;", "solver.beta = 0.25", "solver.gamma = 0.5"]);
+    assert!(keys[3].starts_with("solver.time_step_s = ") && keys[4] == "rod.nodes = 9", "{keys:?}");
+    assert!(found[1].1.parse::<usize>().unwrap() > 20, "{}", found[1].1);
 }
 
 /// A clamped rod of a micrometre that waves.

@@ -1,6 +1,8 @@
 //! What results show: times are recorded once, figures and player show the motion and not what is recorded of it, studies judge what there is
 //! to judge, and advice brings what it says.
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -128,10 +130,15 @@ fn a_rod_far_away_plays_as_one_nearby() {
         com: [x + 0.2, 0.0],
         body: None,
         medium: None,
+        loads: None,
     };
     let played = |x: f64| {
         let motion = serde_json::to_value(Animation::of(&[frame(0.0, x, 0.0), frame(1.0, x + 1e-3, 1e-3)])).unwrap();
-        motion["points"][1].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>()
+        let bytes = STANDARD.decode(motion["points"].as_str().unwrap()).unwrap();
+        let points: Vec<f64> =
+            bytes.as_chunks::<4>().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect();
+        let com = |axis: usize| motion["com"][1][axis].as_f64().unwrap();
+        points[4..].iter().enumerate().map(|(i, offset)| com(i % 2) + offset).collect::<Vec<_>>()
     };
     for x in [0.0, 5000.0] {
         let found = played(x);

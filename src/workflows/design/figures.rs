@@ -45,7 +45,7 @@ impl Design {
         figures.extend(self.goal_figures(&rod));
         figures.extend(self.cycle_figures());
         figures.extend(self.search_figures());
-        let figures = figures.into_iter().map(|(name, chart)| Figure::new(name, caption(name), chart.svg()));
+        let figures = figures.into_iter().map(|(name, chart)| Figure::of_chart(name, caption(name), &chart));
         Ok(Findings {
             subject: match self.table.goal {
                 Goal::Identify if self.table.is_searched() => "identified by simulation",
@@ -634,6 +634,7 @@ impl Design {
                     com: rod.mean(q).into(),
                     body: Frame::body(rod, q),
                     medium: None,
+                    loads: None,
                 }
             };
             (0..motion.times.len()).step_by(every).map(frame).collect()

@@ -83,13 +83,16 @@ impl AccuracyReport<'_> {
         point: impl Fn(&AccuracyRow<'_>) -> Option<(f64, f64)>,
     ) -> Vec<Series> {
         let points = |method: &String| {
-            let of = self.on(rows, self.nodes()).filter(|row| row.curve() == *method).filter_map(&point);
-            of.filter(|(_, error)| *error < MAX_ERROR).map(|(x, error)| (x, error.max(floor))).collect::<Vec<_>>()
+            let of = self.on(rows, self.nodes()).filter(|row| row.curve() == *method);
+            let of = of.filter_map(|row| Some((point(row)?, row.case.keys())));
+            of.filter(|((_, error), _)| *error < MAX_ERROR)
+                .map(|((x, error), keys)| ((x, error.max(floor)), keys))
+                .unzip()
         };
         let methods = self.methods(rows).into_iter().enumerate();
         let curves = methods.map(|(k, method)| {
-            let points = points(&method);
-            Series::new(method, points, Mark::Dotted).coloured(k).hollow_to(floor)
+            let (points, keys): (Vec<_>, Vec<_>) = points(&method);
+            Series::new(method, points, Mark::Dotted).coloured(k).hollow_to(floor).with_notes(keys)
         });
         curves.filter(|curve| !curve.points.is_empty()).collect()
     }

@@ -29,6 +29,27 @@ pub struct PlannedRun {
     pub push: Option<f64>,
 }
 
+impl PlannedRun {
+    /// The keys of a scene by which it is this run, a line each.
+    pub fn keys(&self) -> String {
+        let SimulationMethod { kind, method, values } = &self.simulation;
+        let mut keys = match self.simulation.is_full() {
+            true => {
+                let parameters = method.parameters.iter().zip(values);
+                let parameters = parameters.map(|(parameter, value)| format!("solver.{} = {value:?}", parameter.name));
+                [format!("solver.integrator = {:?}", method.name)].into_iter().chain(parameters).collect()
+            }
+            false => vec![format!("solver.model = {:?}", kind.name)],
+        };
+        keys.push(match self.step_control {
+            StepControl::Fixed(step) => format!("solver.time_step_s = {step:?}"),
+            StepControl::Adaptive(tolerance) => format!("solver.tolerance = {tolerance:?}"),
+        });
+        keys.push(format!("rod.nodes = {}", self.nodes));
+        keys.join("\n")
+    }
+}
+
 /// The cost of two explicit runs, with steps of the stability `limit` (s) and half of it, over that of all implicit runs with these fixed
 /// `steps` (s) on the same mesh.
 fn relative_cost(steps: &[f64], limit: f64) -> f64 {

@@ -1,0 +1,56 @@
+//! Numbers for the scripts of pages, packed.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde::{Serialize, Serializer};
+
+/// Numbers in single precision, little-endian, as Base64: a third of the size of their decimals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PackedNumbers(Vec<f32>);
+
+impl FromIterator<f64> for PackedNumbers {
+    fn from_iter<I: IntoIterator<Item = f64>>(numbers: I) -> Self {
+        Self(numbers.into_iter().map(|x| x as f32).collect())
+    }
+}
+
+impl Serialize for PackedNumbers {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let bytes: Vec<u8> = self.0.iter().flat_map(|x| x.to_le_bytes()).collect();
+        serializer.serialize_str(&STANDARD.encode(bytes))
+    }
+}
+
+/// Numbers as parts of a size, in steps of 1/127, as Base64: enough for a colour.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Shades {
+    /// That of the largest number; or, if that is far beyond, as at a start that jumps, one that all but a hundredth stay within. Numbers
+    /// beyond it have its colour.
+    size: f64,
+    #[serde(serialize_with = "in_base64")]
+    parts: Vec<i8>,
+}
+
+/// Multiple of what nearly all numbers stay within from which the largest is not worth the scale.
+const FAR_BEYOND: f64 = 4.0;
+
+impl FromIterator<f64> for Shades {
+    fn from_iter<I: IntoIterator<Item = f64>>(numbers: I) -> Self {
+        let numbers: Vec<f64> = numbers.into_iter().collect();
+        let mut sizes: Vec<f64> = numbers.iter().map(|x| x.abs()).filter(|x| x.is_finite()).collect();
+        let largest = sizes.iter().copied().fold(0.0, f64::max);
+        let place = sizes.len().saturating_sub(1) * 99 / 100;
+        let within = match sizes.is_empty() {
+            true => 0.0,
+            false => *sizes.select_nth_unstable_by(place, f64::total_cmp).1,
+        };
+        let size = if within > 0.0 && largest > FAR_BEYOND * within { within } else { largest };
+        let part = |x: &f64| if size > 0.0 { (127.0 * (x / size).clamp(-1.0, 1.0)).round() as i8 } else { 0 };
+        Self { size, parts: numbers.iter().map(part).collect() }
+    }
+}
+
+fn in_base64<S: Serializer>(parts: &[i8], serializer: S) -> Result<S::Ok, S::Error> {
+    let bytes: Vec<u8> = parts.iter().map(|part| part.cast_unsigned()).collect();
+    serializer.serialize_str(&STANDARD.encode(bytes))
+}

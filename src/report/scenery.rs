@@ -1,0 +1,84 @@
+//! What an animation shows beside the moving nodes: how wide the body is, how its head is held, and the tendons along it.
+
+use serde::Serialize;
+
+use super::run_record::Frame;
+use crate::head::Signal;
+use crate::model::Model;
+use crate::tendons::Tendon;
+
+/// What does not change while a rod moves.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scenery {
+    /// Half the width of the body in the plane of motion, m, at each point of a frame.
+    half_widths: Vec<f64>,
+    /// The arc length from the head to each point of a frame at rest, m.
+    #[serde(skip)]
+    arc_lengths: Vec<f64>,
+    /// How the head is held: `clamped`, `driven` or `hinged`; `None` if it is free.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    head: Option<&'static str>,
+    /// The tendons.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    tendons: Vec<TendonPath>,
+    /// The change of the flow along the normal of the interfaces, if it is not the same everywhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shear: Option<Shear>,
+}
+
+/// Where a tendon is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct TendonPath {
+    /// Its distance from the axis of the rod, m, positive to the left seen from the head.
+    offset: f64,
+    /// The first and last point of a frame beside it.
+    points: [usize; 2],
+}
+
+/// A flow that is not the same everywhere.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Shear {
+    /// Unit normal of the interfaces.
+    normal: [f64; 2],
+    /// Shear rate, 1/s.
+    rate: f64,
+    /// Velocity beyond each interface relative to that before the first, m/s.
+    beyond: Vec<[f64; 2]>,
+}
+
+impl Scenery {
+    /// That of a model.
+    pub fn of(model: &Model) -> Self {
+        let rod = &model.rod;
+        let nodes = Frame::nodes(rod.nodes);
+        // Inside a head body, which is drawn over it, as where it leaves that.
+        let half_width = |k: usize| rod.sections.at(rod.xi(k.max(rod.front))).semi_axes()[0];
+        let place = |k: usize| nodes.clone().position(|node| node >= k).unwrap_or_default();
+        let path = |tendon: &Tendon| TendonPath {
+            offset: tendon.offset,
+            points: [place(tendon.edges.start), place(tendon.edges.end)],
+        };
+        let head = model.head.as_ref().map(|motion| match &model.hinge {
+            Some(_) => "hinged",
+            None if motion.iter().all(|signal| matches!(signal, Signal::Constant(_))) => "clamped",
+            None => "driven",
+        });
+        let shear = model.layers.as_ref().filter(|layers| !layers.flow_together()).map(|layers| Shear {
+            normal: layers.normal.into(),
+            rate: layers.shear,
+            beyond: layers.iter().map(|layer| layer.fluid.flow.into()).collect(),
+        });
+        Self {
+            half_widths: nodes.clone().map(half_width).collect(),
+            arc_lengths: nodes.clone().map(|k| rod.arc_length(k)).collect(),
+            head,
+            tendons: model.tendons.iter().map(path).collect(),
+            shear,
+        }
+    }
+
+    /// The arc length from the head to each point of a frame at rest, m.
+    pub(super) fn arc_lengths(&self) -> &[f64] {
+        &self.arc_lengths
+    }
+}
