@@ -587,17 +587,32 @@ impl Measurements {
         bend::curvature_per_turning(self.kappa[k]) * (spin(k) - before)
     }
 
-    /// The power (W) that the actuation puts in at the joint of node `k`, without that of tendons; all joints make [`Power::actuation`].
-    pub(crate) fn actuation_power_at(&self, dynamics: &Dynamics, state: &State, k: usize) -> f64 {
-        let by_curvature = -self.driven(false)[k] * dynamics.natural_rate[k];
+    /// The power (W) that the actuation puts in at the joint of each node, that of tendons by what they bend there and by what
+    /// they shorten the edge behind it, or that nearest to it; all of them make [`Power::actuation`].
+    pub(crate) fn actuation_powers(&self, dynamics: &Dynamics, state: &State) -> Vec<f64> {
+        let rod = &dynamics.model.rod;
         let taken = dynamics.mechanics == Mechanics::Shape;
-        match dynamics.active.as_ref().filter(|_| !taken || dynamics.model.active_moments) {
-            None => by_curvature,
-            Some(active) if taken => by_curvature + (self.kappa[k] - active.natural[k]) * active.rate[k],
-            Some(active) => {
-                active.moment[k] * self.curvature_rate(dynamics, state, k) - self.elastic[k] * active.natural_rate[k]
+        let active = dynamics.active.as_ref().filter(|_| !taken || dynamics.model.active_moments);
+        let mut powers = vec![0.0; rod.nodes];
+        for k in rod.joints() {
+            let by_curvature = -self.driven(false)[k] * dynamics.natural_rate[k];
+            powers[k] = match active {
+                None => by_curvature,
+                Some(active) if taken => by_curvature + (self.kappa[k] - active.natural[k]) * active.rate[k],
+                Some(active) => {
+                    active.moment[k] * self.curvature_rate(dynamics, state, k)
+                        - self.elastic[k] * active.natural_rate[k]
+                }
+            };
+        }
+        for (tendon, TendonReading { tension, .. }) in dynamics.model.tendons.iter().zip(&self.tendons) {
+            // Their moments are among the active ones.
+            for e in tendon.edges.clone() {
+                let opening = self.tangent[e].dot(&(node(&state.v, e + 1) - node(&state.v, e)));
+                powers[e.clamp(tendon.joints.start, tendon.joints.end - 1)] -= tension * opening;
             }
         }
+        powers
     }
 
     /// The moments that the natural curvature works against, N m: where it `jumps`, the elastic part of them.

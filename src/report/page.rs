@@ -56,6 +56,8 @@ struct RunPageContent<'a> {
 #[derive(Serialize)]
 pub struct Figures<'a> {
     all: Vec<PageFigure<'a>>,
+    /// True if there are maps of cases.
+    maps: bool,
     /// What the script draws, if anything.
     drawn: Option<RawJson<DrawnCharts<'a>>>,
 }
@@ -109,6 +111,7 @@ impl<'a> Figures<'a> {
         let charts: Vec<_> = figures.iter().filter_map(|figure| figure.chart.as_ref()).map(&mut drawn).collect();
         Self {
             all: figures.iter().map(on_page).collect(),
+            maps: figures.iter().any(|figure| figure.cells.is_some()),
             drawn: (!charts.is_empty()).then(|| RawJson(DrawnCharts { charts, x })),
         }
     }

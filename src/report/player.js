@@ -262,7 +262,12 @@ function show(k) {
   part("stage").dataset.frame = k;
   document.dispatchEvent(new CustomEvent("shown", { detail: motion.times[k] }));
 }
-function at(time) { let a = 0, b = motion.times.length - 1; while (a < b) { const m = (a + b + 1) >> 1; if (motion.times[m] <= time) a = m; else b = m - 1; } return a; }
+// The frame nearest to a time.
+function at(time) {
+  let a = 0, b = motion.times.length - 1;
+  while (a < b) { const m = (a + b) >> 1; if (motion.times[m] + motion.times[m + 1] >= 2 * time) b = m; else a = m + 1; }
+  return a;
+}
 function tick(stamp) {
   if (playing && last !== null) {
     now += (stamp - last) / 1000 * Number(part("speed").value);

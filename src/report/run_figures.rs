@@ -295,6 +295,10 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     };
     let (places, times) = (of(inner.len(), places), of(recent.len(), times));
     let curvatures: Vec<Vec<f64>> = times.iter().map(|t| curvatures(&recent[*t].points)).collect();
+    // Of what keeps its shape there is nothing to see.
+    if curvatures.iter().all(|row| *row == curvatures[0]) {
+        return None;
+    }
     let cells = |t: usize| {
         let row = &curvatures[t];
         places.iter().enumerate().map(move |(p, place)| (t, p, row[inner.start + place])).collect::<Vec<_>>()
@@ -442,5 +446,100 @@ fn interfaces_in_words(record: &RunRecord) -> &'static str {
     match record.frames().last().and_then(|frame| frame.medium.as_ref()) {
         Some(_) => " Thin lines: the middles of the interfaces between the fluids.",
         None => "",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::scene::Document;
+    use crate::stepper::Stepper;
+
+    /// The record of two seconds of a scene.
+    fn recorded(text: &str) -> RunRecord {
+        let scene = Document::new("waves", text).scene().unwrap();
+        let mut stepper = Stepper::of(&scene).unwrap();
+        let mut record = RunRecord::start(&scene, &stepper);
+        for _ in 0..200 {
+            stepper.do_step(0.01).unwrap();
+            record.pass(&mut stepper).unwrap();
+        }
+        record.finish(&stepper.view());
+        record
+    }
+
+    /// A rod whose shape is that of its actuation, a wave of the curvature κ(s, t) = A sin(2π(ft − s/λ)) with λ = 0.5 m.
+    const WAVE: &str = r#"
+        rod = { nodes = 41, length_m = 1.0, outer_radius_m = 0.01, youngs_modulus_pa = 1e6, density_kg_m3 = 1000.0 }
+        actuation = { kind = "travelling-wave", kappa_amp = 2.0, frequency_hz = 2.0, wavelength_m = 0.5, envelope = [1.0, 0.0] }
+        medium = { viscosity_pa_s = 1.0, density_kg_m3 = 1000.0 }
+        drag = { law = "cox" }
+        solver = { model = "shape", time_step_s = 0.01, duration_s = 2.0 }
+    "#;
+
+    #[test]
+    fn the_phase_of_a_wave_rises_by_a_turn_per_wavelength() {
+        let record = recorded(WAVE);
+        let phase = phase(&record, 1.5, 0.5).unwrap();
+        let (first, last) = (phase[0], phase[phase.len() - 1]);
+        let slope = (last.1 - first.1) / (last.0 - first.0);
+        // Measured: 2e-15.
+        assert!((slope / (TAU / 0.5) - 1.0).abs() < 1e-9, "{slope}");
+        assert!(phase.windows(2).all(|pair| pair[1].1 > pair[0].1));
+    }
+
+    #[test]
+    fn the_amplitude_along_a_short_wave_is_that_of_its_curvature_over_the_square_of_the_wave_number() {
+        // y'' = κ: a wave of the amplitude A of κ has that of y, A/k², where k = 2π/λ, but for the swing of the whole rod.
+        let record =
+            recorded(&WAVE.replace("wavelength_m = 0.5", "wavelength_m = 0.25").replace("nodes = 41", "nodes = 101"));
+        let amplitude = amplitude(&record, 1.5).unwrap();
+        let inner = &amplitude[30..71];
+        let mean = inner.iter().map(|point| point.1).sum::<f64>() / inner.len() as f64;
+        // Measured: 4 % off, for the swing.
+        assert!((mean / (2.0 / (TAU / 0.25).powi(2)) - 1.0).abs() < 0.1, "{mean}");
+    }
+
+    #[test]
+    fn the_curvature_of_a_circle_is_that_of_its_radius() {
+        let at = |i: i32| [0.3 * (0.1 * f64::from(i)).cos(), 0.3 * (0.1 * f64::from(i)).sin()];
+        let points: Vec<_> = (0..9).map(at).collect();
+        // Of the polygon: the tangent of half the angle for half the angle, 1e-3, and the chord for the arc.
+        let expected = 2.0 * (0.05_f64).tan() / (2.0 * 0.3 * (0.05_f64).sin());
+        let found = curvatures(&points);
+        assert!(found[1..8].iter().all(|kappa| (kappa / expected - 1.0).abs() < 1e-12), "{found:?}");
+        assert!((found[4] * 0.3 - 1.0).abs() < 3e-3 && found[0] == 0.0 && found[8] == 0.0);
+        let mirrored: Vec<_> = points.iter().map(|[x, y]| [*x, -y]).collect();
+        assert!(curvatures(&mirrored)[4] == -found[4]);
+    }
+
+    #[test]
+    fn the_power_along_the_body_makes_the_power_of_the_actuation_in_every_scene() {
+        let mut seen = 0;
+        for file in std::fs::read_dir("models").unwrap().map(|entry| entry.unwrap().path()) {
+            let name = file.file_name().unwrap().to_string_lossy().into_owned();
+            let text = std::fs::read_to_string(&file).unwrap_or_default();
+            let Ok(scene) = Document::read(&file).and_then(|document| document.scene()) else { continue };
+            if scene.rod.nodes.get() > Frame::POINTS || !text.contains("[solver]") {
+                continue;
+            }
+            let mut stepper = Stepper::of(&scene).unwrap();
+            for _ in 0..3 {
+                stepper.do_step(7.3e-3).unwrap();
+                let view = stepper.view();
+                let rod = &view.dynamics.model.rod;
+                let power = Frame::with_loads(&view).loads.unwrap().power;
+                let parts: Vec<f64> = rod.joints().map(|k| power[k] * rod.joint_part(k) * rod.spacing).collect();
+                let expected = view.metrics.now.power.actuation;
+                let size = parts.iter().map(|part| part.abs()).sum::<f64>().max(f64::MIN_POSITIVE);
+                // Measured: 1e-15.
+                assert!((parts.iter().sum::<f64>() - expected).abs() <= 1e-9 * size, "{name}: {parts:?} {expected}");
+                seen += usize::from(expected != 0.0);
+            }
+        }
+        assert!(seen > 30, "{seen}");
     }
 }

@@ -155,11 +155,10 @@ impl Frame {
             let at = |k: usize| if joints.contains(&k) { value(k) } else { 0.0 };
             Self::nodes(rod.nodes).map(at).collect()
         };
+        let powers = metrics.now.actuation_powers(dynamics, state);
         let loads = FrameLoads {
             moment: at_joints(&|k| metrics.now.moment[k] * bend::curvature_per_turning(metrics.now.kappa[k])),
-            power: at_joints(&|k| {
-                metrics.now.actuation_power_at(dynamics, state, k) / (rod.joint_part(k) * rod.spacing)
-            }),
+            power: at_joints(&|k| powers[k] / (rod.joint_part(k) * rod.spacing)),
             head_force: dynamics.model.head.is_some().then(|| metrics.now.head_force.into()),
             flow: dynamics.inputs.fluid.flow.into(),
         };

@@ -174,7 +174,8 @@ impl Svg {
 
     /// Begins a group that has a text under the cursor.
     pub fn begin_note(&mut self, note: &str) {
-        let _ = writeln!(self.0, "<g class=\"note\"><title>{}</title>", escaped(note));
+        let lines: Vec<String> = note.lines().map(escaped).collect();
+        let _ = writeln!(self.0, "<g class=\"note\"><title>{}</title>", lines.join("\n"));
     }
 
     /// Ends it.

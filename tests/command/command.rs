@@ -8,14 +8,18 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 /// The files of a run, in the order of their names.
-const FILES: [&str; 13] = [
+const FILES: [&str; 17] = [
+    "amplitude.svg",
     "com_path.svg",
+    "curvature.svg",
     "energy.svg",
     "envelope.svg",
     "manifest.json",
     "mid_y.svg",
     "nodes.csv",
+    "phase.svg",
     "power.svg",
+    "power_along.svg",
     "report.html",
     "shape.svg",
     "speed.svg",
@@ -24,9 +28,12 @@ const FILES: [&str; 13] = [
     "trajectory.csv",
 ];
 
-/// The files of a run that ends before its first cycle, which has no envelope.
+/// The figures of a whole cycle.
+const OF_A_CYCLE: [&str; 3] = ["amplitude.svg", "envelope.svg", "phase.svg"];
+
+/// The files of a run that ends before its first cycle.
 fn files_before_a_cycle() -> Vec<&'static str> {
-    FILES.into_iter().filter(|name| *name != "envelope.svg").collect()
+    FILES.into_iter().filter(|name| !OF_A_CYCLE.contains(name)).collect()
 }
 
 fn caudal(arguments: &[&str]) -> Output {
@@ -118,8 +125,10 @@ fn every_scene_of_models_runs_and_is_checked() {
         let scene = caudal::scene::Scene::load(&path).unwrap();
         let held = scene.head.kind != caudal::scene::HeadKind::Free;
         let mut expected: Vec<_> = FILES.into_iter().filter(|name| nodes <= 200 || *name != "nodes.csv").collect();
-        // Of a few steps or less than a cycle there is neither power nor envelope.
-        expected.retain(|name| !["envelope.svg", "power.svg"].contains(name) || folder.path().join(name).exists());
+        // Of a few steps there is neither power nor curvature over time, and of less than a cycle nothing that is of one.
+        let optional =
+            |name: &&str| OF_A_CYCLE.contains(name) || ["curvature.svg", "power.svg", "power_along.svg"].contains(name);
+        expected.retain(|name| !optional(name) || folder.path().join(name).exists());
         expected.extend(scene.reactive.is_some().then_some(["fluid_force.svg", "momentum.svg"]).into_iter().flatten());
         expected.extend(held.then_some(["head_force.svg", "head_moment.svg"]).into_iter().flatten());
         let hinged = scene.head.kind == caudal::scene::HeadKind::Hinged;
@@ -219,7 +228,7 @@ fn interrupted_runs_end_with_130_and_valid_files() {
     assert_eq!(output.status.code(), Some(130));
     assert!(text(&output.stderr).contains("interrupted"), "{}", text(&output.stderr));
     // Of a long run the last period was recorded at a few times, too few to be drawn.
-    let always = |name: &&str| !["envelope.svg", "power.svg"].contains(name);
+    let always = |name: &&str| !OF_A_CYCLE.contains(name) && !["power.svg", "power_along.svg"].contains(name);
     let written = files(folder.path());
     assert!(FILES.into_iter().filter(always).all(|name| written.contains(&name.to_string())), "{written:?}");
     assert!(written.iter().all(|name| FILES.contains(&name.as_str())), "{written:?}");

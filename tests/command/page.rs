@@ -211,7 +211,8 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
 fn after<'a>(browser: &Path, path: &Path, script: &str, names: &'a [&str]) -> Vec<(&'a str, String)> {
     let source = std::fs::read_to_string(path).unwrap();
     let tried = path.with_file_name("tried.html");
-    std::fs::write(&tried, source.replace("</body>", &format!("<script>{script}</script></body>"))).unwrap();
+    std::fs::write(&tried, source.replace("</body>", &format!("<script>(() => {{{script}}})();</script></body>")))
+        .unwrap();
     let page = browse(browser, &tried, 3000, &["--dump-dom".to_string()]);
     let body = page.split('<').find(|element| element.starts_with("body")).unwrap().to_string();
     let of = |name: &str| {
@@ -227,7 +228,7 @@ const POINTER: &str = r##"
     const over = (plot) => plot.querySelector(".u-over");
     function mouse(kind, plot, part, more) {
       const box = over(plot).getBoundingClientRect();
-      const at = { clientX: box.left + part * box.width, clientY: box.top + 0.5 * box.height, bubbles: true, view: window, ...more };
+      const at = { clientX: box.left + part * box.width, clientY: box.top + 0.5 * box.height, movementX: 1, bubbles: true, view: window, ...more };
       (kind === "mouseup" ? document : over(plot)).dispatchEvent(new MouseEvent(kind, at));
     }
     const legend = (plot) => [...plot.querySelectorAll(".u-legend .u-value")].map((value) => value.textContent);
@@ -255,7 +256,7 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
           document.body.dataset.value = legend(plot).join(" ");
           document.body.dataset.shared = legend(next)[0];
           document.body.dataset.followed = clock();
-          mouse("click", plot, 0.25);
+          for (const kind of ["mousemove", "mousedown", "mouseup", "click"]) mouse(kind, plot, 0.25, { button: 0 });
           document.body.dataset.sought = clock();
           document.body.dataset.address = location.hash;
           const line = next.querySelector(".shown").getBoundingClientRect(), box = over(next).getBoundingClientRect();
@@ -268,7 +269,6 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
           key(" "); document.body.dataset.plays = part("play").textContent; key(" ");
           plot.querySelectorAll(".u-series")[1].querySelector("th").click();
           document.body.dataset.hidden = plot.querySelectorAll(".u-series.u-off").length;
-          const labels = () => [...document.querySelectorAll(".plot")].length;
           mouse("mousedown", plot, 0.25, { button: 0, buttons: 1 }); mouse("mousemove", plot, 0.75, { buttons: 1 });
           setTimeout(() => {
             mouse("mouseup", plot, 0.75, { button: 0 });
@@ -276,6 +276,7 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
               mouse("mousemove", plot, 0.0001);
               setTimeout(() => {
                 document.body.dataset.enlarged = legend(plot)[0];
+                halt(1);
                 for (const name of ["curvature", "moment", "power"]) {
                   part("colour").value = name; part("colour").onchange();
                   document.body.dataset[name] = new Set([...part("segments").children].map((segment) => segment.getAttribute("fill"))).size;
@@ -324,16 +325,18 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
     // The velocity is that of the centre of mass: measured difference to its differences 0.1 %.
     assert!((values[1] - slope).abs() < 0.02 * slope.abs(), "{} {slope}", of("value"));
     assert_eq!(of("shared"), values[0].to_string());
-    assert!(of("followed").starts_with("t = 1.0") || of("followed").starts_with("t = 0.99"), "{}", of("followed"));
-    assert!(of("sought").starts_with("t = 0.5") || of("sought").starts_with("t = 0.49"), "{}", of("sought"));
+    assert!(of("followed") == "t = 1.000 s", "{}", of("followed"));
+    assert!(of("sought") == "t = 0.500 s", "{}", of("sought"));
     let address: f64 = of("address").trim_start_matches("#t=").parse().unwrap();
     assert!((address - 0.5).abs() < 0.01, "{}", of("address"));
-    assert!((of("line").parse::<f64>().unwrap() - 0.25).abs() < 0.01, "{}", of("line"));
+    // On its own axis, which goes a little beyond the run.
+    let line: f64 = of("line").parse().unwrap();
+    assert!((line - 0.25).abs() < 0.01, "{line}");
     assert_eq!([of("right"), of("end"), of("home"), of("plays"), of("hidden")], ["1", "true", "0", "Pause", "1"]);
     // From a quarter of the run on.
     assert!((of("enlarged").parse::<f64>().unwrap() - 0.5).abs() < 0.02, "{}", of("enlarged"));
     for name in ["curvature", "moment", "power"] {
-        assert!(of(name).parse::<usize>().unwrap() > 5, "{name} has {} colours", of(name));
+        assert!(of(name).parse::<usize>().unwrap() > 2, "{name} has {} colours", of(name));
     }
     assert_eq!((of("outline"), of("tendons")), ("52", "2"));
     assert!(of("charts").parse::<usize>().unwrap() >= 8, "{}", of("charts"));
@@ -364,7 +367,7 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
     let scene = folder.path().join("map.toml");
     std::fs::write(
         &scene,
-        "scene = \"SCENE\"\n[axes]\nactuation.frequency_hz = [1.0, 2.0, 3.0]\nactuation.kappa_amp = [0.5, 1.0]\n"
+        "scene = \"SCENE\"\n[axes]\nactuation.frequency_hz = [1.0, 2.0, 3.0]\nactuation.kappa_amp = [0.5, 1.0]\n[record]\nframes = 20\n"
             .replace("SCENE", &format!("{}/models/glycerol.toml", env!("CARGO_MANIFEST_DIR"))),
     )
     .unwrap();
@@ -397,7 +400,7 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
         "Case 1: actuation.frequency_hz = 1.0, actuation.kappa_amp = 1.0; beside it Case 4: actuation.frequency_hz = 3.0, \
          actuation.kappa_amp = 0.5"
     );
-    assert_eq!(found[2].1, "1 Beside it, from above:case\u{a0}4");
+    assert_eq!(found[2].1, "1 Beside it, from above:case&nbsp;4");
 
     let out = folder.path().join("study");
     let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
@@ -408,14 +411,14 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let script = r##"
-        const note = [...document.querySelectorAll("svg .note")].find((note) => note.textContent.includes("newmark"));
+        const note = [...document.querySelectorAll("svg .note")].find((note) => note.textContent.includes('"newmark"\nsolver.beta = 0.25\nsolver.gamma = 0.5'));
         note.dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        document.body.dataset.keys = note.closest("figure").querySelector(".copied").textContent;
+        document.body.dataset.keys = note.closest("figure").querySelector(".copied").textContent.replaceAll("\n", "|");
         document.body.dataset.dots = document.querySelectorAll("svg .note").length;
     "##;
     let found = after(&browser, &out.join("report.html"), script, &["keys", "dots"]);
     // The keys make a scene whose run has the row of the table.
-    let keys: Vec<&str> = found[0].1.lines().collect();
+    let keys: Vec<&str> = found[0].1.split('|').collect();
     assert_eq!(&keys[..3], &["solver.integrator = &quot;newmark&quot;", "solver.beta = 0.25", "solver.gamma = 0.5"]);
     assert!(keys[3].starts_with("solver.time_step_s = ") && keys[4] == "rod.nodes = 9", "{keys:?}");
     assert!(found[1].1.parse::<usize>().unwrap() > 20, "{}", found[1].1);
