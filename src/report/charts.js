@@ -13,12 +13,20 @@ const digits = (x, count) => {
   if (x === 0) return "0";
   return size < 1e-3 || size >= 1e6 ? x.toExponential(count - 1).replace("e+", "e") : String(Number(x.toPrecision(count)));
 };
+// A number as pages write it, with a power of ten where it is small or large.
+const raised = (power) => [...String(power)].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("");
+const written = (x, count) => {
+  const [, mantissa, power] = /^(.*)e(.*)$/.exec(digits(x, count)) ?? [];
+  if (power === undefined) return digits(x, count).replace("-", "−");
+  const part = String(Number(mantissa)).replace("-", "−");
+  return (part === "1" ? "" : part === "−1" ? "−" : part + "·") + "10" + raised(power);
+};
 // Labels of an axis with the digits that tell them apart.
 const labels = (plot, splits) => {
   const values = splits.filter((value) => value !== null), largest = Math.max(...values.map(Math.abs), 0);
   const least = Math.min(...values.slice(1).map((value, i) => Math.abs(value - values[i])).filter((step) => step > 0));
   const count = Math.max(1, Math.min(9, Math.ceil(Math.log10(largest / least) - 1e-9) + 1 || 1));
-  return splits.map((value) => value === null ? "" : digits(Number(value.toPrecision(12)), count));
+  return splits.map((value) => value === null ? "" : written(Number(value.toPrecision(12)), count));
 };
 // Powers of ten within an axis, a few of them, with zero between those of both signs.
 const decades = (floor) => (plot, axis, min, max) => {
@@ -42,8 +50,11 @@ function aligned(chart) {
 function draw(place, chart, prints) {
   const theme = dark.matches && !prints ? 1 : 0, { data, gaps } = chart.aligned ??= aligned(chart);
   const axis = { stroke: INK[theme], grid: { stroke: GRID[theme], width: 1 }, ticks: { stroke: GRID[theme], width: 1 }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
-  const scale = (kind) => ({ linear: { distr: 1 }, log: { distr: 3 }, signed: { distr: 4, asinh: chart.floor ?? 1 } })[kind];
-  const ticks = (kind, floor) => kind === "linear" ? { values: labels } : { splits: decades(floor), filter: (_, splits) => splits, values: (_, splits) => splits.map((x) => digits(x, 2)) };
+  // As long as the plot is high.
+  const upright = Math.max(9, Math.min(13, (HEIGHT - 70) / (0.54 * chart.y.length)));
+  const close = (_, least, largest) => [least, largest === least ? 10 * least : largest];
+  const scale = (kind) => ({ linear: { distr: 1 }, log: { distr: 3, range: close }, signed: { distr: 4, asinh: chart.floor ?? 1 } })[kind];
+  const ticks = (kind, floor) => kind === "linear" ? { values: labels } : { splits: decades(floor), filter: (_, splits) => splits, values: (_, splits) => splits.map((x) => written(x, 2)) };
   const time = chart.x === OVER_TIME, single = chart.series.length === 1 && chart.series[0].label === "";
   const plot = new uPlot({
     width: prints ? WIDTH_IN_PRINT : Math.max(place.clientWidth, 200), height: HEIGHT, title: chart.title, ...(prints ? { pxRatio: SHARPNESS_IN_PRINT } : {}),
@@ -51,7 +62,7 @@ function draw(place, chart, prints) {
     scales: { x: { time: false, ...scale(chart.x_scale) }, y: scale(chart.y_scale) },
     axes: [
       { ...axis, label: chart.x, labelSize: 20, size: 38, ...ticks(chart.x_scale, null) },
-      { ...axis, label: chart.y, labelSize: 20, size: room, ...ticks(chart.y_scale, chart.y_scale === "signed" ? chart.floor ?? 1 : null) },
+      { ...axis, label: chart.y, labelSize: 20, labelFont: upright + "px system-ui, sans-serif", size: room, ...ticks(chart.y_scale, chart.y_scale === "signed" ? chart.floor ?? 1 : null) },
     ],
     series: [{ label: chart.x, value: (_, x) => digits(x, 6) }, ...chart.series.map((series) => {
       const colour = SERIES[series.colour][theme];

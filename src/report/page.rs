@@ -12,7 +12,7 @@ use super::number_groups::{NumberGroup, groups};
 use super::packed_numbers::{PackedNumbers, Shades};
 use super::run_record::Frame;
 use super::scenery::Scenery;
-use super::svg::{SERIES, series_colours};
+use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
 use crate::number_format::{in_sentence, number, significant, typeset};
 
@@ -58,6 +58,8 @@ pub struct Figures<'a> {
     all: Vec<PageFigure<'a>>,
     /// True if there are maps of cases.
     maps: bool,
+    /// True if dots have texts.
+    notes: bool,
     /// What the script draws, if anything.
     drawn: Option<RawJson<DrawnCharts<'a>>>,
 }
@@ -111,6 +113,7 @@ impl<'a> Figures<'a> {
         let charts: Vec<_> = figures.iter().filter_map(|figure| figure.chart.as_ref()).map(&mut drawn).collect();
         Self {
             all: figures.iter().map(on_page).collect(),
+            notes: figures.iter().any(|figure| figure.svg.contains(NOTE)),
             maps: figures.iter().any(|figure| figure.cells.is_some()),
             drawn: (!charts.is_empty()).then(|| RawJson(DrawnCharts { charts, x })),
         }

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::run_record::Frame;
 use crate::head::Signal;
 use crate::model::Model;
+use crate::rod::Rod;
 use crate::tendons::Tendon;
 
 /// What does not change while a rod moves.
@@ -49,10 +50,7 @@ struct Shear {
 impl Scenery {
     /// That of a model.
     pub fn of(model: &Model) -> Self {
-        let rod = &model.rod;
-        let nodes = Frame::nodes(rod.nodes);
-        // Inside a head body, which is drawn over it, as where it leaves that.
-        let half_width = |k: usize| rod.sections.at(rod.xi(k.max(rod.front))).semi_axes()[0];
+        let nodes = Frame::nodes(model.rod.nodes);
         let place = |k: usize| nodes.clone().position(|node| node >= k).unwrap_or_default();
         let path = |tendon: &Tendon| TendonPath {
             offset: tendon.offset,
@@ -68,12 +66,20 @@ impl Scenery {
             rate: layers.shear,
             beyond: layers.iter().map(|layer| layer.fluid.flow.into()).collect(),
         });
+        Self { head, tendons: model.tendons.iter().map(path).collect(), shear, ..Self::of_rod(&model.rod) }
+    }
+
+    /// That of a rod alone.
+    pub fn of_rod(rod: &Rod) -> Self {
+        let nodes = Frame::nodes(rod.nodes);
+        // Inside a head body, which is drawn over it, as where it leaves that.
+        let half_width = |k: usize| rod.sections.at(rod.xi(k.max(rod.front))).semi_axes()[0];
         Self {
             half_widths: nodes.clone().map(half_width).collect(),
-            arc_lengths: nodes.clone().map(|k| rod.arc_length(k)).collect(),
-            head,
-            tendons: model.tendons.iter().map(path).collect(),
-            shear,
+            arc_lengths: nodes.map(|k| rod.arc_length(k)).collect(),
+            head: None,
+            tendons: Vec::new(),
+            shear: None,
         }
     }
 

@@ -127,6 +127,9 @@ fn fitted(text: &str, size: f64, available: f64) -> (String, f64) {
 /// Distance of the strokes of a hatched cell along its sides, px.
 const HATCH: f64 = 7.0;
 
+/// The attribute of a group with a text under the cursor.
+pub const NOTE: &str = "class=\"note\"";
+
 /// Writer of an SVG document.
 #[derive(Debug)]
 pub struct Svg(String);
@@ -175,7 +178,7 @@ impl Svg {
     /// Begins a group that has a text under the cursor.
     pub fn begin_note(&mut self, note: &str) {
         let lines: Vec<String> = note.lines().map(escaped).collect();
-        let _ = writeln!(self.0, "<g class=\"note\"><title>{}</title>", lines.join("\n"));
+        let _ = writeln!(self.0, "<g {NOTE}><title>{}</title>", lines.join("\n"));
     }
 
     /// Ends it.

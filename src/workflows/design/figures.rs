@@ -14,7 +14,7 @@ use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, SERIES, Scale, Series};
-use crate::report::{Animation, Figure, Findings, Frame, Table};
+use crate::report::{Animation, Figure, Findings, Frame, Scenery, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 
@@ -630,7 +630,7 @@ impl Design {
                 let q = motion.positions(n);
                 Frame {
                     time: motion.times[n],
-                    points: q.as_chunks::<2>().0.to_vec(),
+                    points: Frame::nodes(rod.nodes).map(|k| [q[2 * k], q[2 * k + 1]]).collect(),
                     com: rod.mean(q).into(),
                     body: Frame::body(rod, q),
                     medium: None,
@@ -640,7 +640,8 @@ impl Design {
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
         let shown = format!("In grey: the same with {BASELINE}.");
-        Some((Animation::of(&frames(after)).with_companion("", &frames(before)), shown))
+        let motion = Animation::of(&frames(after)).with_scenery(&Scenery::of_rod(rod));
+        Some((motion.with_companion("", &frames(before)), shown))
     }
 }
 
