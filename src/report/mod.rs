@@ -18,6 +18,7 @@ mod page;
 pub mod parquet;
 #[cfg(feature = "pictures")]
 pub mod picture;
+pub mod recorded_run;
 mod run_figures;
 mod run_record;
 mod scenery;
