@@ -4,6 +4,7 @@
 pub mod cases;
 pub mod chart;
 mod chart_axis;
+pub mod comparison;
 #[cfg(feature = "pictures")]
 pub mod film;
 mod findings;

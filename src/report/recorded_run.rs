@@ -260,7 +260,10 @@ fn field(path: &Path, row: &StringRecord, columns: &[String], k: usize) -> Resul
     text.trim().parse().map_err(|_| {
         let line = row.position().map_or(0, csv::Position::line);
         let column = columns.get(k).map_or("", String::as_str);
-        unreadable(path, format!("line {line}, column {column}: found `{text}`, which is no number; run the scene again"))
+        unreadable(
+            path,
+            format!("line {line}, column {column}: found `{text}`, which is no number; run the scene again"),
+        )
     })
 }
 
