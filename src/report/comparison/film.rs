@@ -8,9 +8,22 @@ use crate::error::Result;
 /// Recorded times (s) with positions of nodes (m).
 type Motion = Vec<(f64, Vec<[f64; 2]>)>;
 
-/// The film of the `runs` that have recorded positions, and the first and last time (s) that it shows; `None` without a time in common,
-/// or if fewer than two have any.
-pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<(Animation, [f64; 2])>> {
+/// Rods smaller than the largest by this factor are dots.
+const SPECK: f64 = 1e-2;
+
+/// A film of several rods.
+#[derive(Debug)]
+pub struct Film {
+    /// The rods.
+    pub animation: Animation,
+    /// First and last time that it shows, s.
+    pub window: [f64; 2],
+    /// The names of the rods that are too small beside the others to be seen.
+    pub specks: Vec<String>,
+}
+
+/// The film of the `runs` that have recorded positions; `None` without a time in common, or if fewer than two have any.
+pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
     let shown: Vec<(&RecordedRun, &String)> = runs.iter().zip(labels).filter(|(run, _)| run.has_motion()).collect();
     let mut window = [f64::NEG_INFINITY, f64::INFINITY];
     for (run, _) in &shown {
@@ -43,8 +56,19 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<(Animation
         };
         (0..frames).map(time).map(frame).collect()
     };
-    let mut rods = shown.iter().zip(&motions).map(|((run, label), motion)| (label, frames_of(run, motion)));
-    let Some((_, first)) = rods.next() else { return Ok(None) };
-    let film = rods.fold(Animation::of(&first), |film, (label, frames)| film.with_companion(label, &frames));
-    Ok(Some((film, window)))
+    let rods: Vec<(&String, Vec<Frame>)> =
+        shown.iter().zip(&motions).map(|((run, label), motion)| (*label, frames_of(run, motion))).collect();
+    let size = |frames: &[Frame]| frames.first().map_or(0.0, |frame| length(&frame.points));
+    let largest = rods.iter().map(|(_, frames)| size(frames)).fold(0.0, f64::max);
+    let specks = rods.iter().filter(|(_, frames)| size(frames) < SPECK * largest).map(|(label, _)| label.to_string());
+    let specks = specks.collect();
+    let Some(((_, first), others)) = rods.split_first() else { return Ok(None) };
+    let one = Animation::of(first);
+    let animation = others.iter().fold(one, |film, (label, frames)| film.with_companion(label, frames));
+    Ok(Some(Film { animation, window, specks }))
+}
+
+/// The length of the line through points, m.
+fn length(points: &[[f64; 2]]) -> f64 {
+    points.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum()
 }

@@ -25,9 +25,10 @@ use super::recorded_run::RecordedRun;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::jobs::hash;
-use crate::number_format::{in_sentence, signed};
+use crate::number_format::{in_sentence, signed, significant};
 use crate::scene::Document;
 use figures::FigureGroup;
+use film::Film;
 use stated_errors::StatedErrors;
 
 /// Most runs that are compared: lines of more cannot be told apart.
@@ -60,8 +61,7 @@ pub struct Comparison {
     pub notes: Vec<String>,
     runs: Vec<RecordedRun>,
     figures: Vec<FigureGroup>,
-    /// The film, and the first and last time (s) that it shows.
-    film: Option<(Animation, [f64; 2])>,
+    film: Option<Film>,
 }
 
 impl Comparison {
@@ -89,7 +89,7 @@ impl Comparison {
         let figures = figures::groups(&runs, &labels, &colours);
         let film = film::film(&runs, &labels)?;
         let answers = answers(&labels, &runs, &keys, &results, &errors);
-        let notes = notes(&labels, &runs, film.as_ref().map(|(_, window)| *window));
+        let notes = notes(&labels, &runs, film.as_ref());
         Ok(Self { labels, keys, results, answers, notes, runs, figures, film })
     }
 
@@ -103,7 +103,8 @@ impl Comparison {
             }
             false => joined,
         };
-        name.replace(|c: char| c.is_control() || c.is_whitespace() || "/\\:*?\"<>|".contains(c), "-")
+        let parts = name.split(|c: char| !c.is_alphanumeric() && !"_.-+=".contains(c));
+        parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
     }
 
     /// The folder of its results unless another one is asked for.
@@ -280,8 +281,8 @@ impl Comparison {
             answers: &self.answers,
             notes: &self.notes,
             runs: runs.collect(),
-            motion: self.film.as_ref().map(|(animation, _)| RawJson(animation)),
-            window: self.film.as_ref().map(|(_, window)| window.map(|time| format!("{} s", in_sentence(time, 4)))),
+            motion: self.film.as_ref().map(|film| RawJson(&film.animation)),
+            window: self.film.as_ref().map(|film| film.window.map(|time| format!("{} s", in_sentence(time, 4)))),
             labels: &self.labels,
             keys: self.keys.iter().map(|found| self.key_on_page(found)).collect(),
             results: self.results_on_page(),
@@ -322,9 +323,10 @@ impl Comparison {
                 CellOnPage {
                     value,
                     exact: row.values[i].to_string(),
+                    numeric: row.values[i].is_number(),
                     difference: difference.filter(|found| found.absolute != 0.0).map(|found| change_in_words(&found)),
                     verdict: difference.and_then(|found| self.verdict_in_words(&found, i)),
-                    above: difference.is_some_and(|found| found.verdict() == Verdict::Above),
+                    above: difference.is_some_and(|found| found.verdict() == Verdict::Above && !found.within_spread),
                 }
             };
             let row = RowOnPage {
@@ -407,6 +409,15 @@ fn labels(runs: &[RecordedRun]) -> Vec<String> {
     found
 }
 
+/// A number in a line of the terminal: no needless zeros, and its exponent, if it has one, behind an e; pages typeset it.
+fn plain(x: f64, digits: usize) -> String {
+    let text = significant(x, digits);
+    let (digits, power) =
+        text.split_once('e').map_or((text.as_str(), String::new()), |(digits, power)| (digits, format!("e{power}")));
+    let digits = if digits.contains('.') { digits.trim_end_matches('0').trim_end_matches('.') } else { digits };
+    format!("{digits}{power}")
+}
+
 fn in_words(value: &Value) -> String {
     match value {
         Value::Bool(true) => "yes".to_string(),
@@ -419,20 +430,20 @@ fn in_words(value: &Value) -> String {
 
 /// `+0.012, +3.4 %`.
 fn change_in_words(found: &ResultDifference) -> String {
-    let text = in_sentence(found.absolute, 4);
+    let text = plain(found.absolute, 4);
     let sign = if found.absolute > 0.0 { "+" } else { "" };
-    let relative = found.relative.map(|relative| format!(", {}", per_cent(relative)));
+    let relative = found.relative.zip(found.ratio).map(|(relative, ratio)| format!(", {}", per_cent(relative, ratio)));
     format!("{sign}{text}{}", relative.unwrap_or_default())
 }
 
 /// A relative difference in per cent, in about three digits, or as a factor where it is large.
-fn per_cent(relative: f64) -> String {
+fn per_cent(relative: f64, ratio: f64) -> String {
     let size = 100.0 * relative.abs();
     match size {
-        _ if size >= 1e4 => format!("{} times", in_sentence(1.0 + relative, 3)),
+        _ if size >= 1e4 => format!("{} times", plain(ratio, 3)),
         _ if size >= 100.0 => format!("{} %", signed(100.0 * relative, 0)),
         _ if size >= 0.1 => format!("{} %", signed(100.0 * relative, if size >= 10.0 { 1 } else { 2 })),
-        _ => format!("{}{} %", if relative > 0.0 { "+" } else { "" }, in_sentence(100.0 * relative, 2)),
+        _ => format!("{}{} %", if relative > 0.0 { "+" } else { "" }, plain(100.0 * relative, 2)),
     }
 }
 
@@ -443,9 +454,10 @@ fn verdict_in_words(found: &ResultDifference, labels: &[String], run: usize) -> 
         [false, true] => format!(" of {} alone", labels[run]),
         _ => String::new(),
     };
-    let place = if found.verdict() == Verdict::Above { "above" } else { "within" };
-    let spread = if found.within_spread { ", within the spread of its cycles" } else { "" };
-    (found.absolute != 0.0).then(|| format!("{place} the stated error{by}, {}{spread}", in_sentence(error, 2)))
+    let is_above = found.verdict() == Verdict::Above;
+    let place = if is_above { "above" } else { "within" };
+    let spread = if is_above && found.within_spread { ", but within the spread from cycle to cycle" } else { "" };
+    (found.absolute != 0.0).then(|| format!("{place} the stated error{by}, {}{spread}", plain(error, 2)))
 }
 
 /// What is found, most important first.
@@ -497,19 +509,19 @@ fn answers(
         _ => answers.push(match different.len() {
             1 => "1 result of the motion differs:".to_string(),
             count if count <= MAX_LISTED => {
-                format!("{count} results of the motion differ, the largest differences first:")
+                format!("{count} results of the motion differ:")
             }
-            count => format!("{count} results of the motion differ; those that differ most:"),
+            count => format!("{count} results of the motion differ; among them:"),
         }),
     }
     for row in different.iter().take(MAX_LISTED) {
         let unit = row.unit.map_or(String::new(), |unit| format!(" {unit}"));
-        let first = row.values[0].as_f64().map_or_else(|| "none".to_string(), |x| in_sentence(x, 4));
+        let first = row.values[0].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
         let other = |i: usize| {
-            let value = row.values[i].as_f64().map_or_else(|| "none".to_string(), |x| in_sentence(x, 4));
+            let value = row.values[i].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
             let found = row.differences[i - 1].filter(|found| found.absolute != 0.0);
             let words = found.map(|found| {
-                let relative = found.relative.map(per_cent);
+                let relative = found.relative.zip(found.ratio).map(|(relative, ratio)| per_cent(relative, ratio));
                 let verdict = verdict_in_words(&found, labels, i);
                 let all: Vec<String> = relative.into_iter().chain(verdict).collect();
                 if all.is_empty() { String::new() } else { format!(" ({})", all.join(", ")) }
@@ -519,24 +531,28 @@ fn answers(
         let others: Vec<String> = (1..runs.len()).map(other).collect();
         answers.push(format!("{}: {first}{unit} | {}", row.key, others.join(" | ")));
     }
+    let other_laws = errors.iter().any(|own| own.forces() != errors[0].forces());
+    let meshes: BTreeSet<Option<u64>> =
+        runs.iter().map(|run| run.summary.get("nodes").and_then(Value::as_u64)).collect();
+    let of_mesh = if meshes.len() > 1 { "; the errors of different meshes are not among them" } else { "" };
     let stated: Vec<String> = labels
         .iter()
         .zip(errors)
-        .filter_map(|(label, errors)| Some(format!("{label}: {}", errors.in_words()?)))
+        .filter_map(|(label, own)| Some(format!("{label}: {}", own.in_words(other_laws)?)))
         .collect();
     if !different.is_empty() {
         answers.push(match stated.is_empty() {
-            true => "No run states an error of its results, so that no difference can be told from one; a run with --verify, or \
-                     with a model or drag law chosen by `auto`, does."
+            true => "No run states an error of its results, as one with --verify does, so whether a difference is larger than \
+                     the errors is not known."
                 .to_string(),
-            false => format!("Stated relative errors, which are added up: {}.", stated.join("; ")),
+            false => format!("Stated relative errors, which are added up: {}{of_mesh}.", stated.join("; ")),
         });
     }
     answers
 }
 
 /// What to know of the comparison, and the notes of the runs.
-fn notes(labels: &[String], runs: &[RecordedRun], film: Option<[f64; 2]>) -> Vec<String> {
+fn notes(labels: &[String], runs: &[RecordedRun], film: Option<&Film>) -> Vec<String> {
     let mut notes = Vec::new();
     for (label, run) in labels.iter().zip(runs).filter(|(_, run)| !run.is_complete()) {
         notes.push(format!("{label} did not reach its end: {}", run.text("ending").unwrap_or("unknown")));
@@ -547,8 +563,8 @@ fn notes(labels: &[String], runs: &[RecordedRun], film: Option<[f64; 2]>) -> Vec
         notes.push(format!(
             "the runs end at different times, {} to {} s: totals and values at the end are of these times, while means over whole \
              cycles can be compared",
-            in_sentence(first, 5),
-            in_sentence(last, 5)
+            plain(first, 5),
+            plain(last, 5)
         ));
     }
     for (label, run) in labels.iter().zip(runs) {
@@ -556,6 +572,13 @@ fn notes(labels: &[String], runs: &[RecordedRun], film: Option<[f64; 2]>) -> Vec
     }
     if film.is_none() && runs.iter().filter(|run| run.has_motion()).count() > 1 {
         notes.push("there is no film: the tables of nodes have no time in common".to_string());
+    }
+    if let Some(film) = film {
+        notes.extend(
+            film.specks
+                .iter()
+                .map(|name| format!("{name} is so much smaller than the others that it is a dot in the film")),
+        );
     }
     let texts = |run: &RecordedRun| -> Vec<String> {
         let notes = run.summary.get("notes").and_then(Value::as_array);
@@ -632,6 +655,7 @@ struct RowOnPage<'a> {
 struct CellOnPage {
     value: String,
     exact: String,
+    numeric: bool,
     difference: Option<String>,
     verdict: Option<String>,
     above: bool,

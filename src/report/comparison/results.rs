@@ -25,8 +25,19 @@ const LEFT_OUT: [&str; 8] = [
 /// The results that are not compared between runs: the time that the computation took.
 const OF_MACHINE: &str = "wall_s";
 
-/// Results below this part of the largest one with their unit are rounding: a path across a symmetric swimmer.
-const NOISE: f64 = 1e-9;
+/// Results below this part of the largest one with their unit do not matter beside it: a path across a symmetric swimmer.
+const NEGLIGIBLE: f64 = 1e-3;
+
+/// The beginnings of the keys of results that are asked for first.
+const FIRST: [&str; 7] = [
+    "cycle_",
+    "net_displacement_m",
+    "cost_of_transport",
+    "efficiency",
+    "mean_thrust_n",
+    "mean_head_",
+    "mean_actuation_power_w",
+];
 
 /// Groups that tell of the motion, not of how it was computed.
 const OF_MOTION: [&str; 5] = ["Motion", "Whole cycles", "Energy and work", "Power", "Forces and momentum"];
@@ -47,8 +58,10 @@ pub enum Verdict {
 pub struct ResultDifference {
     /// The result less that of the first run.
     pub absolute: f64,
-    /// The same, relative to the first one; `None` if that is zero.
+    /// The same, relative to the size of the first one; `None` if that is zero.
     pub relative: Option<f64>,
+    /// The result as a multiple of the first one; `None` if that is zero.
+    pub ratio: Option<f64>,
     /// Sum of the errors that both runs state of it; that of one if the other states none.
     pub error: Option<f64>,
     /// The runs that state an error of it: the first one, this one.
@@ -156,9 +169,10 @@ pub fn rows(runs: &[RecordedRun], errors: &[StatedErrors]) -> Vec<ResultRow> {
             of_run.iter().map(|own| own.get(key).map_or(Value::Null, |value| (*value).clone())).collect();
         let is_number = values.iter().any(Value::is_number);
         let zero = |value: &Value| value.is_null() || value.as_f64() == Some(0.0);
-        let of_force =
-            is_absent_at_zero(names[place]) || unit_of(base).is_some_and(|unit| ["J", "W", "N", "N m"].contains(&unit));
-        let absent = values.iter().all(Value::is_null) || of_force && values.iter().all(zero);
+        let is_load = unit_of(base).is_some_and(|unit| ["J", "W", "N", "N m"].contains(&unit));
+        let is_mean = key.starts_with("cycle_");
+        let absent = values.iter().all(Value::is_null)
+            || (is_absent_at_zero(names[place]) || is_load || is_mean) && values.iter().all(zero);
         if absent || !is_number && values.iter().all(|value| *value == values[0]) {
             return None;
         }
@@ -174,6 +188,7 @@ pub fn rows(runs: &[RecordedRun], errors: &[StatedErrors]) -> Vec<ResultRow> {
             Some(ResultDifference {
                 absolute,
                 relative: (first != 0.0).then(|| absolute / first.abs()),
+                ratio: (first != 0.0).then(|| own / first),
                 error: [a, b].into_iter().flatten().reduce(|a, b| a + b),
                 stated: [a.is_some(), b.is_some()],
                 within_spread: absolute != 0.0 && absolute.abs() <= spread,
@@ -188,16 +203,29 @@ pub fn rows(runs: &[RecordedRun], errors: &[StatedErrors]) -> Vec<ResultRow> {
     rows.into_iter().map(|(_, row)| row).collect()
 }
 
-/// The results of the motion that differ, those that differ most first, without rounding noise.
+/// The results of the motion that differ: means over cycles and their like first, and among these those that differ most.
 pub fn most_different(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let size = |row: &ResultRow| row.values.iter().filter_map(Value::as_f64).map(f64::abs).fold(0.0, f64::max);
+    let of = |key: &str| rows.iter().find(|row| row.key == key).map(size).filter(|size| *size > 0.0);
+    let speed = of("com_path_m").zip(of("end_time_s")).map_or(0.0, |(path, end)| path / end);
     let largest = |unit: Option<&str>| {
-        rows.iter().filter(|row| unit.is_some() && row.unit == unit && row.is_of_motion()).map(size).fold(0.0, f64::max)
+        let least = match unit {
+            None | Some("rad") => 1e-3, // ratios and angles have a size of their own
+            Some("m/s") => speed,
+            _ => 0.0,
+        };
+        rows.iter()
+            .filter(|row| unit.is_some() && row.unit == unit && row.is_of_motion())
+            .map(size)
+            .fold(least, f64::max)
     };
     let is_result = |row: &&ResultRow| {
-        row.is_of_motion() && row.differences.iter().any(Option::is_some) && size(row) > NOISE * largest(row.unit)
+        row.is_of_motion() && row.differences.iter().any(Option::is_some) && size(row) > NEGLIGIBLE * largest(row.unit)
     };
     let mut found: Vec<&ResultRow> = rows.iter().filter(is_result).filter(|row| row.differs()).collect();
-    found.sort_by(|a, b| b.largest_difference().total_cmp(&a.largest_difference()));
+    let comes_later = |row: &ResultRow| !FIRST.iter().any(|key| row.key.starts_with(key)) || row.unit == Some("rad");
+    found.sort_by(|a, b| {
+        comes_later(a).cmp(&comes_later(b)).then(b.largest_difference().total_cmp(&a.largest_difference()))
+    });
     found
 }

@@ -116,16 +116,19 @@ impl StatedErrors {
         [of_model, of_law].into_iter().flatten().reduce(|a, b| a + b)
     }
 
-    /// What the run states, for a sentence; `None` if that is nothing.
-    pub fn in_words(&self) -> Option<String> {
+    /// What the run states, for a sentence; `None` if that is nothing. The uncertainty of the law counts `with_uncertainty`.
+    pub fn in_words(&self, with_uncertainty: bool) -> Option<String> {
         let source = if self.verified { "difference from the full model" } else { "estimated error of the model" };
-        let of_measures =
-            self.measures.iter().map(|(measure, error)| format!("{source}: {} {error:.1e}", measure.meaning()[0]));
+        let named = |(measure, error): &(ErrorMeasure, f64)| format!("{} {error:.1e}", measure.meaning()[0]);
+        let measures: Vec<String> = self.measures.iter().map(named).collect();
+        let of_model = (!measures.is_empty()).then(|| format!("{source}: {}", measures.join(", ")));
         let motion = if self.held { "thrust" } else { "speed" };
         let two = |what: &str, [a, b]: [f64; 2]| format!("{what}: {motion} {a:.1e}, power {b:.1e}");
-        let of_fluid = self.fluid.map(|errors| two("estimated error of the drag law", errors));
-        let all: Vec<String> = of_measures.chain(of_fluid).collect();
-        (!all.is_empty()).then(|| all.join("; "))
+        let of_law = self.fluid.map(|errors| two("estimated error of the drag law", errors));
+        let uncertainty = self.uncertainty.filter(|_| with_uncertainty);
+        let published = uncertainty.map(|errors| two("published uncertainty of the drag law", errors));
+        let all: Vec<String> = [of_model, of_law, published].into_iter().flatten().collect();
+        (!all.is_empty()).then(|| all.join(", "))
     }
 }
 
