@@ -22,6 +22,7 @@ pub fn differing_keys(scenes: &[Option<&Document>]) -> Vec<KeyDifference> {
         let mut found = BTreeMap::new();
         if let Ok(table) = document.read_as::<toml::Table>() {
             flatten(Value::Table(table), "", &mut found);
+            found.remove("name"); // runs are labelled by it
         }
         found
     };

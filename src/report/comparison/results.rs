@@ -28,15 +28,22 @@ const OF_MACHINE: &str = "wall_s";
 /// Results below this part of the largest one with their unit do not matter beside it: a path across a symmetric swimmer.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// The beginnings of the keys of results that are asked for first.
-const FIRST: [&str; 7] = [
-    "cycle_",
+/// The results that are asked for first.
+const FIRST: [&str; 14] = [
+    "cycle_speed_m_s",
+    "cycle_thrust_n",
+    "cycle_actuation_power_w",
+    "cycle_head_power_w",
+    "cycle_hinge_power_w",
+    "cycle_tip_excursion_m",
+    "cycle_strouhal_number",
+    "cycle_cost_of_transport",
+    "cycle_efficiency",
     "net_displacement_m",
-    "cost_of_transport",
-    "efficiency",
     "mean_thrust_n",
-    "mean_head_",
-    "mean_actuation_power_w",
+    "max_head_force_n",
+    "max_head_moment_n_m",
+    "max_joint_moment_n_m",
 ];
 
 /// Groups that tell of the motion, not of how it was computed.
@@ -203,7 +210,7 @@ pub fn rows(runs: &[RecordedRun], errors: &[StatedErrors]) -> Vec<ResultRow> {
     rows.into_iter().map(|(_, row)| row).collect()
 }
 
-/// The results of the motion that differ: means over cycles and their like first, and among these those that differ most.
+/// The results of the motion that differ: those that are asked for first, and among these and the others those that differ most.
 pub fn most_different(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let size = |row: &ResultRow| row.values.iter().filter_map(Value::as_f64).map(f64::abs).fold(0.0, f64::max);
     let of = |key: &str| rows.iter().find(|row| row.key == key).map(size).filter(|size| *size > 0.0);
@@ -223,7 +230,7 @@ pub fn most_different(rows: &[ResultRow]) -> Vec<&ResultRow> {
         row.is_of_motion() && row.differences.iter().any(Option::is_some) && size(row) > NEGLIGIBLE * largest(row.unit)
     };
     let mut found: Vec<&ResultRow> = rows.iter().filter(is_result).filter(|row| row.differs()).collect();
-    let comes_later = |row: &ResultRow| !FIRST.iter().any(|key| row.key.starts_with(key)) || row.unit == Some("rad");
+    let comes_later = |row: &ResultRow| !FIRST.contains(&row.key.as_str());
     found.sort_by(|a, b| {
         comes_later(a).cmp(&comes_later(b)).then(b.largest_difference().total_cmp(&a.largest_difference()))
     });
