@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 
 use crate::page::{attribute, browse, chromium, narrow};
@@ -392,14 +394,22 @@ fn runs_that_end_early_or_lack_files_are_compared_as_far_as_they_go() {
 /// The film on a page.
 fn film(page: &Path) -> Value {
     let text = std::fs::read_to_string(page).unwrap();
-    let json = text
-        .split("<script id=\"motion\" type=\"application/json\">")
-        .nth(1)
-        .unwrap()
-        .split("</script>")
-        .next()
-        .unwrap();
-    serde_json::from_str(json).unwrap()
+    let json = text.split("<script id=\"motion\" type=\"application/json\">").nth(1).unwrap();
+    serde_json::from_str(json.split("</script>").next().unwrap()).unwrap()
+}
+
+/// The coordinates of the nodes of a rod of a `film` in each frame: they are packed, and relative to its centre of mass.
+fn positions(film: &Value, packed: &Value) -> Vec<Vec<f64>> {
+    let com: Vec<Vec<f64>> = film["com"].as_array().unwrap().iter().map(numbers).collect();
+    let bytes = STANDARD.decode(packed.as_str().unwrap()).unwrap();
+    let all: Vec<f64> =
+        bytes.chunks_exact(4).map(|four| f64::from(f32::from_le_bytes(four.try_into().unwrap()))).collect();
+    let frames = all.chunks_exact(all.len() / com.len()).zip(&com);
+    frames.map(|(frame, com)| frame.iter().enumerate().map(|(i, x)| x + com[i % 2]).collect()).collect()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
 /// The value at a time of what was recorded, on a straight line between two records.
@@ -423,8 +433,6 @@ fn the_film_shows_all_rods_at_the_same_times_where_their_tables_have_them() {
     run(folder.path(), "d", &["record.nodes_from_s=0.1"]);
     done(folder.path(), &["compare", "a", "b", "c", "d", "--out", "all"]);
     let film = film(&at("all/report.html"));
-    let numbers =
-        |value: &Value| -> Vec<f64> { value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect() };
     let times = numbers(&film["times"]);
     assert!(times.len() >= 35, "{}", times.len());
     assert!((times[0] - 0.1).abs() < 1e-9 && (times[times.len() - 1] - 0.5).abs() < 1e-9, "{times:?}");
@@ -433,15 +441,15 @@ fn the_film_shows_all_rods_at_the_same_times_where_their_tables_have_them() {
     assert_eq!(names, ["b", "c", "d"]);
     assert_eq!(beside[1]["points"], beside[2]["points"], "Parquet and CSV hold the same positions");
     let [a, b] = ["a", "b"].map(|name| columns(at(name).join("nodes.csv")));
+    let (first, second) = (positions(&film, &film["points"]), positions(&film, &beside[0]["points"]));
     for (k, time) in times.iter().enumerate() {
         let of = |table: &BTreeMap<String, Vec<f64>>, node: usize, axis: &str| {
             interpolated(&table["time_s"], &table[&format!("{axis}{node}_m")], *time)
         };
-        let first = numbers(&film["points"][k]);
-        let second = numbers(&beside[0]["points"][k]);
+        let (first, second) = (&first[k], &second[k]);
         assert_eq!([first.len(), second.len()], [10, 6]);
         // From the head to the tip, in whichever order they were recorded.
-        for (points, table, nodes) in [(&first, &a, &[0, 1, 2, 3, 4][..]), (&second, &b, &[0, 2, 4])] {
+        for (points, table, nodes) in [(first, &a, &[0, 1, 2, 3, 4][..]), (second, &b, &[0, 2, 4])] {
             for (i, node) in nodes.iter().enumerate() {
                 for (j, axis) in ["x", "y"].into_iter().enumerate() {
                     let expected = of(table, *node, axis);

@@ -60,7 +60,7 @@ pub fn compare<'py>(
     content.set_item("content", pythonize::pythonize(py, &comparison.content())?)?;
     content.set_item("html", comparison.html().or_raise(py)?)?;
     let figures = PyDict::new(py);
-    for figure in comparison.figures() {
+    for figure in &comparison.figures {
         figures.set_item(&figure.file, &figure.svg)?;
     }
     content.set_item("figures", figures)?;

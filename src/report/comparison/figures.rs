@@ -4,23 +4,8 @@ use super::super::chart::{Chart, Figure, Mark, Scale, Series};
 use super::super::recorded_run::RecordedRun;
 use crate::variable::VARIABLES;
 
-/// The figures of one kind of quantity.
-#[derive(Debug, serde::Serialize)]
-pub struct FigureGroup {
-    /// Its name on the page.
-    pub name: &'static str,
-    /// Its figures.
-    pub figures: Vec<Figure>,
-}
-
-/// Groups in the order of the page, with the units of their quantities; the last one has all others.
-const GROUPS: [(&str, &[&str]); 5] = [
-    ("Motion", &["m", "m/s", "rad", "rad/s"]),
-    ("Forces and momentum", &["N", "N m", "N s"]),
-    ("Power", &["W"]),
-    ("Energy and work", &["J"]),
-    ("Other quantities", &[]),
-];
+/// The units of quantities in the order of the page: of motion, of forces, of power, of energy; all others come last.
+const ORDER: [&[&str]; 4] = [&["m", "m/s", "rad", "rad/s"], &["N", "N m", "N s"], &["W"], &["J"]];
 
 /// What the axis of a quantity with this unit is called.
 const AXES: [(&str, &str); 9] = [
@@ -39,19 +24,18 @@ const AXES: [(&str, &str); 9] = [
 const DERIVED: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
 
 /// The figures of `runs`, with these labels and colours.
-pub fn groups(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Vec<FigureGroup> {
+pub fn all(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Vec<Figure> {
     let series = |x: &str, y: &str| -> Vec<Series> {
         let curves = runs.iter().map(|run| run.curves.curve(x, y));
         let there = curves.zip(labels).zip(colours).filter(|((points, _), _)| !points.is_empty());
         there.map(|((points, label), k)| Series::new(label, points, Mark::Line).coloured(*k)).collect()
     };
-    let mut groups: Vec<FigureGroup> =
-        GROUPS.iter().map(|(name, _)| FigureGroup { name, figures: Vec::new() }).collect();
+    let mut groups: Vec<Vec<Figure>> = vec![Vec::new(); ORDER.len() + 1];
     let path = series("x_com_m", "y_com_m");
     if path.len() > 1 {
         let chart = Chart::new("path of the centre of mass", "x (m)", "y (m)", Scale::Linear, path);
         let caption = "The paths of the centres of mass; the two axes have scales of their own.";
-        groups[0].figures.extend(chart.figure("com_path.svg", caption));
+        groups[0].extend(chart.figure("com_path.svg", caption));
     }
     for name in quantities(runs) {
         let curves = series("time_s", &name);
@@ -77,12 +61,11 @@ pub fn groups(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Vec
         let how = if derived { ": mean values between recorded times" } else { "" };
         let caption = format!("{}{at}, over time{how}.", capitalised(description));
         let chart = Chart::new(format!("{short}{axis}{at}"), "time (s)", y, Scale::Linear, curves);
-        let place = GROUPS.iter().position(|(_, units)| units.contains(&unit)).unwrap_or(GROUPS.len() - 1);
+        let place = ORDER.iter().position(|units| units.contains(&unit)).unwrap_or(ORDER.len());
         let file = format!("{}.svg", name.replace('[', "-").replace(']', ""));
-        groups[place].figures.extend(chart.figure(file, caption));
+        groups[place].extend(chart.figure(file, caption));
     }
-    groups.retain(|group| !group.figures.is_empty());
-    groups
+    groups.concat()
 }
 
 /// The columns of all runs, in the order of the table of variables.

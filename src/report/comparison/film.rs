@@ -52,7 +52,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
             let com = ["x_com_m", "y_com_m"].map(|name| run.curves.at(time, name));
             let com = [com[0].unwrap_or_else(|| mean(0)), com[1].unwrap_or_else(|| mean(1))];
-            Frame { time, points, com, body: None, medium: None }
+            Frame { time, points, com, body: None, medium: None, loads: None }
         };
         (0..frames).map(time).map(frame).collect()
     };

@@ -16,18 +16,17 @@ use serde_json::{Map, Value, json};
 pub use keys::KeyDifference;
 pub use results::{ResultDifference, ResultRow, Verdict};
 
-use super::chart::Figure;
+use super::chart::{Figure, SERIES};
 use super::findings::Table;
 use super::folder::{Claim, Folder, Owner};
 use super::number_groups::{DIGITS, meaning_of};
-use super::page::{Animation, RawJson, render};
+use super::page::{Animation, Figures, RawJson, render};
 use super::recorded_run::RecordedRun;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::jobs::hash;
 use crate::number_format::{in_sentence, signed, significant};
 use crate::scene::Document;
-use figures::FigureGroup;
 use film::Film;
 use stated_errors::StatedErrors;
 
@@ -60,7 +59,8 @@ pub struct Comparison {
     /// What to know of the comparison and of its runs.
     pub notes: Vec<String>,
     runs: Vec<RecordedRun>,
-    figures: Vec<FigureGroup>,
+    /// The figures.
+    pub figures: Vec<Figure>,
     film: Option<Film>,
 }
 
@@ -86,7 +86,7 @@ impl Comparison {
         let errors: Vec<StatedErrors> = runs.iter().map(StatedErrors::of).collect();
         let results = results::rows(&runs, &errors);
         let colours: Vec<usize> = (0..runs.len()).map(colour).collect();
-        let figures = figures::groups(&runs, &labels, &colours);
+        let figures = figures::all(&runs, &labels, &colours);
         let film = film::film(&runs, &labels)?;
         let answers = answers(&labels, &runs, &keys, &results, &errors);
         let notes = notes(&labels, &runs, film.as_ref());
@@ -110,11 +110,6 @@ impl Comparison {
     /// The folder of its results unless another one is asked for.
     pub fn folder(&self) -> PathBuf {
         PathBuf::from("out").join(self.name())
-    }
-
-    /// The figures.
-    pub fn figures(&self) -> impl Iterator<Item = &Figure> {
-        self.figures.iter().flat_map(|group| &group.figures)
     }
 
     /// Claims `folder` for its results.
@@ -159,7 +154,7 @@ impl Comparison {
         for table in [self.results_table(), self.keys_table()] {
             files.push((table.file.to_string(), table.csv().map_err(|e| failed(e.to_string()))?));
         }
-        files.extend(self.figures().map(|figure| (figure.file.clone(), figure.svg.clone())));
+        files.extend(self.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
         files.push(("report.html".to_string(), self.html()?));
         Ok(folder.results().all(&files))
     }
@@ -286,7 +281,7 @@ impl Comparison {
             labels: &self.labels,
             keys: self.keys.iter().map(|found| self.key_on_page(found)).collect(),
             results: self.results_on_page(),
-            figures: &self.figures,
+            figures: (!self.figures.is_empty()).then(|| Figures::of(&self.figures)),
         };
         render(include_str!("../comparison.html"), &content)
     }
@@ -357,7 +352,8 @@ fn colour(i: usize) -> usize {
 
 /// The variable of the style sheet that has the colour of run `i`.
 fn swatch(i: usize) -> String {
-    i.checked_sub(1).map_or_else(|| "--rod".to_string(), |i| format!("--companion-{}", i % DISTINCT))
+    i.checked_sub(1)
+        .map_or_else(|| "--rod".to_string(), |i| format!("--series-{}", Animation::series_of_companion(i) % SERIES))
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -615,7 +611,7 @@ struct Content<'a> {
     labels: &'a [String],
     keys: Vec<KeyOnPage>,
     results: Vec<ResultsOnPage<'a>>,
-    figures: &'a [FigureGroup],
+    figures: Option<Figures<'a>>,
 }
 
 #[derive(Serialize)]
