@@ -428,15 +428,15 @@ fn in_words(value: &Value) -> String {
 fn change_in_words(found: &ResultDifference) -> String {
     let text = plain(found.absolute, 4);
     let sign = if found.absolute > 0.0 { "+" } else { "" };
-    let relative = found.relative.zip(found.ratio).map(|(relative, ratio)| format!(", {}", per_cent(relative, ratio)));
+    let relative = found.relative.map(|relative| format!(", {}", per_cent(relative)));
     format!("{sign}{text}{}", relative.unwrap_or_default())
 }
 
 /// A relative difference in per cent, in about three digits, or as a factor where it is large.
-fn per_cent(relative: f64, ratio: f64) -> String {
+fn per_cent(relative: f64) -> String {
     let size = 100.0 * relative.abs();
     match size {
-        _ if size >= 1e4 => format!("{} times", plain(ratio, 3)),
+        _ if size >= 1e4 => format!("{} times", plain(1.0 + relative, 3)),
         _ if size >= 100.0 => format!("{} %", signed(100.0 * relative, 0)),
         _ if size >= 0.1 => format!("{} %", signed(100.0 * relative, if size >= 10.0 { 1 } else { 2 })),
         _ => format!("{}{} %", if relative > 0.0 { "+" } else { "" }, plain(100.0 * relative, 2)),
@@ -517,7 +517,7 @@ fn answers(
             let value = row.values[i].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
             let found = row.differences[i - 1].filter(|found| found.absolute != 0.0);
             let words = found.map(|found| {
-                let relative = found.relative.zip(found.ratio).map(|(relative, ratio)| per_cent(relative, ratio));
+                let relative = found.relative.map(per_cent);
                 let verdict = verdict_in_words(&found, labels, i);
                 let all: Vec<String> = relative.into_iter().chain(verdict).collect();
                 if all.is_empty() { String::new() } else { format!(" ({})", all.join(", ")) }

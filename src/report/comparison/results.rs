@@ -65,10 +65,8 @@ pub enum Verdict {
 pub struct ResultDifference {
     /// The result less that of the first run.
     pub absolute: f64,
-    /// The same, relative to the size of the first one; `None` if that is zero.
+    /// The same, divided by the first one; `None` if that is zero.
     pub relative: Option<f64>,
-    /// The result as a multiple of the first one; `None` if that is zero.
-    pub ratio: Option<f64>,
     /// Sum of the errors that both runs state of it; that of one if the other states none.
     pub error: Option<f64>,
     /// The runs that state an error of it: the first one, this one.
@@ -194,8 +192,7 @@ pub fn rows(runs: &[RecordedRun], errors: &[StatedErrors]) -> Vec<ResultRow> {
             let spread = spreads[0].unwrap_or(0.0) + spreads[i].unwrap_or(0.0);
             Some(ResultDifference {
                 absolute,
-                relative: (first != 0.0).then(|| absolute / first.abs()),
-                ratio: (first != 0.0).then(|| own / first),
+                relative: (first != 0.0).then(|| absolute / first),
                 error: [a, b].into_iter().flatten().reduce(|a, b| a + b),
                 stated: [a.is_some(), b.is_some()],
                 within_spread: absolute != 0.0 && absolute.abs() <= spread,
