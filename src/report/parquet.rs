@@ -99,12 +99,15 @@ impl Parquet {
     }
 }
 
+/// Takes the positions (m) of nodes at a time (s); false if no more are needed.
+pub type NodesVisitor<'a> = dyn FnMut(f64, &[(i32, [f64; 2])]) -> Result<bool> + 'a;
+
 /// Calls `look` with each time (s) of a table of nodes and the nodes from head to tip with their positions (m), until it returns
 /// false.
 ///
 /// # Errors
 /// [`Error::Read`]; those of `look`.
-pub fn visit_nodes(path: &Path, look: &mut dyn FnMut(f64, &[(i32, [f64; 2])]) -> Result<bool>) -> Result<()> {
+pub fn visit_nodes(path: &Path, look: &mut NodesVisitor<'_>) -> Result<()> {
     let failed = |reason: String| Error::Read { path: path.to_path_buf(), reason };
     let broken = |e: parquet::errors::ParquetError| failed(format!("{e}; run the scene again"));
     let file = File::open(path).map_err(|e| failed(e.to_string()))?;

@@ -128,9 +128,7 @@ impl RecordedRun {
             return Err(Error::Page { reason: format!("the columns of `{name}` have different lengths") });
         }
         let mut curves = CurvesBuilder::new(names)?;
-        for row in 0..count {
-            curves.take(row + 1 == count, |column| Ok(values[column][row]))?;
-        }
+        (0..count).try_for_each(|row| curves.take(row + 1 == count, |column| Ok(values[column][row])))?;
         let mut missing = Vec::new();
         let nodes = match positions {
             Some(positions) => NodeTable::Memory(times, positions),

@@ -118,8 +118,8 @@ impl Comparison {
     /// [`Error::Comparison`] for the folder of one of the runs; those of [`Folder::claim`].
     pub fn claim(&self, folder: &Path, claim: Claim) -> Result<Folder> {
         let place = |path: &Path| path.canonicalize().ok();
-        let there = self.runs.iter().filter_map(|run| run.path.as_deref());
-        if let Some(run) = there.filter(|run| place(run).is_some() && place(run) == place(folder)).next() {
+        let mut there = self.runs.iter().filter_map(|run| run.path.as_deref());
+        if let Some(run) = there.find(|run| place(run).is_some() && place(run) == place(folder)) {
             let problem = format!("{} is one of them; choose another folder for the comparison", run.display());
             return Err(Error::Comparison { problem });
         }
