@@ -190,6 +190,12 @@ pub enum Error {
         /// What was found, and what is allowed.
         problem: String,
     },
+    /// Runs cannot be compared.
+    #[error("the runs cannot be compared: {problem}")]
+    Comparison {
+        /// What was found, and what is allowed.
+        problem: String,
+    },
     /// A simulation does not have the requested derivative.
     #[error("{problem}")]
     Derivative {
@@ -293,6 +299,7 @@ impl Error {
                 | Self::Busy { .. }
                 | Self::Read { .. }
                 | Self::Study { .. }
+                | Self::Comparison { .. }
                 | Self::Fmu(_)
                 | Self::Derivative { .. }
                 | Self::Journal { .. }

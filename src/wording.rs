@@ -4,6 +4,8 @@
 //! names of a user's files stay as they are.
 
 use std::fmt;
+#[cfg(feature = "report")]
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a user speaks to.
@@ -60,6 +62,15 @@ pub(crate) enum Phrase {
 }
 
 impl Phrase {
+    /// The advice to run the scene in this file before its results are used.
+    #[cfg(feature = "report")]
+    pub(crate) fn run_first(scene: &Path) -> String {
+        match frontend() {
+            Frontend::Command => format!("`caudal run {}` first", scene.display()),
+            Frontend::Python => format!("`caudal.run({:?}, out=…)` first", scene.display().to_string()),
+        }
+    }
+
     /// As a front end says it.
     fn said_by(self, frontend: Frontend) -> &'static str {
         let [command, python] = match self {
@@ -86,10 +97,14 @@ impl Phrase {
     }
 }
 
+/// The front end of this program.
+fn frontend() -> Frontend {
+    if IS_PYTHON.load(Ordering::Relaxed) { Frontend::Python } else { Frontend::Command }
+}
+
 impl fmt::Display for Phrase {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let frontend = if IS_PYTHON.load(Ordering::Relaxed) { Frontend::Python } else { Frontend::Command };
-        f.write_str(self.said_by(frontend))
+        f.write_str(self.said_by(frontend()))
     }
 }
 

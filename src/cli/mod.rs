@@ -1,6 +1,7 @@
 //! The command line: arguments, output, and exit codes.
 
 mod check;
+mod compare;
 #[cfg(feature = "design")]
 mod design;
 mod export;
@@ -70,6 +71,8 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Compare finished runs: keys and results that differ, overlaid figures and films on one page
+    Compare(compare::CompareArguments),
     /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
     Sweep(sweep::SweepArguments),
     /// Design the stiffness that a scene's [design] asks for: figures, numbers, and a scene with the designed profile
@@ -204,6 +207,7 @@ pub fn main() -> ExitCode {
     set_quiet(quiet);
     let outcome = match command {
         Command::Run { scene, out, verify, force, json } => run::run(&scene, out, verify, force, json),
+        Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         #[cfg(feature = "design")]
         Command::Design { scene, out, force } => design::design(&scene, out, force),

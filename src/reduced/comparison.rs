@@ -14,7 +14,7 @@ pub const MIN_PATH_FRACTION: f64 = 0.01;
 
 /// Differences of mean force and moment are relative to at least this fraction of the mean modulus, because a mean thrust is a
 /// small difference of large forces.
-const MIN_MEAN_FRACTION: f64 = 1e-3;
+pub const MIN_MEAN_FRACTION: f64 = 1e-3;
 
 /// Distances below this fraction of the length, and forces and moments below this fraction of EI/L² and EI/L, are rounding noise.
 pub const NOISE: f64 = 1e-9;

@@ -99,6 +99,13 @@ impl ModelChoice {
         }
         Self { kind: taken, reason: Some(reasons.join("; ")), estimates: Some(estimates) }
     }
+
+    /// The largest estimated error of a cheaper model that was chosen for this [`reason`](Self::reason), and its measure.
+    pub fn stated_error(reason: &str) -> Option<(ErrorMeasure, f64)> {
+        let (name, rest) = reason.strip_prefix("its largest estimated error, of the ")?.split_once(", is ")?;
+        let measure = ErrorMeasure::ALL.into_iter().find(|measure| measure.meaning()[0] == name)?;
+        Some((measure, rest.split(' ').next()?.parse().ok()?))
+    }
 }
 
 /// Advances the state of a rod in time, by the equations of one kind of model.

@@ -298,6 +298,14 @@ impl Folder {
         }
     }
 
+    /// The owner of the results in the folder at `path`, which is only read; `None` without a manifest, or of exports alone.
+    ///
+    /// # Errors
+    /// [`Error::Read`] for a manifest that cannot be read.
+    pub fn owner_at(path: &Path) -> Result<Option<Owner>> {
+        Ok(Manifest::read(path)?.and_then(|manifest| manifest.owner))
+    }
+
     /// Its path.
     pub fn path(&self) -> &Path {
         &self.path

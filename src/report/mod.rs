@@ -4,6 +4,7 @@
 pub mod cases;
 pub mod chart;
 mod chart_axis;
+pub mod comparison;
 #[cfg(feature = "pictures")]
 pub mod film;
 mod findings;
@@ -18,6 +19,7 @@ mod page;
 pub mod parquet;
 #[cfg(feature = "pictures")]
 pub mod picture;
+pub mod recorded_run;
 mod run_figures;
 mod run_record;
 mod scenery;

@@ -8,10 +8,10 @@ use crate::number_format::in_sentence;
 use crate::variable::VARIABLES;
 
 /// Digits that are shown; the whole number appears under the cursor.
-const DIGITS: usize = 6;
+pub(super) const DIGITS: usize = 6;
 
 /// Spreads over cycles below this part of their means are rounding.
-const ROUNDING: f64 = 1e-12;
+pub(super) const ROUNDING: f64 = 1e-12;
 
 /// Ends of keys, and the units that they mean. Of two that fit, the first counts.
 const UNITS: [(&str, &str); 10] = [
@@ -58,7 +58,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
 ];
 
 /// Ratios that have a namesake over whole cycles.
-const WHOLE_RUN: [&str; 2] = ["cost_of_transport", "efficiency"];
+pub(super) const WHOLE_RUN: [&str; 2] = ["cost_of_transport", "efficiency"];
 
 /// What the page shows elsewhere.
 const ELSEWHERE: [&str; 2] = ["final_positions_m", "notes"];
@@ -91,7 +91,7 @@ pub(super) fn groups(summary: &Map<String, Value>) -> Vec<NumberGroup> {
         let measure = MEASURES.iter().find(|measure| measure.key == key);
         let spread = measure.and_then(|measure| summary.get(measure.spread)).and_then(Value::as_f64);
         // What acts in no cycle is not this scene's.
-        let nothing = matches!(GROUPS[group].0, "Energy and work" | "Power" | "Forces and momentum")
+        let nothing = is_absent_at_zero(GROUPS[group].0)
             || spread == Some(0.0) && unit_of(key).is_some_and(|unit| ["J", "W", "N", "N m"].contains(&unit));
         let absent = value.is_null() || nothing && is_zero(value);
         if absent || ELSEWHERE.contains(&key.as_str()) || spreads.contains(&key.as_str()) {
@@ -103,28 +103,42 @@ pub(super) fn groups(summary: &Map<String, Value>) -> Vec<NumberGroup> {
         let spread = spread.map_or(String::new(), |spread| format!(" ± {}", in_sentence(spread, 2)));
         let unit = unit_of(key).map_or(String::new(), |unit| format!(" {unit}"));
         let whole = WHOLE_RUN.contains(&key.as_str());
-        let of_variable =
-            || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
         groups[group].rows.push(NumberRow {
             key: key.clone(),
             value: format!("{}{spread}{unit}{}", in_words(value), if whole { ", of the whole run" } else { "" }),
             exact: value.to_string(),
-            meaning: match measure {
-                _ if whole => "with its start; cycle_… is the mean over the last whole cycles",
-                Some(measure) => measure.description,
-                None => of_variable().unwrap_or(""),
-            },
+            meaning: meaning_of(key),
         });
     }
     groups.into_iter().filter(|group| !group.rows.is_empty()).collect()
 }
 
-fn unit_of(key: &str) -> Option<&'static str> {
+pub(super) fn unit_of(key: &str) -> Option<&'static str> {
     UNITS.iter().find(|(end, _)| key.ends_with(end)).map(|(_, unit)| *unit)
 }
 
+/// The names of the groups, in the order of the page.
+pub(super) fn group_names() -> impl Iterator<Item = &'static str> {
+    GROUPS.iter().map(|(name, _)| *name)
+}
+
+/// True where a number of zero in this group means that the scene does not have it.
+pub(super) fn is_absent_at_zero(group: &str) -> bool {
+    matches!(group, "Energy and work" | "Power" | "Forces and momentum")
+}
+
+/// What the number of this key means; empty where the key says it.
+pub(super) fn meaning_of(key: &str) -> &'static str {
+    let of_variable = || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
+    match MEASURES.iter().find(|measure| measure.key == key) {
+        _ if WHOLE_RUN.contains(&key) => "with its start; cycle_… is the mean over the last whole cycles",
+        Some(measure) => measure.description,
+        None => of_variable().unwrap_or(""),
+    }
+}
+
 /// The place of its group.
-fn group_of(key: &str) -> usize {
+pub(super) fn group_of(key: &str) -> usize {
     let named = |name: &str| GROUPS.iter().position(|(own, _)| *own == name);
     let begins = |(_, keys): &(&str, &[&str])| keys.iter().any(|begin| key.starts_with(begin));
     let by_unit = || match unit_of(key)? {

@@ -1,12 +1,15 @@
 //! Parquet files: positions of many nodes, and tables of many cases.
 
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use parquet::basic::{Compression, LogicalType, Repetition, Type as PhysicalType};
+use parquet::column::reader::get_typed_column_reader;
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int32Type};
 use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::parser::parse_message_type;
 use parquet::schema::types::Type as SchemaType;
@@ -94,6 +97,60 @@ impl Parquet {
     pub fn path(&self) -> PathBuf {
         self.path.clone()
     }
+}
+
+/// Takes the positions (m) of nodes at a time (s); false if no more are needed.
+pub type NodesVisitor<'a> = dyn FnMut(f64, &[(i32, [f64; 2])]) -> Result<bool> + 'a;
+
+/// Calls `look` with each time (s) of a table of nodes and the nodes from head to tip with their positions (m), until it returns
+/// false.
+///
+/// # Errors
+/// [`Error::Read`]; those of `look`.
+pub fn visit_nodes(path: &Path, look: &mut NodesVisitor<'_>) -> Result<()> {
+    let failed = |reason: String| Error::Read { path: path.to_path_buf(), reason };
+    let broken = |e: parquet::errors::ParquetError| failed(format!("{e}; run the scene again"));
+    let file = File::open(path).map_err(|e| failed(e.to_string()))?;
+    let table = SerializedFileReader::new(file).map_err(broken)?;
+    let names = table.metadata().file_metadata().schema_descr().columns();
+    if names.iter().map(|column| column.name()).ne(["time_s", "node", "x_m", "y_m"]) {
+        return Err(failed("its columns are not time_s, node, x_m, y_m; run the scene again".to_string()));
+    }
+    // The rows of one time may be in two groups.
+    let (mut now, mut nodes) = (f64::NAN, Vec::new());
+    let mut pass = |time: f64, nodes: &mut Vec<(i32, [f64; 2])>| {
+        nodes.sort_by_key(|(node, _)| *node);
+        look(time, nodes)
+    };
+    for group in 0..table.num_row_groups() {
+        let group = table.get_row_group(group).map_err(broken)?;
+        let numbers = |k: usize| values_of::<DoubleType>(&*group, k).map_err(broken);
+        let (times, x, y) = (numbers(0)?, numbers(2)?, numbers(3)?);
+        let of_nodes = values_of::<Int32Type>(&*group, 1).map_err(broken)?;
+        for (((time, node), x), y) in times.into_iter().zip(of_nodes).zip(x).zip(y) {
+            if time != now && !nodes.is_empty() {
+                if !pass(now, &mut nodes)? {
+                    return Ok(());
+                }
+                nodes.clear();
+            }
+            now = time;
+            nodes.push((node, [x, y]));
+        }
+    }
+    if !nodes.is_empty() {
+        pass(now, &mut nodes)?;
+    }
+    Ok(())
+}
+
+/// The values of a column of a group, which all rows have.
+fn values_of<T: DataType>(group: &dyn RowGroupReader, column: usize) -> parquet::errors::Result<Vec<T::T>> {
+    let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+    let mut values = Vec::with_capacity(rows);
+    let mut reader = get_typed_column_reader::<T>(group.get_column_reader(column)?);
+    while values.len() < rows && reader.read_records(rows - values.len(), None, None, &mut values)?.0 > 0 {}
+    Ok(values)
 }
 
 /// Creates a Parquet file next to `path`.

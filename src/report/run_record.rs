@@ -15,9 +15,9 @@ use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
 /// Most samples of a curve; at least half as many are kept.
-const MAX_SAMPLES: usize = 2500;
+pub(super) const MAX_SAMPLES: usize = 2500;
 /// The same for frames of the animation.
-const MAX_FRAMES: usize = 1200;
+pub(super) const MAX_FRAMES: usize = 1200;
 
 /// The spectrum of the drive, which the times follow, is taken on no more nodes.
 const MAX_NODES_FOR_SPECTRUM: usize = 201;
@@ -174,18 +174,20 @@ impl Frame {
 
 /// Downsampling: every n-th item; n doubles whenever `limit` is reached, so that the length of the run need not be known.
 #[derive(Debug)]
-struct Thinned<T> {
-    kept: Vec<T>,
+pub(super) struct Thinned<T> {
+    /// What was kept, in order.
+    pub(super) kept: Vec<T>,
     every: u64,
     limit: usize,
 }
 
 impl<T> Thinned<T> {
-    fn new(limit: usize) -> Self {
+    pub(super) fn new(limit: usize) -> Self {
         Self { kept: Vec::with_capacity(limit), every: 1, limit }
     }
 
-    fn offer(&mut self, step: u64, item: impl FnOnce() -> T) {
+    /// Keeps item number `step`, unless it is skipped.
+    pub(super) fn offer(&mut self, step: u64, item: impl FnOnce() -> T) {
         if !step.is_multiple_of(self.every) {
             return;
         }

@@ -137,7 +137,19 @@ fn new_scenes_are_what_they_were() {
 #[test]
 fn help_completions_and_man_pages_are_what_they_were() {
     is_as_recorded("documents/help", |_| {
-        let parts = ["run", "sweep", "design", "check", "fmu", "variables", "new", "export", "schema", "completions"];
+        let parts = [
+            "run",
+            "compare",
+            "sweep",
+            "design",
+            "check",
+            "fmu",
+            "variables",
+            "new",
+            "export",
+            "schema",
+            "completions",
+        ];
         let studies = ["modes", "scaling", "accuracy", "fluid", "stability"];
         let mut calls: Vec<Vec<&str>> = vec![vec![], vec!["sweep", "merge"], vec!["man"], vec!["study"]];
         calls.extend(parts.map(|part| vec![part]));

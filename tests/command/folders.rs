@@ -44,7 +44,7 @@ knots = [0.2, 0.8]
 
 const SWEEP: &str = "name = \"eels\"\nscene = \"eel.toml\"\n[axes]\ndrag.form_drag = [1.0, 1.2]\n";
 
-/// A folder with scenes and a sweep of them.
+/// A folder with scenes, a sweep of them, and two runs.
 fn scenes() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let held = EEL
@@ -55,6 +55,9 @@ fn scenes() -> tempfile::TempDir {
     write("worm.toml", &EEL.replace("name = \"eel\"", "name = \"worm\""));
     write("flag.toml", &held);
     write("eels.toml", SWEEP);
+    for run in ["one", "two"] {
+        assert!(caudal(folder.path(), &format!("run eel.toml --out {run}")).status.success());
+    }
     folder
 }
 
@@ -103,7 +106,7 @@ fn owner(folder: &Path) -> Option<String> {
 }
 
 /// Commands that leave results in the folder `here`, with the owner of these.
-const COMMANDS: [(&str, &str); 14] = [
+const COMMANDS: [(&str, &str); 15] = [
     ("run eel", "run eel.toml"),
     ("run worm", "run worm.toml"),
     ("sweep eels", "sweep eels.toml"),
@@ -117,6 +120,7 @@ const COMMANDS: [(&str, &str); 14] = [
     ("study of stability eel", "study stability eel.toml --points 2 --set solver.duration_s=0.05"),
     ("study of stability flag", "study stability flag.toml --vary flow --points 2"),
     ("design eel", "design eel.toml"),
+    ("comparison one, two", "compare one two"),
     ("export", "export eel.toml --vtk"),
 ];
 

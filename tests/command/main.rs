@@ -7,6 +7,7 @@ mod skip;
 
 mod check;
 mod command;
+mod compare;
 mod digest;
 mod documents;
 mod figures;

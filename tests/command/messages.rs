@@ -829,6 +829,11 @@ export SCENE --gif --from 0.5 --until 0.4 --out OUT/film
 export SCENE --gif --fps 100000000 --out OUT/film
 export SCENE --vtk --fields other --out OUT/vtk
 export SCENE --vtk --fields time_s,curvature_1_m --out OUT/vtk
+compare
+compare OUT
+compare none OUT
+compare SCENE OUT
+compare OUT OUT
 schema other
 completions tcsh
 man

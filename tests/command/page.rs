@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// A Chromium on this machine. Without one, says that the page was not opened.
-fn chromium() -> Option<PathBuf> {
+pub fn chromium() -> Option<PathBuf> {
     let folders = std::env::var_os("PATH")?;
     let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
     let found = std::env::split_paths(&folders)
@@ -18,7 +18,7 @@ fn chromium() -> Option<PathBuf> {
 
 /// What a browser shows of a page in a window of 390 px: how wide it is, what is wider than the window or out of reach, and the
 /// colour behind it.
-fn narrow(browser: &Path, page: &Path, more: &[String]) -> (f64, String, String) {
+pub fn narrow(browser: &Path, page: &Path, more: &[String]) -> (f64, String, String) {
     let script = r##"<script>
         const frame = document.createElement("iframe");
         frame.style = "width: 390px; height: 800px; border: 0";
@@ -52,7 +52,7 @@ fn narrow(browser: &Path, page: &Path, more: &[String]) -> (f64, String, String)
 }
 
 /// What the browser prints after `milliseconds` of the page's own time.
-fn browse(browser: &Path, page: &Path, milliseconds: u32, more: &[String]) -> String {
+pub fn browse(browser: &Path, page: &Path, milliseconds: u32, more: &[String]) -> String {
     let profile = tempfile::tempdir().unwrap();
     let output = Command::new(browser)
         .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"])
@@ -69,7 +69,7 @@ fn browse(browser: &Path, page: &Path, milliseconds: u32, more: &[String]) -> St
 }
 
 /// The value of an attribute of the element with an id.
-fn attribute<'a>(page: &'a str, id: &str, name: &str) -> &'a str {
+pub fn attribute<'a>(page: &'a str, id: &str, name: &str) -> &'a str {
     let element = page.split('<').find(|element| element.contains(&format!("id=\"{id}\""))).unwrap();
     element.split(&format!(" {name}=\"")).nth(1).and_then(|rest| rest.split('"').next()).unwrap_or_default()
 }

@@ -4,6 +4,7 @@
 //! `python/caudal`. Python's lock is released while the library computes.
 
 mod attention;
+mod comparison;
 mod design;
 mod distributed;
 mod error;
@@ -34,6 +35,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<simulation::Simulation>()?;
     module.add_function(wrap_pyfunction!(simulation::parameters, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
     module.add_function(wrap_pyfunction!(run::write_vtk, module)?)?;
     module.add_function(wrap_pyfunction!(run::pictures, module)?)?;
     module.add_function(wrap_pyfunction!(run::write_film, module)?)?;

@@ -18,6 +18,7 @@ from typing import Any
 
 from . import errors
 from ._caudal import Scene, Snapshot, StepDerivative, Stepper, Variable, __version__, _held_descriptors
+from .comparing import Comparison, compare
 from .designing import Design, design
 from .errors import Error
 from .gradients import Parameter, Simulation, parameters, simulate, value_and_grad
@@ -26,6 +27,7 @@ from .studying import Findings, study
 from .sweeping import Sweep, sweep
 
 __all__ = [
+    "Comparison",
     "Design",
     "Error",
     "Findings",
@@ -39,6 +41,7 @@ __all__ = [
     "Sweep",
     "Variable",
     "__version__",
+    "compare",
     "design",
     "errors",
     "export",

@@ -214,6 +214,11 @@ def _cases(bundle: bytes, indices: list[int]) -> tuple[list[bytes], list[float]]
 def _vtk(
     scene: Scene, folder: Union[str, os.PathLike[str]], arrays: list[tuple[str, npt.NDArray[np.float64]]], force: bool
 ) -> list[str]: ...
+def _compare(
+    runs: list[Union[str, tuple[Scene, dict[str, Any], list[tuple[str, list[float]]], Optional[tuple[list[int], list[float], list[float]]]]]],
+    out: Optional[Union[str, os.PathLike[str]]],
+    force: bool,
+) -> tuple[dict[str, Any], Optional[BaseException]]: ...
 def _pictures(
     folder: Union[str, os.PathLike[str]],
     figures: Optional[list[str]],

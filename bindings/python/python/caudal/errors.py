@@ -429,6 +429,18 @@ class StudyError(Error, ValueError):
     problem: str
 
 
+class ComparisonError(Error, ValueError):
+    """Runs cannot be compared.
+
+    Attributes
+    ----------
+    problem : str
+        What was found and what is allowed.
+    """
+
+    problem: str
+
+
 class DerivativeError(Error, ValueError):
     """A simulation does not have the requested derivative.
 

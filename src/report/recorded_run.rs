@@ -1,0 +1,554 @@
+//! A finished run as it is read back from its folder: summary, scene, curves of trajectory.csv, and the motion of the node table.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use csv::{Reader, StringRecord};
+use serde_json::{Map, Value};
+
+use super::folder::{Folder, MANIFEST};
+use super::run_record::{Frame, MAX_SAMPLES, Thinned};
+use crate::error::{Error, Result};
+use crate::scene::Document;
+use crate::wording::Phrase;
+
+/// Most rows of a node table that are kept of the window of a film; at least half as many are.
+const MAX_ROWS: usize = 2400;
+
+/// Curves of a run over time, thinned out if there are many rows.
+#[derive(Debug, Default)]
+pub struct Curves {
+    columns: Vec<String>,
+    rows: Vec<Vec<f64>>,
+    /// Middle (s) of the interval between two recorded times, and the mean velocity (m/s) of the centre of mass over it.
+    velocity: Vec<[f64; 3]>,
+}
+
+/// The recorded positions of nodes.
+#[derive(Debug)]
+enum NodeTable {
+    Csv(PathBuf),
+    #[cfg(feature = "parquet")]
+    Parquet(PathBuf),
+    /// Times (s), and positions.
+    Memory(Vec<f64>, NodePositions),
+    None,
+}
+
+/// Positions of nodes in memory.
+#[derive(Debug)]
+pub struct NodePositions {
+    /// The nodes.
+    pub nodes: Vec<usize>,
+    /// Their positions x (m), row by row.
+    pub x: Vec<f64>,
+    /// Their positions y (m), row by row.
+    pub y: Vec<f64>,
+}
+
+/// The places of `nodes` in the order from the head to the tip.
+fn ascending(nodes: &[usize]) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..nodes.len()).collect();
+    places.sort_by_key(|place| nodes[*place]);
+    places
+}
+
+/// A run that was recorded.
+#[derive(Debug)]
+pub struct RecordedRun {
+    /// Its folder; `None` of a run in memory.
+    pub path: Option<PathBuf>,
+    /// The name of its scene.
+    pub name: String,
+    /// The content of summary.json.
+    pub summary: Map<String, Value>,
+    /// Its scene with the overrides, if it is known.
+    pub scene: Option<Document>,
+    /// The columns of trajectory.csv.
+    pub curves: Curves,
+    /// Descriptions of what the folder lacks.
+    pub missing: Vec<String>,
+    nodes: NodeTable,
+}
+
+fn unreadable(path: &Path, reason: impl Into<String>) -> Error {
+    Error::Read { path: path.to_path_buf(), reason: reason.into() }
+}
+
+impl RecordedRun {
+    /// Reads the folder of a run.
+    ///
+    /// # Errors
+    /// [`Error::Read`] for a path that is no folder of a run, and for a file of it that is damaged. A missing table, or a scene that
+    /// is not known any more, is [`missing`](Self::missing).
+    pub fn read(path: &Path) -> Result<Self> {
+        check_folder(path)?;
+        let summary = read_summary(path)?;
+        let entry = |key: &str| summary.get(key).and_then(Value::as_str).unwrap_or_default().to_string();
+        let mut missing = Vec::new();
+        let table = path.join("trajectory.csv");
+        let curves = if table.is_file() {
+            Curves::read(&table)?
+        } else {
+            missing.push("trajectory.csv is missing: it has no curves in the figures".to_string());
+            Curves::default()
+        };
+        let name = entry("name");
+        let scene = scene_of(path, &summary);
+        if scene.is_none() {
+            missing.push(format!(
+                "its scene is not known: neither report.html has it, nor is {} the scene of the run any more",
+                entry("scene_file")
+            ));
+        }
+        let nodes = NodeTable::at(path);
+        if matches!(nodes, NodeTable::None) {
+            missing.push("it has no table of nodes (record.nodes_table): it is not in the film".to_string());
+        }
+        Ok(Self { path: Some(path.to_path_buf()), name, summary, scene, curves, missing, nodes })
+    }
+
+    /// A run in memory, with `columns` by name that have one value per recorded time, of which `time_s` is the first.
+    ///
+    /// # Errors
+    /// [`Error::Page`] for columns of different lengths.
+    pub fn in_memory(
+        summary: Map<String, Value>,
+        scene: Document,
+        columns: Vec<(String, Vec<f64>)>,
+        positions: Option<NodePositions>,
+    ) -> Result<Self> {
+        let name = summary.get("name").and_then(Value::as_str).unwrap_or_default().to_string();
+        let (names, values): (Vec<String>, Vec<Vec<f64>>) = columns.into_iter().unzip();
+        let count = values.first().map_or(0, Vec::len);
+        let times = names.iter().position(|name| name == "time_s").map(|k| values[k].clone()).unwrap_or_default();
+        let whole = values.iter().all(|column| column.len() == count);
+        let divided = |of: &NodePositions| [&of.x, &of.y].iter().all(|all| all.len() == times.len() * of.nodes.len());
+        if !whole || positions.as_ref().is_some_and(|positions| !divided(positions)) {
+            return Err(Error::Page { reason: format!("the columns of `{name}` have different lengths") });
+        }
+        let mut curves = CurvesBuilder::new(names)?;
+        (0..count).try_for_each(|row| curves.take(row + 1 == count, |column| Ok(values[column][row])))?;
+        let mut missing = Vec::new();
+        let nodes = match positions {
+            Some(positions) => NodeTable::Memory(times, positions),
+            None => {
+                missing.push("it has no positions of nodes: it is not in the film".to_string());
+                NodeTable::None
+            }
+        };
+        Ok(Self { path: None, name, summary, scene: Some(scene), curves: curves.finish(), missing, nodes })
+    }
+
+    /// A number of the summary.
+    pub fn number(&self, key: &str) -> Option<f64> {
+        self.summary.get(key).and_then(Value::as_f64)
+    }
+
+    /// A text of the summary.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        self.summary.get(key).and_then(Value::as_str)
+    }
+
+    /// True if the run reached its duration.
+    pub fn is_complete(&self) -> bool {
+        self.summary.get("complete").and_then(Value::as_bool).unwrap_or(false)
+    }
+
+    /// True if it has recorded positions of nodes.
+    pub fn has_motion(&self) -> bool {
+        !matches!(self.nodes, NodeTable::None)
+    }
+
+    /// The first time (s) of its table of nodes; `None` without a row.
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn motion_start(&self) -> Result<Option<f64>> {
+        self.nodes.start()
+    }
+
+    /// The motion within a window of time (s): recorded times (s) with the positions of at most [`Frame::POINTS`] nodes (m), along with
+    /// those just outside the window. If there are many times, some are left out.
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn motion(&self, window: [f64; 2]) -> Result<Vec<(f64, Vec<[f64; 2]>)>> {
+        let mut rows = WindowBuilder::new(window);
+        self.nodes.visit(&mut rows)?;
+        Ok(rows.finish())
+    }
+}
+
+/// Refuses what is not the folder of a run, and says what it is.
+fn check_folder(path: &Path) -> Result<()> {
+    let refuse = |reason: String| Err(unreadable(path, reason));
+    if path.is_file() {
+        let is_scene = path.extension().is_some_and(|extension| extension == "toml");
+        let kind = if is_scene { "a scene" } else { "a file" };
+        let remedy = if is_scene { format!("; {}", Phrase::run_first(path)) } else { String::new() };
+        return refuse(format!("it is {kind}, not the folder of a run{remedy}"));
+    }
+    if !path.is_dir() {
+        return refuse(format!("there is no such folder; {} the folder of a run", Phrase::MakesFolder));
+    }
+    match Folder::owner_at(path)? {
+        Some(owner) if owner.kind != "run" => refuse(format!("it holds {owner}; allowed: folders of runs")),
+        _ if path.join("summary.json").exists() => Ok(()),
+        Some(owner) => refuse(format!(
+            "it holds {owner} without a summary.json, as the run has not ended or was killed; run it again"
+        )),
+        None if path.join(MANIFEST).exists() => refuse("it holds exported files only; allowed: folders of runs".into()),
+        None => refuse(format!("it holds no run; {} the folder of a run", Phrase::MakesFolder)),
+    }
+}
+
+fn read_summary(folder: &Path) -> Result<Map<String, Value>> {
+    let path = folder.join("summary.json");
+    let text = std::fs::read_to_string(&path).map_err(|e| unreadable(&path, e.to_string()))?;
+    let summary: Map<String, Value> =
+        serde_json::from_str(&text).map_err(|e| unreadable(&path, format!("{e}; run the scene again")))?;
+    if summary.get("scene_file").is_none_or(|file| !file.is_string()) {
+        return Err(unreadable(&path, "it is not the summary of a run; allowed: folders of runs"));
+    }
+    Ok(summary)
+}
+
+/// The scene of a run with its overrides: as its page shows it or, if the page is not there, from the scene's file, if this has not
+/// changed since.
+fn scene_of(folder: &Path, summary: &Map<String, Value>) -> Option<Document> {
+    let file = Path::new(summary.get("scene_file")?.as_str()?);
+    let on_page = std::fs::read_to_string(folder.join("report.html")).ok().and_then(|page| scene_on_page(file, &page));
+    on_page.filter(|document| document.read_as::<toml::Table>().is_ok()).or_else(|| {
+        let document = Document::read(file).ok()?;
+        let fingerprint = document.scene().ok()?.fingerprint_text();
+        (summary.get("scene_fingerprint")?.as_str()? == fingerprint).then_some(document)
+    })
+}
+
+/// Before each override of a scene on its page.
+const OVERRIDDEN: &str = "# overridden: ";
+
+/// The scene that a run's page shows last, see page.html.
+fn scene_on_page(file: &Path, page: &str) -> Option<Document> {
+    let shown = page.rsplit_once("<h2>Scene</h2>")?.1.split_once("<pre>")?.1.split_once("</pre>")?.0;
+    let mut text = unescaped(shown);
+    let mut overrides = Vec::new();
+    while let Some((before, last)) = text.rsplit_once('\n')
+        && let Some(assignment) = last.strip_prefix(OVERRIDDEN)
+    {
+        overrides.push(assignment.to_string());
+        text.truncate(before.len());
+    }
+    let mut document = Document::new(file, text);
+    overrides.iter().rev().try_for_each(|assignment| document.set(assignment)).ok()?;
+    Some(document)
+}
+
+/// A text without the escapes of HTML.
+fn unescaped(text: &str) -> String {
+    // The ampersand comes last, as it begins the others.
+    let escapes = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&#x27;", "'"), ("&#x2f;", "/"), ("&amp;", "&")];
+    escapes.iter().fold(text.to_string(), |text, (escape, sign)| text.replace(escape, sign))
+}
+
+/// The number in a field of a table.
+fn field(path: &Path, row: &StringRecord, columns: &[String], k: usize) -> Result<f64> {
+    let text = row.get(k).unwrap_or_default();
+    text.trim().parse().map_err(|_| {
+        let line = row.position().map_or(0, csv::Position::line);
+        let column = columns.get(k).map_or("", String::as_str);
+        unreadable(
+            path,
+            format!("line {line}, column {column}: found `{text}`, which is no number; run the scene again"),
+        )
+    })
+}
+
+/// A table and its header.
+fn open_table(path: &Path) -> Result<(Reader<File>, Vec<String>)> {
+    let mut table = Reader::from_path(path).map_err(|e| table_error(path, &e))?;
+    let columns: Vec<String> = table.headers().map_err(|e| table_error(path, &e))?.iter().map(str::to_string).collect();
+    if columns.first().is_none_or(|name| name != "time_s") {
+        return Err(unreadable(path, "its first column is not time_s; run the scene again"));
+    }
+    Ok((table, columns))
+}
+
+fn table_error(path: &Path, error: &csv::Error) -> Error {
+    unreadable(path, format!("{error}; run the scene again"))
+}
+
+/// Reads the next row into `row`; false at the end.
+fn next_row(path: &Path, table: &mut Reader<File>, row: &mut StringRecord) -> Result<bool> {
+    table.read_record(row).map_err(|e| table_error(path, &e))
+}
+
+impl Curves {
+    fn read(path: &Path) -> Result<Self> {
+        let (mut table, columns) = open_table(path)?;
+        let mut curves = CurvesBuilder::new(columns.clone())?;
+        let (mut row, mut next) = (StringRecord::new(), StringRecord::new());
+        let mut there = next_row(path, &mut table, &mut row)?;
+        while there {
+            there = next_row(path, &mut table, &mut next)?;
+            curves.take(!there, |k| field(path, &row, &columns, k))?;
+            std::mem::swap(&mut row, &mut next);
+        }
+        Ok(curves.finish())
+    }
+
+    /// The names of its columns.
+    pub fn columns(&self) -> &[String] {
+        &self.columns
+    }
+
+    /// The curve of column `y` against column `x`; empty if one of them is not there. The velocity of the centre of mass over time is
+    /// the difference quotient of its position, unless it was recorded.
+    pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
+        let column = |name: &str| self.columns.iter().position(|column| column == name);
+        let derived = |axis: usize| self.velocity.iter().map(|row| (row[0], row[axis])).collect();
+        match (column(x), column(y), x, y) {
+            (Some(x), Some(y), ..) => self.rows.iter().map(|row| (row[x], row[y])).collect(),
+            (_, None, "time_s", "vx_com_m_s") => derived(1),
+            (_, None, "time_s", "vy_com_m_s") => derived(2),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The value of a column at a time (s) by linear interpolation; the first or last value outside.
+    pub fn at(&self, time: f64, name: &str) -> Option<f64> {
+        let k = self.columns.iter().position(|column| column == name)?;
+        let after = self.rows.partition_point(|row| row[0] < time);
+        let next = self.rows.get(after).or(self.rows.last())?;
+        let before = after.checked_sub(1).and_then(|i| self.rows.get(i)).unwrap_or(next);
+        Some(between(before[k], next[k], part(time, before[0], next[0])))
+    }
+}
+
+/// The part of the interval from `from` to `to` that has passed at `time`, within 0 and 1.
+fn part(time: f64, from: f64, to: f64) -> f64 {
+    if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 1.0 }
+}
+
+fn between(from: f64, to: f64, part: f64) -> f64 {
+    if part >= 1.0 { to } else { from + part * (to - from) }
+}
+
+/// Collects the rows of a table.
+struct CurvesBuilder {
+    columns: Vec<String>,
+    rows: Thinned<Vec<f64>>,
+    velocity: Thinned<[f64; 3]>,
+    /// The columns of the centre of mass.
+    com: Option<[usize; 2]>,
+    previous: Option<[f64; 3]>,
+    row: u64,
+}
+
+impl CurvesBuilder {
+    fn new(columns: Vec<String>) -> Result<Self> {
+        if columns.first().is_none_or(|name| name != "time_s") {
+            return Err(Error::Page { reason: "the first column of a run must be time_s".to_string() });
+        }
+        let place = |name: &str| columns.iter().position(|column| column == name);
+        let com = place("x_com_m").zip(place("y_com_m")).map(|(x, y)| [x, y]);
+        let (rows, velocity) = (Thinned::new(MAX_SAMPLES), Thinned::new(MAX_SAMPLES));
+        Ok(Self { columns, rows, velocity, com, previous: None, row: 0 })
+    }
+
+    /// Takes the next row, with its value in each column; the last one is always kept.
+    fn take(&mut self, is_last: bool, value: impl Fn(usize) -> Result<f64>) -> Result<()> {
+        let whole = || (0..self.columns.len()).map(&value).collect::<Result<Vec<f64>>>();
+        let mut kept = Ok(false);
+        self.rows.offer(self.row, || match whole() {
+            Ok(row) => {
+                kept = Ok(true);
+                row
+            }
+            Err(error) => {
+                kept = Err(error);
+                Vec::new()
+            }
+        });
+        if !kept? && is_last {
+            self.rows.kept.push(whole()?);
+        }
+        if let Some([x, y]) = self.com {
+            let now = [value(0)?, value(x)?, value(y)?];
+            if let Some(previous) = self.previous.filter(|previous| now[0] > previous[0]) {
+                let step = now[0] - previous[0];
+                let slope = |i: usize| (now[i] - previous[i]) / step;
+                self.velocity.offer(self.row - 1, || [previous[0] + 0.5 * step, slope(1), slope(2)]);
+            }
+            self.previous = Some(now);
+        }
+        self.row += 1;
+        Ok(())
+    }
+
+    fn finish(self) -> Curves {
+        Curves { columns: self.columns, rows: self.rows.kept, velocity: self.velocity.kept }
+    }
+}
+
+/// Collects the rows of a table of nodes within a window.
+struct WindowBuilder {
+    window: [f64; 2],
+    before: Option<(f64, Vec<[f64; 2]>)>,
+    rows: Thinned<(f64, Vec<[f64; 2]>)>,
+    last: Option<(f64, Vec<[f64; 2]>)>,
+    row: u64,
+}
+
+impl WindowBuilder {
+    fn new(window: [f64; 2]) -> Self {
+        Self { window, before: None, rows: Thinned::new(MAX_ROWS), last: None, row: 0 }
+    }
+
+    /// Takes the positions of `count` nodes at the next time; false if no more are needed.
+    fn take(&mut self, time: f64, count: usize, at: impl Fn(usize) -> Result<[f64; 2]>) -> Result<bool> {
+        let points = Frame::POINTS.min(count);
+        let node = |i: usize| if points > 1 { i * (count - 1) / (points - 1) } else { 0 };
+        let positions = (0..points).map(|i| at(node(i))).collect::<Result<Vec<_>>>()?;
+        if time < self.window[0] {
+            self.before = Some((time, positions));
+            return Ok(true);
+        }
+        self.rows.offer(self.row, || (time, positions.clone()));
+        self.last = Some((time, positions));
+        self.row += 1;
+        Ok(time < self.window[1])
+    }
+
+    fn finish(self) -> Vec<(f64, Vec<[f64; 2]>)> {
+        let Self { before, rows, last, .. } = self;
+        let ends = rows.kept.last().map(|(time, _)| *time);
+        let last = last.filter(|(time, _)| ends.is_none_or(|end| *time > end));
+        before.into_iter().chain(rows.kept).chain(last).collect()
+    }
+}
+
+impl NodeTable {
+    /// That of the run in a folder.
+    fn at(folder: &Path) -> Self {
+        let csv = folder.join("nodes.csv");
+        if csv.is_file() {
+            return Self::Csv(csv);
+        }
+        #[cfg(feature = "parquet")]
+        {
+            let parquet = folder.join("nodes.parquet");
+            if parquet.is_file() {
+                return Self::Parquet(parquet);
+            }
+        }
+        Self::None
+    }
+
+    fn start(&self) -> Result<Option<f64>> {
+        match self {
+            Self::Csv(path) => {
+                let (mut table, columns) = open_table(path)?;
+                let mut row = StringRecord::new();
+                let there = next_row(path, &mut table, &mut row)?;
+                there.then(|| field(path, &row, &columns, 0)).transpose()
+            }
+            #[cfg(feature = "parquet")]
+            Self::Parquet(path) => {
+                let mut first = None;
+                super::parquet::visit_nodes(path, &mut |time, _| {
+                    first = Some(time);
+                    Ok(false)
+                })?;
+                Ok(first)
+            }
+            Self::Memory(times, _) => Ok(times.first().copied()),
+            Self::None => Ok(None),
+        }
+    }
+
+    fn visit(&self, rows: &mut WindowBuilder) -> Result<()> {
+        match self {
+            Self::Csv(path) => {
+                let (mut table, columns) = open_table(path)?;
+                let of_x = columns.iter().skip(1).step_by(2);
+                let node = |name: &String| name.strip_prefix('x')?.strip_suffix("_m")?.parse().ok();
+                let nodes: Option<Vec<usize>> = of_x.map(node).collect();
+                let nodes = nodes.filter(|nodes| columns.len() == 1 + 2 * nodes.len());
+                let foreign = || unreadable(path, "its columns are not time_s, x0_m, y0_m …; run the scene again");
+                let (nodes, count) = nodes.map(|nodes| (ascending(&nodes), nodes.len())).ok_or_else(foreign)?;
+                let mut row = StringRecord::new();
+                while next_row(path, &mut table, &mut row)? {
+                    let number = |k: usize| field(path, &row, &columns, k);
+                    if !rows.take(number(0)?, count, |k| Ok([number(1 + 2 * nodes[k])?, number(2 + 2 * nodes[k])?]))? {
+                        break;
+                    }
+                }
+                Ok(())
+            }
+            #[cfg(feature = "parquet")]
+            Self::Parquet(path) => {
+                super::parquet::visit_nodes(path, &mut |time, nodes| rows.take(time, nodes.len(), |k| Ok(nodes[k].1)))
+            }
+            Self::Memory(times, NodePositions { nodes, x, y }) => {
+                let (count, order) = (nodes.len(), ascending(nodes));
+                for (row, time) in times.iter().enumerate() {
+                    let at = |k: usize| row * count + order[k];
+                    if !rows.take(*time, count, |k| Ok([x[at(k)], y[at(k)]]))? {
+                        break;
+                    }
+                }
+                Ok(())
+            }
+            Self::None => Ok(()),
+        }
+    }
+}
+
+/// The positions of a `motion` at a time (s) by linear interpolation; the first or last positions outside, and none of an empty motion.
+pub fn positions_at(motion: &[(f64, Vec<[f64; 2]>)], time: f64) -> Vec<[f64; 2]> {
+    let after = motion.partition_point(|(row, _)| *row < time);
+    let Some((to, next)) = motion.get(after).or(motion.last()) else { return Vec::new() };
+    let (from, before) = after.checked_sub(1).and_then(|i| motion.get(i)).map_or((to, next), |(time, row)| (time, row));
+    let part = part(time, *from, *to);
+    before.iter().zip(next).map(|(a, b)| [0, 1].map(|i| between(a[i], b[i], part))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use super::*;
+
+    #[test]
+    fn a_scene_is_read_back_from_a_page_with_its_signs_and_overrides() {
+        let text = "name = \"a<b & 'c' > d/e &lt; \\\"f\\\"\"\n[rod]\nnodes = 9\n# overridden: rod.nodes=3 said somebody\n[solver]\n";
+        let page = super::super::page::render(
+            "<h2>Scene</h2>\n<pre>{{ scene }}{% for override in overrides %}\n# overridden: {{ override }}{% endfor %}</pre>",
+            &serde_json::json!({ "scene": text, "overrides": ["rod.nodes=17", "solver.integrator=\"newmark\""] }),
+        );
+        let document = scene_on_page(Path::new("a.toml"), &page.unwrap()).unwrap();
+        assert_eq!(document.text(), text);
+        assert_eq!(document.overrides(), ["rod.nodes=17", "solver.integrator=\"newmark\""]);
+    }
+
+    #[test]
+    fn thinned_curves_keep_their_ends_and_velocities_are_slopes() {
+        let times: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
+        let columns = vec![
+            ("time_s".to_string(), times.clone()),
+            ("x_com_m".to_string(), times.iter().map(|t| 3.0 * t).collect()),
+            ("y_com_m".to_string(), times.iter().map(|t| -t * t).collect()),
+        ];
+        let document = Document::new("a.toml", "");
+        let run = RecordedRun::in_memory(Map::new(), document, columns, None).unwrap();
+        let x = run.curves.curve("time_s", "x_com_m");
+        assert!(x.len() <= MAX_SAMPLES + 1 && x.len() > MAX_SAMPLES / 2, "{}", x.len());
+        assert_eq!([x[0].0, x[x.len() - 1].0], [0.0, times[9999]]);
+        for (t, v) in run.curves.curve("time_s", "vy_com_m_s") {
+            assert!((v + 2.0 * t).abs() < 1e-9, "{t} {v}");
+        }
+        assert!((run.curves.at(1.23456, "x_com_m").unwrap() - 3.0 * 1.23456).abs() < 1e-12);
+        assert_eq!(run.curves.at(-1.0, "x_com_m"), Some(0.0));
+    }
+}
