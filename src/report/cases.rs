@@ -7,9 +7,9 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
+use super::frame::Frame;
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
-use super::run_record::Frame;
 use crate::error::Result;
 use crate::number_format::number;
 

@@ -9,6 +9,7 @@ pub mod comparison;
 pub mod film;
 mod findings;
 mod folder;
+mod frame;
 mod heat_map;
 mod number_groups;
 pub mod outcome_map;
@@ -32,11 +33,11 @@ pub mod vtk;
 pub use chart::Figure;
 pub use findings::{Findings, Table};
 pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner, VTK_FOLDER};
+pub use frame::Frame;
 pub use output::RunOutput;
 pub use page::Animation;
 #[cfg(test)]
 pub(crate) use run_figures::energy_balance;
-pub use run_record::Frame;
 #[cfg(test)]
 pub(crate) use run_record::RunRecord;
 pub use scenery::Scenery;

@@ -7,10 +7,10 @@ use serde::{Serialize, Serializer};
 
 use super::Summary;
 use super::chart::{CellCases, Figure, InteractiveChart};
+use super::frame::Frame;
 use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
 use super::packed_numbers::{PackedNumbers, Shades};
-use super::run_record::Frame;
 use super::scenery::Scenery;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};

@@ -3,8 +3,9 @@
 use nalgebra::Vector2;
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
+use super::frame::Frame;
 use super::heat_map::{HeatMapAxis, Raster};
-use super::run_record::{Frame, RunRecord};
+use super::run_record::RunRecord;
 use crate::number_format::in_sentence;
 
 /// Number of earlier shapes in the background.
@@ -325,8 +326,8 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
 
 /// The curvature at each of these points of a line, 1/m: of a turn by θ between two edges of the mean length ℓ, 2 tan(θ/2)/ℓ; 0 at its ends.
 fn curvatures(points: &[[f64; 2]]) -> Vec<f64> {
-    let inner = points.array_windows().map(|[a, b, c]| {
-        let [a, b, c] = [a, b, c].map(|point| Vector2::from(*point));
+    let inner = points.windows(3).map(|around| {
+        let [a, b, c] = [0, 1, 2].map(|i| Vector2::from(around[i]));
         let (before, after) = (b - a, c - b);
         let turn = before.perp(&after).atan2(before.dot(&after));
         4.0 * (0.5 * turn).tan() / (before.norm() + after.norm())
@@ -357,10 +358,10 @@ fn phase(record: &RunRecord, since: f64, period: f64) -> Option<Vec<(f64, f64)>>
     let arcs = record.scenery().arc_lengths();
     let mut harmonics = vec![Vector2::zeros(); arcs.len()];
     // By the trapezoidal rule, since frames are not always evenly spaced.
-    for [before, after] in cycle.array_windows() {
-        for frame in [before, after] {
+    for pair in cycle.windows(2) {
+        for frame in pair {
             let (sin, cos) = (std::f64::consts::TAU * frame.time / period).sin_cos();
-            let weight = 0.5 * (after.time - before.time);
+            let weight = 0.5 * (pair[1].time - pair[0].time);
             for (harmonic, curvature) in harmonics.iter_mut().zip(curvatures(&frame.points)) {
                 *harmonic += weight * curvature * Vector2::new(cos, sin);
             }
@@ -390,7 +391,8 @@ fn power_along(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
     let arcs = record.scenery().arc_lengths();
     let power = |frame: &Frame, i: usize| frame.loads.as_ref().map_or(0.0, |loads| loads.power[i]);
     let mean = |i: usize| {
-        let pieces = cycle.array_windows().map(|[a, b]| 0.5 * (b.time - a.time) * (power(a, i) + power(b, i)));
+        let step = |pair: &[Frame]| 0.5 * (pair[1].time - pair[0].time) * (power(&pair[0], i) + power(&pair[1], i));
+        let pieces = cycle.windows(2).map(step);
         pieces.sum::<f64>() / span
     };
     let inner = 1..arcs.len().saturating_sub(1);

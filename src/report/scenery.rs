@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::run_record::Frame;
+use super::frame::Frame;
 use crate::head::Signal;
 use crate::model::Model;
 use crate::rod::Rod;

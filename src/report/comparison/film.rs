@@ -1,8 +1,9 @@
 //! The film of a comparison: all rods at the same times, of the time that all of them have.
 
+use super::super::frame::Frame;
 use super::super::page::Animation;
 use super::super::recorded_run::{RecordedRun, positions_at};
-use super::super::run_record::{Frame, MAX_FRAMES};
+use super::super::run_record::MAX_FRAMES;
 use crate::error::Result;
 
 /// Recorded times (s) with positions of nodes (m).
