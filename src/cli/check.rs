@@ -7,17 +7,25 @@ use caudal::error::Result;
 use caudal::report::RunOutput;
 use serde_json::json;
 
-use super::run::first_loads;
+use super::progress::{Progress, Unit};
+use super::run::{end_at_interrupt, first_loads};
 use super::{SceneArguments, output_folder, print, print_unless_quiet, refuse};
 
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
+    end_at_interrupt();
+    let progress = Progress::of(Unit::Parts, 0.0);
+    progress.note("start of the run");
     let (document, scene, stepper) = arguments.prepare()?;
+    progress.note("dimensionless numbers and modes");
     let assessment = Assessment::of(&scene, &stepper)?;
-    let mut facts =
-        [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
-            .concat();
+    progress.note("models of the fluid");
+    let fluid_models = Assessment::fluid_models(&scene, &stepper);
+    progress.note("cheaper models");
+    let mut facts = [&assessment.facts[..], &fluid_models, &Assessment::models(&scene, &stepper)?].concat();
+    progress.note("loads in the first cycles");
     let refused = RunOutput::fits(&output_folder(&scene), &scene, &stepper).err().map(|error| document.located(error));
     facts.extend(first_loads(&scene, stepper).map(|text| AssessmentLine { name: "loads", text }));
+    drop(progress);
     if json {
         let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();
         let content = json!({

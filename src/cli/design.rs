@@ -9,6 +9,7 @@ use caudal::design::{Answer, Design, SearchIteration};
 use caudal::error::Result;
 use caudal::report::Claim;
 
+use super::progress::{Progress, Unit};
 use super::run::watch_for_interrupts;
 use super::{SceneArguments, exit, print_error, print_kept, print_unless_quiet, refuse};
 
@@ -19,7 +20,16 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
         return Ok(refuse(&error));
     }
     let interrupted = watch_for_interrupts();
+    let most = Design::max_iterations(&scene);
+    let progress = match most {
+        Some(most) => Progress::of(Unit::AtMost("iterations"), most as f64),
+        None => Progress::of(Unit::Parts, 0.0),
+    };
+    progress.note(if most.is_some() { "" } else { "designing" });
+    let mut done = 0;
     let design = Design::resumed(&document, &folder, |iteration| {
+        done += usize::from(iteration.is_some());
+        progress.set(done as f64);
         if let Some(SearchIteration { start, iteration, objective, stationarity, step, accepted }) = iteration {
             print_unless_quiet(&format!(
                 "start {} iteration {iteration:>2}  objective {objective:.6e}  stationarity {stationarity:.1e}  step {step:.1e}{}",
@@ -29,6 +39,7 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> 
         }
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
+    drop(progress);
     for line in &design.lines {
         print_unless_quiet(line);
     }

@@ -14,7 +14,8 @@ use caudal::report::{Claim, Folder, Owner, VTK_FOLDER};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
-use super::run::{progress_bar, watch_for_interrupts};
+use super::progress::{Progress, Unit};
+use super::run::watch_for_interrupts;
 use super::{SceneArguments, exit, output_folder, print_error, print_unless_quiet, print_written, refuse};
 
 #[derive(Debug, Args)]
@@ -160,12 +161,12 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     let interrupted = watch_for_interrupts();
     let raised =
         || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    let bar = progress_bar();
+    let progress = Progress::of(Unit::SimulatedSeconds, scene.solver.duration_s.get());
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
-        bar.set_position(super::run::part(stepper.time(), &scene));
+        progress.set(stepper.time());
         trajectory.step(stepper, &mut || raised())
     });
-    bar.finish_and_clear();
+    drop(progress);
     trajectory.finish(&stepper);
     if outcome.ending == Ending::Interrupted {
         let films = if films.is_empty() { "" } else { ": no film is made of a part of the run" };
@@ -187,12 +188,13 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let mut held = Folder::export(place, owner(), Claim::forced(arguments.force))?;
         held.exports().admit(&name)?;
         held.let_others();
-        let bar = progress_bar();
+        let pictures = film.picture_count(&path, run)? as f64;
+        let progress = Progress::of(Unit::Exactly("pictures"), pictures);
         let drawn = film.write(&path, &motion, |part| {
-            bar.set_position((part * bar.length().unwrap_or(0) as f64) as u64);
+            progress.set((part * pictures).round());
             raised()
         });
-        bar.finish_and_clear();
+        drop(progress);
         let _ = held.relock(); // what it lists is removed with it where no film came
         drop(held);
         if drawn == Err(Error::Interrupted) {

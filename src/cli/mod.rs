@@ -7,6 +7,7 @@ mod design;
 mod export;
 mod fmu;
 mod new;
+mod progress;
 mod run;
 mod shell;
 mod study;
@@ -25,7 +26,6 @@ use caudal::fmu::FmuOptions;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
-use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
 /// Exit codes, as a user's scripts rely on them.
 mod exit {
@@ -252,19 +252,6 @@ fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// A bar on a terminal, unless nothing but errors is to be printed; nothing elsewhere. `words` are said behind its percentage.
-fn progress_bar_with(length: u64, words: &str) -> ProgressBar {
-    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(length) };
-    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:24}} {{percent:>3}} %  {words}")) {
-        // Before anything is done nothing is known of what is left.
-        let left = |state: &ProgressState, f: &mut dyn std::fmt::Write| {
-            let _ = if state.pos() == 0 { Ok(()) } else { write!(f, "{:#} left", HumanDuration(state.eta())) };
-        };
-        bar.set_style(style.with_key("left", left));
-    }
-    bar
-}
-
 /// Prints a line to standard output, unless nothing but errors is to be printed.
 fn print_unless_quiet(line: &str) {
     if !is_quiet() {
@@ -278,7 +265,7 @@ static LOST_OUTPUT: OnceLock<String> = OnceLock::new();
 /// Prints a line of output; a closed pipe is not an error, and any other is told at the end, as the work goes on.
 fn print(line: &str) {
     let mut output = std::io::stdout();
-    match writeln!(output, "{line}").and_then(|()| output.flush()) {
+    match progress::suspended(|| writeln!(output, "{line}").and_then(|()| output.flush())) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => drop(LOST_OUTPUT.set(error.to_string())),
         _ => {}
     }
@@ -286,9 +273,11 @@ fn print(line: &str) {
 
 /// Prints an error, or several, one a line.
 fn print_error(text: &str) {
-    for line in text.lines() {
-        let _ = writeln!(std::io::stderr(), "error: {line}");
-    }
+    progress::suspended(|| {
+        for line in text.lines() {
+            let _ = writeln!(std::io::stderr(), "error: {line}");
+        }
+    });
 }
 
 /// Prints an error and ends as for wrong input.

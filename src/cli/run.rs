@@ -19,19 +19,15 @@ use caudal::scene::Scene;
 use caudal::scene::value::Positive;
 use caudal::stepper::Stepper;
 use caudal::verification::Verification;
-use indicatif::ProgressBar;
 
+use super::progress::{self, Progress, Unit};
 use super::{
-    SceneArguments, exit, output_folder, print, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse,
-    set_quiet,
+    SceneArguments, exit, output_folder, print, print_error, print_kept, print_unless_quiet, refuse, set_quiet,
 };
 
 /// Cycles, after the ramp, of which `check` says the largest loads, and the most joints times steps that it finds them for.
 const FIRST_CYCLES: f64 = 2.0;
 const MOST_JOINT_STEPS: f64 = 1e5;
-
-/// The length of the bar: the run's duration in parts so small that it moves evenly.
-const PROGRESS: u64 = 100_000;
 
 pub fn run(
     arguments: &SceneArguments,
@@ -54,20 +50,26 @@ pub fn run(
     let interrupted = watch_for_interrupts();
     let raised =
         || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    let bar = progress_bar();
+    let progress = Progress::of(Unit::SimulatedSeconds, scene.solver.duration_s.get());
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
-        bar.set_position(part(stepper.time(), &scene));
+        progress.set(stepper.time());
         match output.step(stepper, &mut || raised())? {
             ControlFlow::Continue(()) => Ok(raised()),
             stop => Ok(stop),
         }
     });
-    bar.finish_and_clear();
+    drop(progress);
     let mut summary = Summary::of(&scene, &stepper, &outcome, &warnings);
     let mut compared = true;
     if verify && outcome.ending == Ending::Complete {
         // A comparison that fails, or is interrupted, takes nothing from the run.
-        match Verification::of(&scene, &stepper, |_| raised()) {
+        let progress = Progress::of(Unit::SimulatedSeconds, stepper.time());
+        progress.note("for comparison");
+        let compare = |stepper: &mut Stepper| {
+            progress.set(stepper.time());
+            raised()
+        };
+        match Verification::of(&scene, &stepper, compare) {
             Ok(Some(verification)) => summary.verification = Some(verification),
             Ok(None) => compared = false,
             Err(error) => summary.notes.push(format!("the full model could not be run for comparison: {error}")),
@@ -195,9 +197,12 @@ pub(super) fn first_loads(scene: &Scene, mut stepper: Stepper) -> Option<String>
         .map(|most| format!("{most}, in the first {} s", significant(time, 3)))
 }
 
-/// Where `time` (s) is on the bar.
-pub(super) fn part(time: f64, scene: &Scene) -> u64 {
-    (time / scene.solver.duration_s.get() * PROGRESS as f64) as u64
+/// Ctrl-C ends the program, and leaves no progress on the terminal: where there are no files to complete.
+pub(super) fn end_at_interrupt() {
+    let _ = ctrlc::set_handler(|| {
+        progress::clear();
+        std::process::exit(i32::from(exit::INTERRUPTED));
+    });
 }
 
 /// A flag that Ctrl-C (or a request to terminate) raises; a second one ends the program at once.
@@ -207,13 +212,9 @@ pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
     // Without a handler the run can still be ended, only less gently: no reason not to run.
     let _ = ctrlc::set_handler(move || {
         if raised.swap(true, Ordering::Relaxed) {
+            progress::clear();
             std::process::exit(i32::from(exit::INTERRUPTED));
         }
     });
     flag
-}
-
-/// A bar of a run with the time left.
-pub(super) fn progress_bar() -> ProgressBar {
-    progress_bar_with(PROGRESS, "{left}")
 }

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
 
 use caudal::error::Error;
 use caudal::integrator::METHODS;
@@ -15,8 +14,9 @@ use caudal::study::{
 };
 use clap::{Args, Subcommand};
 
+use super::progress::{Progress, Unit};
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, exit, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse};
+use super::{SceneArguments, exit, print_error, print_kept, print_unless_quiet, refuse};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
@@ -145,15 +145,12 @@ pub fn study(study: &StudyCommand) -> Result<ExitCode, Error> {
         Err(error) => return Ok(refuse(&error)),
     };
     let interrupted = watch_for_interrupts();
-    // The time goes on while the longest runs do.
-    let bar = progress_bar_with(0, "run {pos}/{len}  {elapsed} so far  {left}");
-    bar.enable_steady_tick(Duration::from_secs(1));
-    let progress = |done: usize, of: usize| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
+    let progress = Progress::of(Unit::Exactly("simulations"), 0.0);
+    let made = {
+        let tell = |done: usize, of: usize| progress.set_of(done as f64, of as f64);
+        study.run(&scene, StudyRunner::new(&held, &interrupted, &tell))
     };
-    let made = study.run(&scene, StudyRunner::new(&held, &interrupted, &progress));
-    bar.finish_and_clear();
+    drop(progress);
     match made? {
         StudyOutcome::Complete(findings) => {
             let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);

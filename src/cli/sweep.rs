@@ -4,17 +4,16 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
 use caudal::report::{Claim, Folder, JOURNAL};
 use caudal::sweep::{RecentResults, Sweep, SweepResults, WrittenSweep, run as run_sweep};
 use clap::{Args, Subcommand};
-use indicatif::ProgressBar;
 
+use super::progress::{Progress, Unit};
 use super::run::watch_for_interrupts;
-use super::{exit, print_error, print_kept, print_unless_quiet, progress_bar_with, refuse};
+use super::{exit, print_error, print_kept, print_unless_quiet, refuse};
 
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -150,23 +149,26 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     }
 
     let interrupted = watch_for_interrupts();
-    let bar = progress_bar(cases.len());
-    let (mut failures, mut fresh) = (0, RecentResults::default());
+    let progress = Progress::of(Unit::Exactly("cases"), 0.0);
+    let before = all - cases.len();
+    progress.set_of(before as f64, all as f64);
+    let (mut done, mut failures, mut fresh) = (0, 0, RecentResults::default());
     let outcome = run_sweep(&sweep, &mut journal, &cases, threads(arguments), &interrupted, |index, row| {
         if !row.complete() {
             failures += 1;
-            bar.set_message(format!("{failures} failed"));
+            progress.note(format!("{failures} failed"));
         }
-        bar.inc(1);
+        done += 1;
+        progress.set((before + done) as f64);
         fresh.keep(index, row);
     });
-    let (done, elapsed) = (bar.position(), bar.elapsed());
-    bar.finish_and_clear();
+    let elapsed = progress.elapsed();
+    drop(progress);
     outcome?;
-    if interrupted.load(Ordering::Relaxed) && done < cases.len() as u64 {
+    if interrupted.load(Ordering::Relaxed) && done < cases.len() {
         print_error(&format!(
             "interrupted: {} of {all} cases are finished and stored in {}; the same command resumes",
-            all - cases.len() + done as usize,
+            before + done,
             path.display()
         ));
         return Ok(ExitCode::from(exit::INTERRUPTED));
@@ -236,11 +238,4 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     finish(&results, &mut claimed()?)
-}
-
-/// A bar of cases with the time left and failures so far.
-fn progress_bar(cases: usize) -> ProgressBar {
-    let bar = progress_bar_with(cases as u64, "case {pos}/{len}  {left}  {msg}");
-    bar.enable_steady_tick(Duration::from_millis(250));
-    bar
 }

@@ -105,6 +105,14 @@ impl FilmSettings {
         self.plan(path, run).map(|_| ())
     }
 
+    /// The number of pictures of such a film.
+    ///
+    /// # Errors
+    /// Those of [`check`](Self::check).
+    pub fn picture_count(&self, path: &Path, run: [f64; 2]) -> Result<usize> {
+        self.plan(path, run).map(|(_, _, count)| count as usize)
+    }
+
     /// The checked film: whether it is a GIF, its first and last time, and its number of frames.
     fn plan(&self, path: &Path, [begin, end]: [f64; 2]) -> Result<(bool, [f64; 2], f64)> {
         let refuse = |reason: String| Err(Error::Write { path: path.to_path_buf(), reason });

@@ -16,6 +16,8 @@ mod keeping;
 mod messages;
 mod overrides;
 mod page;
+#[cfg(unix)]
+mod progress;
 mod recorded;
 mod reference;
 mod results;

@@ -52,7 +52,7 @@ const INITIAL_DAMPING: f64 = 1.0;
 const SMOOTHING_LENGTH: f64 = 0.3;
 
 /// Default of the largest number of iterations per start.
-const DEFAULT_MAX_ITERATIONS: usize = 200;
+pub(super) const DEFAULT_MAX_ITERATIONS: usize = 200;
 
 /// After this many quasi-Newton updates the Hessian is recomputed by finite differences of the gradient, with this step; its eigenvalues are at
 /// least this fraction of the largest.

@@ -21,7 +21,9 @@ use super::objective::objective_of;
 use super::refit::Refit;
 use super::robustness::{Check, Robustness, RobustnessChecks};
 use super::scenarios::{Scenario, ScenarioResult, scenarios};
-use super::search::{FEASIBILITY_TOLERANCE, ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult};
+use super::search::{
+    DEFAULT_MAX_ITERATIONS, FEASIBILITY_TOLERANCE, ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult,
+};
 use super::static_shape::{Equilibrium, StaticShape, rest};
 use super::stl;
 use super::table::{DesignTable, DesignVariable, Goal};
@@ -125,6 +127,13 @@ impl Design {
         tell: impl FnMut(Option<&SearchIteration>) -> ControlFlow<()>,
     ) -> Result<Self> {
         Self::made(document, Some(folder), tell)
+    }
+
+    /// The most iterations that the search which `scene` asks for can take, those of a front among them; `None` if it asks for none.
+    pub fn max_iterations(scene: &Scene) -> Option<usize> {
+        let table = DesignTable::of(scene).ok().filter(DesignTable::is_searched)?;
+        let searches = table.start_count() + table.front.as_ref().map_or(0, |front| front.points - 1);
+        Some(searches * (1 + table.iterations.unwrap_or(DEFAULT_MAX_ITERATIONS)))
     }
 
     /// The default folder of results.
