@@ -1,4 +1,4 @@
-//! `caudal export`: converts results to PNG, PDF, VTK, GIF and MP4.
+//! `caudal export`: converts results to PNG, PDF, VTK, and films as SVG, GIF and MP4.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use caudal::error::{Error, Result};
-use caudal::report::film::{FilmSettings, RodMotion};
+use caudal::report::film::{Appearance, FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, Owner, VTK_FOLDER};
+use caudal::report::{Claim, Folder, MANIFEST, Owner, VTK_FOLDER};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -19,10 +19,13 @@ use super::run::watch_for_interrupts;
 use super::{SceneArguments, exit, output_folder, print_error, print_unless_quiet, print_written, refuse};
 
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
+#[command(group(ArgGroup::new("what").args(["film", "vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
 pub struct ExportArguments {
     /// The folder of a run, or a scene; for --png and --pdf any folder with figures
     run: PathBuf,
+    /// A film to write: .gif, .mp4 by the program ffmpeg, or .svg, an animated picture of the last cycle of a periodic run or of all of
+    /// another one; it replaces an earlier file
+    film: Option<PathBuf>,
     /// The overrides that the run was made with
     #[arg(long, value_name = "TABLE.KEY=VALUE")]
     set: Vec<String>,
@@ -35,7 +38,7 @@ pub struct ExportArguments {
     /// Turn the figures of the folder into PDF files
     #[arg(long)]
     pdf: bool,
-    /// Write NAME.gif, a film of the moving rod
+    /// Write NAME.gif, a film of the moving body
     #[arg(long)]
     gif: bool,
     /// Write NAME.mp4, the same by the program ffmpeg
@@ -56,9 +59,9 @@ pub struct ExportArguments {
     /// Pictures per second of a film
     #[arg(long, value_name = "NUMBER", default_value_t = FilmSettings::default().per_second)]
     fps: u32,
-    /// Seconds of the run per second of a film
-    #[arg(long, value_name = "FACTOR", default_value_t = FilmSettings::default().speed)]
-    speed: f64,
+    /// Seconds of the run per second of a film [default: 1, or in an SVG what makes the motion easy to see]
+    #[arg(long, value_name = "FACTOR")]
+    speed: Option<f64>,
     /// First time of a film, s [default: that of the run]
     #[arg(long, value_name = "SECONDS")]
     from: Option<f64>,
@@ -74,9 +77,13 @@ impl ExportArguments {
         all.into_iter().filter_map(|(wanted, format)| wanted.then_some(format)).collect()
     }
 
-    /// The endings of the films.
-    fn films(&self) -> impl Iterator<Item = &'static str> {
+    /// The endings of the films that take the name of the scene.
+    fn named_films(&self) -> impl Iterator<Item = &'static str> {
         [(self.gif, "gif"), (self.mp4, "mp4")].into_iter().filter_map(|(wanted, ending)| wanted.then_some(ending))
+    }
+
+    fn makes_film(&self) -> bool {
+        self.film.is_some() || self.named_films().next().is_some()
     }
 
     /// How the films are made.
@@ -103,9 +110,9 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             print_error(&format!("--{name}: found {time}; allowed: a finite number"));
             return Ok(ExitCode::from(exit::WRONG_INPUT));
         }
-        if time.is_some() && arguments.films().next().is_none() {
+        if time.is_some() && !arguments.makes_film() {
             print_error(&format!(
-                "--{name}: found without a film; allowed with --gif or --mp4, as it cuts films alone"
+                "--{name}: found without a film; allowed with the name of one, --gif or --mp4, as it cuts films alone"
             ));
             return Ok(ExitCode::from(exit::WRONG_INPUT));
         }
@@ -118,7 +125,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     let mut whole = ExitCode::SUCCESS;
     if let Some(folder) = folder.filter(|_| !arguments.formats().is_empty()) {
         whole = arguments.convert(folder)?;
-        if !arguments.vtk && arguments.films().next().is_none() {
+        if !arguments.vtk && !arguments.makes_film() {
             return Ok(whole);
         }
     }
@@ -143,7 +150,8 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     let film = arguments.film();
     let films: Vec<PathBuf> = {
         let place = arguments.out.as_ref().unwrap_or(&own);
-        arguments.films().map(|ending| place.join(format!("{}.{ending}", scene.name))).collect()
+        let named = arguments.named_films().map(|ending| place.join(format!("{}.{ending}", scene.name)));
+        named.chain(arguments.film.clone()).collect()
     };
     let run = [stepper.time(), scene.solver.duration_s.get()];
     if let Some(error) = films.iter().find_map(|path| film.check(path, run).err()) {
@@ -182,12 +190,24 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let found = trajectory.columns().iter().find(|column| column.variable.name == name);
         found.map_or(&[][..], |column| &column.values[..])
     };
-    let motion = RodMotion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
+    let appearance = Appearance::of(&stepper, &scene.recorded_nodes());
+    let motion = RodMotion {
+        name: &scene.name,
+        times: column("time_s"),
+        x: column("x_m"),
+        y: column("y_m"),
+        appearance: &appearance,
+        cycle: stepper.cycles().whole(f64::INFINITY).last().map(|cycle| [cycle.from, cycle.until]),
+    };
     for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {
         let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
-        let mut held = Folder::export(place, owner(), Claim::forced(arguments.force))?;
-        held.exports().admit(&name)?;
-        held.let_others();
+        // A folder of results lists its films; another one is left without a list.
+        let is_listed = arguments.film.as_ref() != Some(&path) || place.join(MANIFEST).exists();
+        let mut held = is_listed.then(|| Folder::export(place, owner(), Claim::forced(arguments.force))).transpose()?;
+        if let Some(held) = &mut held {
+            held.exports().admit(&name)?;
+            held.let_others();
+        }
         let pictures = film.picture_count(&path, run)? as f64;
         let progress = Progress::of(Unit::Exactly("pictures"), pictures);
         let drawn = film.write(&path, &motion, |part| {
@@ -195,7 +215,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             raised()
         });
         drop(progress);
-        let _ = held.relock(); // what it lists is removed with it where no film came
+        let _ = held.as_mut().map(Folder::relock); // what it lists is removed with it where no film came
         drop(held);
         if drawn == Err(Error::Interrupted) {
             let kept = if path.exists() { "; the earlier one is kept" } else { "" };

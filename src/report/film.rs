@@ -1,4 +1,4 @@
-//! Films of a moving rod: GIF, or MP4 by ffmpeg.
+//! Films of a moving rod: animated SVG, GIF, or MP4 by ffmpeg.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -9,19 +9,22 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use gif::{Encoder, Frame, Repeat};
+use nalgebra::Vector2;
 
-use super::chart::{Chart, Mark, Scale, Series};
+use super::film_scene::FilmScene;
+pub use super::film_scene::{Appearance, RodMotion};
 use super::picture::SvgRenderer;
 use crate::error::{Error, Result};
-use crate::files::{write_atomically, write_error};
+use crate::files::{write_atomically, write_error, write_file};
+use crate::number_format::in_sentence;
 
 /// Settings of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilmSettings {
     /// Frames per second.
     pub per_second: u32,
-    /// Seconds of the run per second of the film.
-    pub speed: f64,
+    /// Seconds of the run per second of the film; if absent, 1, or in an SVG what makes its motion easy to see.
+    pub speed: Option<f64>,
     /// Pixels per px of the figure.
     pub sharpness: f64,
     /// First and last time that it shows, s, limited to those of the run.
@@ -30,12 +33,52 @@ pub struct FilmSettings {
 
 impl Default for FilmSettings {
     fn default() -> Self {
-        Self { per_second: 25, speed: 1.0, sharpness: 1.0, window: [f64::NEG_INFINITY, f64::INFINITY] }
+        Self { per_second: 25, speed: None, sharpness: 1.0, window: [f64::NEG_INFINITY, f64::INFINITY] }
     }
 }
 
 /// Most frames of a film.
 const MAX_FRAMES: f64 = 100_000.0;
+
+/// Keyframes of an SVG: of one cycle, least and most of another motion, and least of each of its cycles. What is between them is
+/// interpolated.
+const KEYFRAMES_OF_CYCLE: usize = 33;
+const KEYFRAMES: [f64; 2] = [25.0, 301.0];
+const KEYFRAMES_PER_CYCLE: f64 = 12.0;
+
+/// Keyframes of an SVG per second, unless its motion has cycles.
+const KEYFRAMES_PER_SECOND: f64 = 15.0;
+
+/// Seconds in which an SVG shows a cycle at best, and in which it shows a whole run.
+const SECONDS_OF_CYCLE: f64 = 1.6;
+const SECONDS_OF_RUN: f64 = 8.0;
+
+/// A motion is shown at its own speed if that takes between these factors of the best time.
+const REAL_TIME: [f64; 2] = [0.25, 2.5];
+
+/// Pictures that are looked at to see how much room a motion takes.
+const LOOKS: usize = 120;
+
+/// A motion closes if every node ends within this part of the rod's extent of where it began, but for what the rod travels.
+const CLOSED: f64 = 0.02;
+
+/// The kinds of films.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FilmFormat {
+    Svg,
+    Gif,
+    Mp4,
+}
+
+/// A checked film.
+#[derive(Debug, Clone, Copy)]
+struct FilmPlan {
+    format: FilmFormat,
+    /// First and last time, s.
+    window: [f64; 2],
+    /// Number of frames.
+    count: f64,
+}
 
 /// Most frames per second of a GIF: its delays are hundredths of a second, and many viewers take a delay of one for ten.
 const MAX_GIF_RATE: u32 = 50;
@@ -43,63 +86,11 @@ const MAX_GIF_RATE: u32 = 50;
 /// Allowed pixels per px of the figure, which is some hundreds of px wide.
 const SHARPNESS: RangeInclusive<f64> = 0.05..=20.0;
 
-/// The motion of a rod: positions in rows, one per time with one entry per node.
-#[derive(Debug, Clone, Copy)]
-pub struct RodMotion<'a> {
-    /// Name of the scene.
-    pub name: &'a str,
-    /// Times, s, increasing.
-    pub times: &'a [f64],
-    /// Positions, m.
-    pub x: &'a [f64],
-    /// Positions, m.
-    pub y: &'a [f64],
-}
-
-impl RodMotion<'_> {
-    /// The rod at a time, by linear interpolation.
-    fn at(&self, time: f64) -> Vec<(f64, f64)> {
-        let nodes = self.x.len() / self.times.len();
-        let next = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
-        let [from, to] = [self.times[next - 1], self.times[next]];
-        let part = ((time - from) / (to - from)).clamp(0.0, 1.0);
-        let at =
-            |values: &[f64], k: usize| (1.0 - part) * values[(next - 1) * nodes + k] + part * values[next * nodes + k];
-        (0..nodes).map(|k| (at(self.x, k), at(self.y, k))).collect()
-    }
-
-    /// Corners of the bounding box of the rod from `first` to `last`.
-    fn corners(&self, [first, last]: [f64; 2]) -> Vec<(f64, f64)> {
-        let nodes = self.x.len() / self.times.len();
-        // With the times next to them, between which its first and last picture lie.
-        let from = self.times.partition_point(|t| *t <= first).saturating_sub(1);
-        let until = (self.times.partition_point(|t| *t < last) + 1).min(self.times.len());
-        let ends = |values: &[f64]| {
-            let finite = || values[nodes * from..nodes * until].iter().copied().filter(|x| x.is_finite());
-            [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)]
-        };
-        let ([left, right], [low, high]) = (ends(self.x), ends(self.y));
-        vec![(left, low), (right, high)]
-    }
-
-    /// The frame at a time, with axes for all between `corners`.
-    fn svg(&self, time: f64, corners: &[(f64, f64)]) -> String {
-        let rod = self.at(time);
-        let head = rod.first().copied().into_iter().collect();
-        let series = vec![
-            Series::new("", corners.to_vec(), Mark::Unseen),
-            Series::new("", rod, Mark::Line),
-            Series::new("", head, Mark::Dots),
-        ];
-        Chart::new(format!("{}, t = {time:.2} s", self.name), "x (m)", "y (m)", Scale::Equal, series).svg()
-    }
-}
-
 impl FilmSettings {
     /// Checks a film of a run from the first to the last of these times (s) that is to be written to `path`.
     ///
     /// # Errors
-    /// [`Error::Write`] for an extension other than .gif and .mp4, a run of one time, a window outside the run, a
+    /// [`Error::Write`] for an extension other than .svg, .gif and .mp4, a run of one time, a window outside the run, a
     /// sharpness that is out of range, and rates that are not positive or too large.
     pub fn check(&self, path: &Path, run: [f64; 2]) -> Result<()> {
         self.plan(path, run).map(|_| ())
@@ -110,17 +101,17 @@ impl FilmSettings {
     /// # Errors
     /// Those of [`check`](Self::check).
     pub fn picture_count(&self, path: &Path, run: [f64; 2]) -> Result<usize> {
-        self.plan(path, run).map(|(_, _, count)| count as usize)
+        self.plan(path, run).map(|plan| plan.count as usize)
     }
 
-    /// The checked film: whether it is a GIF, its first and last time, and its number of frames.
-    fn plan(&self, path: &Path, [begin, end]: [f64; 2]) -> Result<(bool, [f64; 2], f64)> {
+    fn plan(&self, path: &Path, [begin, end]: [f64; 2]) -> Result<FilmPlan> {
         let refuse = |reason: String| Err(Error::Write { path: path.to_path_buf(), reason });
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        let is_gif = match ending.as_deref() {
-            Some("gif") => true,
-            Some("mp4") => false,
-            _ => return refuse("allowed: a name that ends in .gif or .mp4".to_string()),
+        let format = match ending.as_deref() {
+            Some("svg") => FilmFormat::Svg,
+            Some("gif") => FilmFormat::Gif,
+            Some("mp4") => FilmFormat::Mp4,
+            _ => return refuse("allowed: a name that ends in .svg, .gif or .mp4".to_string()),
         };
         if begin.partial_cmp(&end) != Some(Ordering::Less) {
             return refuse("a film needs a run of more than one time".to_string());
@@ -134,16 +125,20 @@ impl FilmSettings {
             let (least, most) = (SHARPNESS.start(), SHARPNESS.end());
             return refuse(format!("found a sharpness of {}; allowed: {least} to {most}", self.sharpness));
         }
-        let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
-        if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
-            let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
+        let speed = self.speed.unwrap_or(1.0);
+        let count = match format {
+            FilmFormat::Svg => 1.0, // its keyframes are chosen by its motion
+            _ => ((last - first) / speed * f64::from(self.per_second)).round().max(2.0),
+        };
+        if !(count <= MAX_FRAMES && self.per_second > 0 && speed > 0.0 && speed.is_finite()) {
+            let found = format!("{} pictures per second at {speed} times the speed", self.per_second);
             return refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures"));
         }
-        if is_gif && self.per_second > MAX_GIF_RATE {
+        if format == FilmFormat::Gif && self.per_second > MAX_GIF_RATE {
             let found = format!("{} pictures per second", self.per_second);
             return refuse(format!("found {found}; allowed: at most {MAX_GIF_RATE} in a GIF"));
         }
-        Ok((is_gif, [first, last], count))
+        Ok(FilmPlan { format, window: [first, last], count })
     }
 
     /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
@@ -159,21 +154,74 @@ impl FilmSettings {
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<()> {
         let run = [motion.times.first(), motion.times.last()].map(|time| time.copied().unwrap_or(f64::NAN));
-        let (is_gif, [first, last], count) = self.plan(path, run)?;
+        let FilmPlan { format, window: [first, last], count } = self.plan(path, run)?;
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
-        let (painter, corners) = (SvgRenderer::new(), motion.corners([first, last]));
+        if format == FilmFormat::Svg {
+            return match watch(0.0) {
+                ControlFlow::Continue(()) => write_file(path, self.svg(motion, [first, last]).map_err(refuse)?),
+                ControlFlow::Break(()) => Err(Error::Interrupted),
+            };
+        }
+        let (painter, scene) = (SvgRenderer::new(), FilmScene::of(*motion, [first, last], LOOKS, false));
+        // To a hundredth of what it shows, and no coarser than that of a second.
+        let decimals = (2.0 - (last - first).log10().floor()).clamp(2.0, 9.0) as usize;
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
-            painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)
+            let picture = scene.picture(time, &format!("{}, t = {time:.decimals$} s", motion.name));
+            painter.pixels(&picture, self.sharpness).map_err(refuse)
         };
         let mut frames = (0..count as usize).map(|n| n as f64).map(|n| match watch(n / count) {
             ControlFlow::Continue(()) => draw(n),
             ControlFlow::Break(()) => Err(Error::Interrupted),
         });
-        write_atomically(path, |file| match is_gif {
-            true => self.gif(path, file.path(), &mut frames),
-            false => self.mp4(path, file.path(), &mut frames),
+        write_atomically(path, |file| match format {
+            FilmFormat::Mp4 => self.mp4(path, file.path(), &mut frames),
+            _ => self.gif(path, file.path(), &mut frames),
         })
+    }
+
+    /// The last whole cycle of a periodic motion, or all within `window` (s), as an animated SVG.
+    ///
+    /// # Errors
+    /// A motion of too many cycles, in words.
+    fn svg(&self, motion: &RodMotion<'_>, window: [f64; 2]) -> std::result::Result<String, String> {
+        let is_chosen = self.window != Self::default().window;
+        let cycle = motion.cycle.filter(|cycle| !is_chosen && closes(motion, *cycle));
+        let window = cycle.unwrap_or(window);
+        let span = window[1] - window[0];
+        let closed = cycle.is_some() || closes(motion, window);
+        let period = motion.cycle.map(|[from, until]| until - from).filter(|period| *period > 0.0);
+        let speed = self.speed.unwrap_or_else(|| match period {
+            Some(period) if cycle.is_some() || span <= SECONDS_OF_RUN / SECONDS_OF_CYCLE * period => {
+                easy_speed(period / SECONDS_OF_CYCLE)
+            }
+            _ => easy_speed(span / SECONDS_OF_RUN),
+        });
+        let seconds = span / speed;
+        let keyframes = if cycle.is_some() {
+            KEYFRAMES_OF_CYCLE
+        } else {
+            let [least, most] = KEYFRAMES;
+            let cycles = period.map_or(0.0, |period| span / period);
+            if cycles * KEYFRAMES_PER_CYCLE > most {
+                let allowed = (most / KEYFRAMES_PER_CYCLE).floor();
+                let found = in_sentence(cycles, 3);
+                return Err(format!(
+                    "found {found} cycles that do not repeat; allowed in an SVG: at most {allowed}, of which --from and --until choose"
+                ));
+            }
+            (KEYFRAMES_PER_SECOND * seconds).max(KEYFRAMES_PER_CYCLE * cycles).clamp(least, most).round() as usize
+        };
+        let pace = if (speed - 1.0).abs() < 1e-9 {
+            "real time".to_string()
+        } else if speed < 1.0 {
+            format!("{} times slower", in_sentence(speed.recip(), 3))
+        } else {
+            format!("{} times faster", in_sentence(speed, 3))
+        };
+        let [from, until] = window.map(|time| in_sentence(time, 4));
+        let title = format!("{} from t = {from} s to {until} s, {pace}", motion.name);
+        Ok(FilmScene::of(*motion, window, keyframes, closed).animated(seconds, keyframes, &pace, &title))
     }
 
     fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
@@ -242,6 +290,29 @@ impl FilmSettings {
     }
 }
 
+/// True if the rod is at the end of the window (s) where it was at its start, but for what it travels.
+fn closes(motion: &RodMotion<'_>, [from, until]: [f64; 2]) -> bool {
+    let (start, end) = (motion.at(from), motion.at(until));
+    let nodes = start.len().max(1) as f64;
+    let travel = end.iter().zip(&start).map(|(end, start)| end - start).sum::<Vector2<f64>>() / nodes;
+    let gap = end.iter().zip(&start).map(|(end, start)| (end - start - travel).norm()).fold(0.0, f64::max);
+    let middle = start.iter().sum::<Vector2<f64>>() / nodes;
+    let extent = start.iter().map(|point| 2.0 * (point - middle).norm()).fold(0.0, f64::max);
+    gap <= CLOSED * extent // never of what is not finite
+}
+
+/// A speed of 1, 2 or 5 times a power of ten near `best`; 1 if that is not far from it.
+fn easy_speed(best: f64) -> f64 {
+    let [least, most] = REAL_TIME;
+    if (least..=most).contains(&best) || !(best > 0.0 && best.is_finite()) {
+        return 1.0;
+    }
+    let power = 10f64.powf(best.log10().floor());
+    let distance = |speed: &f64| (speed / best).ln().abs();
+    let near = [1.0, 2.0, 5.0, 10.0].map(|digit| digit * power);
+    near.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(1.0)
+}
+
 type Frames<'a> = &'a mut dyn Iterator<Item = Result<resvg::tiny_skia::Pixmap>>;
 
 #[cfg(test)]
@@ -250,24 +321,24 @@ mod tests {
 
     use super::*;
 
-    const MOTION: RodMotion<'_> = RodMotion {
-        name: "rod",
-        times: &[0.0, 1.0],
-        x: &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0],
-        y: &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1],
-    };
+    fn motion(appearance: &Appearance) -> RodMotion<'_> {
+        const X: [f64; 6] = [0.0, 0.5, 1.0, 0.0, 0.5, 1.0];
+        const Y: [f64; 6] = [0.0, 0.1, 0.0, 0.0, 0.2, 0.1];
+        RodMotion { name: "rod", times: &[0.0, 1.0], x: &X, y: &Y, appearance, cycle: None }
+    }
 
     #[test]
     fn a_film_that_is_stopped_leaves_the_earlier_one() {
-        let folder = tempfile::tempdir().unwrap();
+        let (folder, appearance) = (tempfile::tempdir().unwrap(), Appearance::unknown(3));
+        let motion = motion(&appearance);
         let path = folder.path().join("rod.gif");
         let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
-        settings.write(&path, &MOTION, |_| ControlFlow::Continue(())).unwrap();
+        settings.write(&path, &motion, |_| ControlFlow::Continue(())).unwrap();
         let whole = std::fs::read(&path).unwrap();
         assert_eq!(whole.last(), Some(&b';'), "a GIF ends with its trailer");
         for stop in [0.0, 0.5] {
             let watch = |part: f64| if part >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            assert_eq!(settings.write(&path, &MOTION, watch), Err(Error::Interrupted));
+            assert_eq!(settings.write(&path, &motion, watch), Err(Error::Interrupted));
             assert_eq!(std::fs::read(&path).unwrap(), whole);
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);

@@ -1,12 +1,16 @@
 //! Reports: what a run, sweep, study or design writes to its folder: tables, figures (SVG), numbers (JSON) and a self-contained
 //! page (HTML).
 
+#[cfg(feature = "pictures")]
+mod body_outline;
 pub mod cases;
 pub mod chart;
 mod chart_axis;
 pub mod comparison;
 #[cfg(feature = "pictures")]
 pub mod film;
+#[cfg(feature = "pictures")]
+mod film_scene;
 mod findings;
 mod folder;
 mod frame;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use caudal::Error;
 use caudal::assessment::Assessment;
 use caudal::report::Summary;
-use caudal::report::film::{FilmSettings, RodMotion};
+use caudal::report::film::{Appearance, FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::{TrajectoryColumn, TrajectoryTable};
 use caudal::report::vtk;
@@ -177,8 +177,10 @@ pub fn write_film(
     let (per_second, speed, sharpness, window) = look;
     let mut attention = Attention::new();
     let written = py.detach(|| {
-        let motion = RodMotion { name, times: &times, x: &positions[0], y: &positions[1] };
-        let film = FilmSettings { per_second, speed, sharpness, window };
+        let appearance = Appearance::unknown(positions[0].len() / times.len().max(1));
+        let (x, y) = (&positions[0], &positions[1]);
+        let motion = RodMotion { name, times: &times, x, y, appearance: &appearance, cycle: None };
+        let film = FilmSettings { per_second, speed: Some(speed), sharpness, window };
         film.write(&path, &motion, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {
