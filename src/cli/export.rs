@@ -190,7 +190,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let found = trajectory.columns().iter().find(|column| column.variable.name == name);
         found.map_or(&[][..], |column| &column.values[..])
     };
-    let appearance = Appearance::of(&stepper, &scene.recorded_nodes());
+    let appearance = Appearance::of(stepper.view().dynamics, &scene.recorded_nodes());
     let motion = RodMotion {
         name: &scene.name,
         times: column("time_s"),

@@ -59,8 +59,11 @@ const REAL_TIME: [f64; 2] = [0.25, 2.5];
 /// Pictures that are looked at to see how much room a motion takes.
 const LOOKS: usize = 120;
 
-/// A motion closes if every node ends within this part of the rod's extent of where it began, but for what the rod travels.
-const CLOSED: f64 = 0.02;
+/// A motion closes if its shapes at both ends are no further apart than this part of the largest distance in between.
+const CLOSED: f64 = 0.05;
+
+/// Rows from the last that are searched for the same shape.
+const MAX_ROWS_BACK: usize = 4000;
 
 /// The kinds of films.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -186,11 +189,12 @@ impl FilmSettings {
     /// A motion of too many cycles, in words.
     fn svg(&self, motion: &RodMotion<'_>, window: [f64; 2]) -> std::result::Result<String, String> {
         let is_chosen = self.window != Self::default().window;
-        let cycle = motion.cycle.filter(|cycle| !is_chosen && closes(motion, *cycle));
+        let cycle = motion.cycle.or_else(|| last_return(motion));
+        let cycle = cycle.filter(|cycle| !is_chosen && closes(motion, *cycle));
         let window = cycle.unwrap_or(window);
         let span = window[1] - window[0];
         let closed = cycle.is_some() || closes(motion, window);
-        let period = motion.cycle.map(|[from, until]| until - from).filter(|period| *period > 0.0);
+        let period = cycle.or(motion.cycle).map(|[from, until]| until - from).filter(|period| *period > 0.0);
         let speed = self.speed.unwrap_or_else(|| match period {
             Some(period) if cycle.is_some() || span <= SECONDS_OF_RUN / SECONDS_OF_CYCLE * period => {
                 easy_speed(period / SECONDS_OF_CYCLE)
@@ -290,15 +294,32 @@ impl FilmSettings {
     }
 }
 
-/// True if the rod is at the end of the window (s) where it was at its start, but for what it travels.
+/// How far the shapes of the rod at two times are apart, wherever it travels: the largest distance of a node, m.
+fn shape_distance(motion: &RodMotion<'_>, times: [f64; 2]) -> f64 {
+    let [one, other] = times.map(|time| motion.at(time));
+    let travel = one.iter().zip(&other).map(|(a, b)| b - a).sum::<Vector2<f64>>() / one.len().max(1) as f64;
+    one.iter().zip(&other).map(|(a, b)| (b - a - travel).norm()).fold(0.0, f64::max)
+}
+
+/// True if the rod has the same shape at both ends of the window (s), measured by how it changes in between.
 fn closes(motion: &RodMotion<'_>, [from, until]: [f64; 2]) -> bool {
-    let (start, end) = (motion.at(from), motion.at(until));
-    let nodes = start.len().max(1) as f64;
-    let travel = end.iter().zip(&start).map(|(end, start)| end - start).sum::<Vector2<f64>>() / nodes;
-    let gap = end.iter().zip(&start).map(|(end, start)| (end - start - travel).norm()).fold(0.0, f64::max);
-    let middle = start.iter().sum::<Vector2<f64>>() / nodes;
-    let extent = start.iter().map(|point| 2.0 * (point - middle).norm()).fold(0.0, f64::max);
-    gap <= CLOSED * extent // never of what is not finite
+    let at = |n: usize| from + (until - from) * n as f64 / LOOKS as f64;
+    let most = (1..LOOKS).map(|n| shape_distance(motion, [from, at(n)])).fold(0.0, f64::max);
+    shape_distance(motion, [from, until]) <= CLOSED * most // never of what is not finite
+}
+
+/// The last time (s) of a motion without a drive at which the rod had its last shape, and its last time: a cycle of a flutter or a spin.
+fn last_return(motion: &RodMotion<'_>) -> Option<[f64; 2]> {
+    let (begin, end) = (*motion.times.first()?, *motion.times.last()?);
+    let earlier = motion.times.iter().rev().filter(|time| **time >= 0.5 * (begin + end));
+    let earlier: Vec<_> =
+        earlier.take(MAX_ROWS_BACK).map(|time| (*time, shape_distance(motion, [*time, end]))).collect();
+    let most = earlier.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
+    let left = earlier.iter().position(|(_, distance)| *distance > 0.5 * most)?;
+    let back = left + earlier[left..].iter().position(|(_, distance)| *distance < CLOSED * most)?;
+    // The nearest of those about there.
+    let near = earlier[back..].iter().take_while(|(_, distance)| *distance < CLOSED * most);
+    near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(time, _)| [*time, end])
 }
 
 /// A speed of 1, 2 or 5 times a power of ten near `best`; 1 if that is not far from it.

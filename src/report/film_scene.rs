@@ -7,8 +7,8 @@ use nalgebra::Vector2;
 
 use super::body_outline::BodyOutline;
 use crate::fluid::{Fluid, Layers};
+use crate::model::Dynamics;
 use crate::number_format::{in_sentence, significant};
-use crate::stepper::Stepper;
 
 /// Width of a picture, and the least and the largest height, px.
 const WIDTH: f64 = 640.0;
@@ -69,15 +69,15 @@ pub struct Appearance {
 }
 
 impl Appearance {
-    /// What `stepper` has at present, of which these `nodes` are drawn.
-    pub fn of(stepper: &Stepper, nodes: &[usize]) -> Self {
-        let inputs = &stepper.view().dynamics.inputs;
+    /// What `dynamics` has at present, of which these `nodes` are drawn.
+    pub fn of(dynamics: &Dynamics, nodes: &[usize]) -> Self {
+        let (model, inputs) = (&dynamics.model, &dynamics.inputs);
         let layers = inputs.layers.filter(|layers| layers.iter().len() > 0);
         Self {
-            body: BodyOutline::of(&stepper.model().rod, nodes),
+            body: BodyOutline::of(&model.rod, nodes),
             fluid: inputs.fluid,
             layers,
-            is_unsteady: stepper.model().flow.is_some(),
+            is_unsteady: model.flow.is_some(),
         }
     }
 

@@ -12,6 +12,7 @@ mod digest;
 mod documents;
 mod figures;
 mod folders;
+mod gallery;
 mod keeping;
 mod messages;
 mod overrides;

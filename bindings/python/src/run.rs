@@ -2,9 +2,11 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use caudal::Error;
 use caudal::assessment::Assessment;
+use caudal::model::Dynamics;
 use caudal::report::Summary;
 use caudal::report::film::{Appearance, FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
@@ -161,23 +163,25 @@ pub fn pictures(
     py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, claim)?.complete()).or_raise(py)
 }
 
-/// Writes a film of a rod whose nodes have these positions, a row per time; `look` is pictures per second, speed, pixels per px,
+/// Writes a film of the rod of a scene whose nodes have these positions, a row per time; `look` is pictures per second, speed, pixels per px,
 /// and its first and last time.
 #[pyfunction]
 #[pyo3(name = "_film")]
 pub fn write_film(
     py: Python<'_>,
     path: PathBuf,
-    name: &str,
+    scene: &Bound<'_, Scene>,
     times: Vec<f64>,
     positions: [PyReadonlyArrayDyn<'_, f64>; 2],
     look: (u32, f64, f64, [f64; 2]),
 ) -> PyResult<()> {
     let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
     let (per_second, speed, sharpness, window) = look;
+    let Scene { scene, .. } = scene.get();
+    let dynamics = Dynamics::new(Arc::new(scene.model().or_raise(py)?));
     let mut attention = Attention::new();
     let written = py.detach(|| {
-        let appearance = Appearance::unknown(positions[0].len() / times.len().max(1));
+        let (name, appearance) = (&scene.name, Appearance::of(&dynamics, &scene.recorded_nodes()));
         let (x, y) = (&positions[0], &positions[1]);
         let motion = RodMotion { name, times: &times, x, y, appearance: &appearance, cycle: None };
         let film = FilmSettings { per_second, speed: Some(speed), sharpness, window };

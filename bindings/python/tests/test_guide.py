@@ -91,9 +91,9 @@ GALLERY = {
 
 def gallery():
     """The duration that each command of the gallery sets, and its answer, by its scene."""
-    row = r"caudal run models/([\w-]+)\.toml(?: --set solver\.duration_s=(\d+))?` \| (.*) \|$"
+    row = r"^(.*)\n\n`caudal run models/([\w-]+)\.toml(?: --set solver\.duration_s=(\d+))?`"
     rows = re.findall(row, (DOCS / "gallery.md").read_text(), re.MULTILINE)
-    return {name: (duration, answer) for name, duration, answer in rows}
+    return {name: (duration, answer) for answer, name, duration in rows}
 
 
 @pytest.mark.parametrize("name", GALLERY)

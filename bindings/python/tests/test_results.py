@@ -73,13 +73,15 @@ def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, mon
             shades.append(np.asarray(film.convert("RGB")).astype(int))
     assert shades[0].shape == shades[1].shape and shades[0].shape[1] == 640
     assert np.any(shades[0] != shades[1])
-    # The rod is blue, its head orange, the rest black, white or grey.
-    blue = (shades[0][..., 2] > 150) & (shades[0][..., 0] < 60)
+    # The body is dark blue, its fluid light blue.
+    blue = (shades[0][..., 2] > 130) & (shades[0][..., 0] < 60)
     assert 200 < blue.sum() < 20000
+    result.animate(tmp_path / "tail.svg")
+    assert '<animate attributeName="d"' in (tmp_path / "tail.svg").read_text()
     result.plot().savefig(tmp_path / "tail.pdf")
     result.plot("x_com_m").savefig(tmp_path / "tail.png")
     assert (tmp_path / "tail.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(caudal.errors.WriteError, match=r"\.gif or \.mp4"):
+    with pytest.raises(caudal.errors.WriteError, match=r"\.svg, \.gif or \.mp4"):
         result.animate(tmp_path / "tail.avi")
     with pytest.raises(caudal.errors.WriteError, match="allowed: positive numbers"):
         result.animate(tmp_path / "tail.gif", speed=-1.0)

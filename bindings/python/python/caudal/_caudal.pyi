@@ -228,7 +228,7 @@ def _pictures(
 ) -> list[str]: ...
 def _film(
     path: Union[str, os.PathLike[str]],
-    name: str,
+    scene: Scene,
     times: npt.NDArray[np.float64],
     positions: list[npt.NDArray[np.float64]],
     look: tuple[int, float, float, tuple[float, float]],

@@ -379,7 +379,7 @@ class Result(Mapping[str, Array]):
         Parameters
         ----------
         path : str or os.PathLike
-            ``.gif``, or ``.mp4`` where the program ffmpeg is installed.
+            ``.svg``, an animated picture; ``.gif``; or ``.mp4`` where the program ffmpeg is installed.
         fps : int, optional
             Pictures per second.
         speed : float, optional
@@ -399,7 +399,7 @@ class Result(Mapping[str, Array]):
             if name not in self:
                 raise ValueError(f"a film needs {name}: run(..., record=[..., 'x_m', 'y_m'])")
         positions = [np.ascontiguousarray(self[name]) for name in ("x_m", "y_m")]
-        _film(path, self.scene.name, self["time_s"], positions, (fps, speed, sharpness, window))
+        _film(path, self.scene, self["time_s"], positions, (fps, speed, sharpness, window))
 
     def to_vtk(self, folder: Union[str, os.PathLike[str]], *, force: bool = False) -> list[str]:
         """Write the run for ParaView and other programs that read VTK.
