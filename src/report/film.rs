@@ -11,8 +11,8 @@ use std::process::{Child, Command, Stdio};
 use gif::{Encoder, Frame, Repeat};
 use nalgebra::Vector2;
 
-use super::film_scene::FilmScene;
 pub use super::film_scene::{Appearance, RodMotion};
+use super::film_scene::{FilmScene, round_below};
 use super::picture::SvgRenderer;
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error, write_file};
@@ -55,6 +55,9 @@ const SECONDS_OF_RUN: f64 = 8.0;
 
 /// A motion is shown at its own speed if that takes between these factors of the best time.
 const REAL_TIME: [f64; 2] = [0.25, 2.5];
+
+/// The fluid goes by no faster than this, px per second of an SVG: specks that go faster are not seen to move.
+const MAX_PACE: f64 = 600.0;
 
 /// Pictures that are looked at to see how much room a motion takes.
 const LOOKS: usize = 120;
@@ -193,13 +196,16 @@ impl FilmSettings {
         let cycle = cycle.filter(|cycle| !is_chosen && closes(motion, *cycle));
         let window = cycle.unwrap_or(window);
         let span = window[1] - window[0];
-        let closed = cycle.is_some() || closes(motion, window);
+        let scene = FilmScene::of(*motion, window, LOOKS, cycle.is_some() || closes(motion, window));
         let period = cycle.or(motion.cycle).map(|[from, until]| until - from).filter(|period| *period > 0.0);
-        let speed = self.speed.unwrap_or_else(|| match period {
-            Some(period) if cycle.is_some() || span <= SECONDS_OF_RUN / SECONDS_OF_CYCLE * period => {
-                easy_speed(period / SECONDS_OF_CYCLE)
-            }
-            _ => easy_speed(span / SECONDS_OF_RUN),
+        let speed = self.speed.unwrap_or_else(|| {
+            let easy = match period {
+                Some(period) if cycle.is_some() || span <= SECONDS_OF_RUN / SECONDS_OF_CYCLE * period => {
+                    easy_speed(period / SECONDS_OF_CYCLE)
+                }
+                _ => easy_speed(span / SECONDS_OF_RUN),
+            };
+            if scene.pace() * easy > MAX_PACE { round_below(MAX_PACE / scene.pace()) } else { easy }
         });
         let seconds = span / speed;
         let keyframes = if cycle.is_some() {
@@ -208,10 +214,9 @@ impl FilmSettings {
             let [least, most] = KEYFRAMES;
             let cycles = period.map_or(0.0, |period| span / period);
             if cycles * KEYFRAMES_PER_CYCLE > most {
-                let allowed = (most / KEYFRAMES_PER_CYCLE).floor();
-                let found = in_sentence(cycles, 3);
+                let (found, allowed) = (in_sentence(cycles, 3), (most / KEYFRAMES_PER_CYCLE).floor());
                 return Err(format!(
-                    "found {found} cycles that do not repeat; allowed in an SVG: at most {allowed}, of which --from and --until choose"
+                    "found {found} cycles that do not repeat; allowed in an SVG: {allowed}; --from and --until choose some"
                 ));
             }
             (KEYFRAMES_PER_SECOND * seconds).max(KEYFRAMES_PER_CYCLE * cycles).clamp(least, most).round() as usize
@@ -225,7 +230,7 @@ impl FilmSettings {
         };
         let [from, until] = window.map(|time| in_sentence(time, 4));
         let title = format!("{} from t = {from} s to {until} s, {pace}", motion.name);
-        Ok(FilmScene::of(*motion, window, keyframes, closed).animated(seconds, keyframes, &pace, &title))
+        Ok(scene.animated(seconds, keyframes, &pace, &title))
     }
 
     fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
@@ -328,9 +333,9 @@ fn easy_speed(best: f64) -> f64 {
     if (least..=most).contains(&best) || !(best > 0.0 && best.is_finite()) {
         return 1.0;
     }
-    let power = 10f64.powf(best.log10().floor());
+    let below = round_below(best);
     let distance = |speed: &f64| (speed / best).ln().abs();
-    let near = [1.0, 2.0, 5.0, 10.0].map(|digit| digit * power);
+    let near = [1.0, 2.0, 2.5].map(|factor| round_below(below * factor * (1.0 + 1e-9)));
     near.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(1.0)
 }
 
@@ -376,6 +381,106 @@ mod tests {
         for window in [[f64::NAN, 1.0], [0.0, f64::NAN]] {
             let said = refused(FilmSettings { window, ..FilmSettings::default() });
             assert!(said.contains("allowed: a part of the run, 0 to 1 s"), "{said}");
+        }
+    }
+
+    /// A wave of this length, in a fluid of a scene, that travels by its own length in ten periods of 1 s; `rows` of them.
+    fn wave(length: f64, nodes: usize, rows: usize, periods: f64) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let times: Vec<f64> = (0..rows).map(|row| periods * row as f64 / (rows - 1) as f64).collect();
+        let of = |f: &dyn Fn(f64, f64) -> f64| {
+            let xi = |k: usize| k as f64 / (nodes - 1) as f64;
+            times.iter().flat_map(|t| (0..nodes).map(|k| length * f(xi(k), *t)).collect::<Vec<_>>()).collect()
+        };
+        let x = of(&|xi, t| xi - 0.1 * t);
+        let y = of(&|xi, t| 0.1 * (std::f64::consts::TAU * (xi - t)).sin());
+        (times, x, y)
+    }
+
+    fn svg_of(length: f64, nodes: usize, periods: f64, cycle: Option<[f64; 2]>) -> std::result::Result<String, String> {
+        let appearance = Appearance::unknown(nodes);
+        let (times, x, y) = wave(length, nodes, 1 + (40.0 * periods) as usize, periods);
+        let motion = RodMotion { name: "wave", times: &times, x: &x, y: &y, appearance: &appearance, cycle };
+        let window = [times[0], times[times.len() - 1]];
+        FilmSettings::default().svg(&motion, window)
+    }
+
+    /// The keyframes of the outline.
+    fn keyframes(svg: &str) -> Vec<&str> {
+        svg.split("<animate attributeName=\"d\"").nth(1).unwrap().split('"').nth(5).unwrap().split(';').collect()
+    }
+
+    #[test]
+    fn a_periodic_motion_of_any_scale_is_one_cycle_whose_last_keyframe_is_its_first() {
+        let mut films = Vec::new();
+        for length in [1e-6, 1.0, 10.0] {
+            for nodes in [3, 33, 10_000] {
+                let svg = svg_of(length, nodes, 3.0, Some([2.0, 3.0])).unwrap();
+                let frames = keyframes(&svg);
+                assert_eq!(
+                    (frames.len(), frames.first()),
+                    (KEYFRAMES_OF_CYCLE, frames.last()),
+                    "{length} m, {nodes} nodes"
+                );
+                assert!(frames.iter().all(|frame| frame.matches('l').count() == frames[0].matches('l').count()));
+                assert!(svg.len() < 100_000 && !svg.contains("NaN") && !svg.contains("inf"), "{} bytes", svg.len());
+                films.push((nodes, frames.join(";")));
+            }
+        }
+        // The picture does not depend on the unit of length, but for rounding to tenths of a pixel.
+        let starts = |frames: &str| -> Vec<f64> {
+            let starts = frames.split('M').skip(1).map(|path| path.split('l').next().unwrap().split(' '));
+            starts.flatten().map(|number| number.parse().unwrap()).collect()
+        };
+        let same = |one: &str, other: &str| starts(one).iter().zip(starts(other)).all(|(a, b)| (a - b).abs() < 0.11);
+        for (nodes, frames) in &films[3..] {
+            assert!(films[..3].iter().any(|(of, other)| of == nodes && same(frames, other)), "{nodes} nodes");
+        }
+    }
+
+    #[test]
+    fn a_motion_without_a_drive_is_shown_from_its_last_return() {
+        let svg = svg_of(1.0, 33, 3.0, None).unwrap();
+        assert!(svg.contains("wave from t = 2 s to 3 s"), "{}", &svg[..600]);
+        assert_eq!(keyframes(&svg).first(), keyframes(&svg).last());
+    }
+
+    #[test]
+    fn a_motion_that_does_not_repeat_is_shown_as_a_whole_or_refused_with_what_to_do() {
+        let svg = svg_of(1.0, 33, 1.3, Some([0.2, 0.8])).unwrap();
+        assert!(svg.contains("wave from t = 0 s to 1.3 s"), "{}", &svg[..600]);
+        let refused = svg_of(1.0, 3, 30.3, Some([30.0, 30.3])).unwrap_err();
+        assert_eq!(
+            refused,
+            "found 101 cycles that do not repeat; allowed in an SVG: 25; --from and --until choose some"
+        );
+        let refused = FilmSettings::default().check(Path::new("rod.svg"), [0.0, 0.0]).unwrap_err().to_string();
+        assert!(refused.contains("a film needs a run of more than one time"), "{refused}");
+    }
+
+    #[test]
+    fn a_rod_at_rest_and_one_in_a_single_place_have_a_picture() {
+        let appearance = Appearance::unknown(3);
+        for x in [[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], [0.0; 6]] {
+            let motion = RodMotion {
+                name: "<&>",
+                times: &[0.0, 1.0],
+                x: &x,
+                y: &[0.0; 6],
+                appearance: &appearance,
+                cycle: None,
+            };
+            let svg = FilmSettings::default().svg(&motion, [0.0, 1.0]).unwrap();
+            assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains("&lt;&amp;&gt;"), "{svg}");
+            assert!(SvgRenderer::new().pixels(&svg, 1.0).is_ok());
+        }
+    }
+
+    #[test]
+    fn a_film_is_slowed_down_or_sped_up_by_round_factors() {
+        for (best, speed) in
+            [(0.02, 0.02), (0.021, 0.02), (0.034, 0.05), (0.08, 0.1), (0.3, 1.0), (2.0, 1.0), (4.2, 5.0), (1e4, 1e4)]
+        {
+            assert!((easy_speed(best) / speed - 1.0).abs() < 1e-6, "{best}: {}", easy_speed(best));
         }
     }
 }

@@ -183,6 +183,11 @@ impl<'a> FilmScene<'a> {
         scene
     }
 
+    /// The speed (px/s) at which the fluid goes by, at the motion's own speed.
+    pub fn pace(&self) -> f64 {
+        self.drift.map_or(0.0, |drift| drift.norm() * self.unit)
+    }
+
     /// The nodes at a time as the camera sees them, m.
     fn points(&self, time: f64) -> Vec<Vector2<f64>> {
         let [first, last] = self.window;
@@ -213,7 +218,7 @@ impl<'a> FilmScene<'a> {
     /// The picture at a time.
     pub fn picture(&self, time: f64, clock: &str) -> String {
         let (body, head) = self.body(time);
-        let shift = self.drift.map_or(0.0, |drift| drift.norm() * (time - self.window[0]) * self.unit % CELL[0]);
+        let shift = self.pace() * (time - self.window[0]) % CELL[0];
         let mut svg = self.begin(self.motion.name);
         self.put_fluid(&mut svg, &format!(" transform=\"translate({} 0)\"", tenth(shift)), "");
         let _ = writeln!(svg, "<path class=\"body rim\" d=\"{body}\"{BODY}/>");
@@ -245,7 +250,7 @@ impl<'a> FilmScene<'a> {
         let list = |axis: usize| heads.iter().map(|head| tenth(head[axis]).to_string()).collect::<Vec<_>>().join(";");
         let still = bodies.first().cloned().unwrap_or_default();
         let mut svg = self.begin(title);
-        let pace = self.drift.map_or(0.0, |drift| drift.norm() * self.unit * (last - first) / seconds);
+        let pace = self.pace() * (last - first) / seconds;
         let passed = pace * seconds / WIDTH;
         let moves = match passed > AT_REST {
             true => format!(
@@ -375,7 +380,7 @@ impl<'a> FilmScene<'a> {
 
     /// The scale bar, and a word on the time.
     fn put_foot(&self, svg: &mut String, clock: &str) {
-        let metres = round_length(0.22 * WIDTH / self.unit);
+        let metres = round_below(0.22 * WIDTH / self.unit);
         let (length, y) = (metres * self.unit, self.height - 17.0);
         let _ = write!(
             svg,
@@ -411,7 +416,7 @@ fn stroke(class: &str) -> String {
 }
 
 /// The largest of 1, 2 and 5 times a power of ten that is not above `most`.
-fn round_length(most: f64) -> f64 {
+pub fn round_below(most: f64) -> f64 {
     let power = 10f64.powf(most.log10().floor());
     [5.0, 2.0, 1.0].iter().map(|digit| digit * power).find(|length| *length <= most * (1.0 + 1e-9)).unwrap_or(power)
 }
