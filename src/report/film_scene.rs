@@ -166,9 +166,12 @@ impl<'a> FilmScene<'a> {
             .then(|| appearance.fluid.flow - velocity);
         let mut scene = Self { motion, window, velocity, drift, corner: Vector2::zeros(), unit: 1.0, height: 0.0, gap };
         let times = (0..pictures.max(2)).map(|n| first + (last - first) * n as f64 / (pictures.max(2) - 1) as f64);
-        let reach = Vector2::repeat(appearance.body.reach());
-        let seen = times.flat_map(|time| scene.points(time)).filter(|point| point.iter().all(|x| x.is_finite()));
-        let bounds = Bounds::of(seen.flat_map(|point| [point - reach, point + reach]));
+        let seen = times.flat_map(|time| {
+            let points = scene.points(time);
+            let outline = appearance.body.polygons(&points, 1.0, 0.0);
+            points.into_iter().chain(outline.into_iter().flatten())
+        });
+        let bounds = Bounds::of(seen.filter(|point| point.iter().all(|x| x.is_finite())));
         let size = bounds.size();
         let [low, high] = HEIGHTS;
         let room = |height: f64| height - 2.0 * MARGIN - FOOT;
@@ -219,7 +222,7 @@ impl<'a> FilmScene<'a> {
     pub fn picture(&self, time: f64, clock: &str) -> String {
         let (body, head) = self.body(time);
         let shift = self.pace() * (time - self.window[0]) % CELL[0];
-        let mut svg = self.begin(self.motion.name);
+        let mut svg = self.begin(self.motion.name, ""); // a GIF has no half transparent corners
         self.put_fluid(&mut svg, &format!(" transform=\"translate({} 0)\"", tenth(shift)), "");
         let _ = writeln!(svg, "<path class=\"body rim\" d=\"{body}\"{BODY}/>");
         if let Some(radius) = self.mark() {
@@ -249,7 +252,7 @@ impl<'a> FilmScene<'a> {
         };
         let list = |axis: usize| heads.iter().map(|head| tenth(head[axis]).to_string()).collect::<Vec<_>>().join(";");
         let still = bodies.first().cloned().unwrap_or_default();
-        let mut svg = self.begin(title);
+        let mut svg = self.begin(title, " rx=\"8\"");
         let pace = self.pace() * (last - first) / seconds;
         let passed = pace * seconds / WIDTH;
         let moves = match passed > AT_REST {
@@ -286,8 +289,8 @@ impl<'a> FilmScene<'a> {
         svg + "</svg>\n"
     }
 
-    /// The head of a document, with its colours and the background.
-    fn begin(&self, title: &str) -> String {
+    /// The head of a document, with its colours and the background, whose corners are as said.
+    fn begin(&self, title: &str, corners: &str) -> String {
         let mut dark = String::new();
         for (class, property, [_, colour]) in COLOURS {
             let _ = write!(dark, ".{class}{{{property}:{colour}}}");
@@ -310,7 +313,7 @@ impl<'a> FilmScene<'a> {
             None if self.motion.appearance.is_fluid() => ("water", fill("water")),
             None => ("empty", fill("empty")),
         };
-        let _ = writeln!(svg, "<rect class=\"{class}\" width=\"{width}\" height=\"{height}\" rx=\"8\"{paint}/>");
+        let _ = writeln!(svg, "<rect class=\"{class}\" width=\"{width}\" height=\"{height}\"{corners}{paint}/>");
         svg
     }
 
