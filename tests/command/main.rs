@@ -17,7 +17,7 @@ mod keeping;
 mod messages;
 mod overrides;
 mod page;
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 mod progress;
 mod recorded;
 mod reference;

@@ -19,7 +19,7 @@ enum Shown {
 
 /// Every command that can take long, as it takes seconds at least, and what it shows.
 const LONG: [(&str, Shown); 11] = [
-    ("run models/eel.toml --set solver.duration_s=1e5 --out OUT", Shown::Rate("s/s")),
+    ("run models/eel.toml --set solver.duration_s=1e5 --set record.interval_s=10 --out OUT", Shown::Rate("s/s")),
     (
         "run models/eel.toml --verify --set solver.duration_s=200 --set record.interval_s=1 --out OUT",
         Shown::Rate("for comparison"),
@@ -47,7 +47,13 @@ struct Terminal {
 }
 
 impl Terminal {
-    fn of(command: &str, variables: &[(&str, &str)]) -> Self {
+    /// `None`, with a word on it, where there is no pseudo-terminal.
+    fn of(command: &str, variables: &[(&str, &str)]) -> Option<Self> {
+        let version = Command::new("script").arg("--version").output();
+        if !version.is_ok_and(|output| output.status.success()) {
+            crate::skip::skip("progress on a terminal", "it needs `script` of util-linux");
+            return None;
+        }
         let mut script = Command::new("script");
         script.current_dir(root()).args(["-qec", command, "/dev/null"]).env("TERM", "xterm").env_remove("NO_COLOR");
         script.envs(variables.iter().copied()).stdin(Stdio::piped()).stdout(Stdio::piped());
@@ -60,7 +66,7 @@ impl Terminal {
                 let _ = sender.send(String::from_utf8_lossy(&bytes[..count]).into_owned());
             }
         });
-        Self { child, pieces, output: String::new() }
+        Some(Self { child, pieces, output: String::new() })
     }
 
     /// Waits until the output has all of these, or the program ended.
@@ -81,7 +87,12 @@ impl Terminal {
     }
 
     /// Presses Ctrl-C so many times and waits for the end; what is on the screen then.
-    fn interrupt(mut self, times: usize) -> Vec<String> {
+    fn interrupt(self, times: usize) -> Vec<String> {
+        self.interrupt_saying(times, &mut String::new())
+    }
+
+    /// The same; `all` gets all that was ever on the screen.
+    fn interrupt_saying(mut self, times: usize, all: &mut String) -> Vec<String> {
         for _ in 0..times {
             let _ = self.child.stdin.as_mut().unwrap().write_all(b"\x03"); // it may have ended
             std::thread::sleep(Duration::from_millis(200));
@@ -90,6 +101,7 @@ impl Terminal {
         let _ = self.child.kill();
         let _ = self.child.wait();
         assert!(!self.output.contains('\x1b'), "an escape code: {:?}", self.output);
+        all.push_str(&self.output);
         screen(&self.output)
     }
 }
@@ -150,7 +162,7 @@ fn a_long_command_on_a_terminal_shows_rate_and_time_left_and_clears_them_at_ctrl
     let mut wrong = Vec::new();
     for (line, shown) in &LONG {
         let folder = tempfile::tempdir().unwrap();
-        let mut terminal = Terminal::of(&command(line, folder.path()), &[]);
+        let Some(mut terminal) = Terminal::of(&command(line, folder.path()), &[]) else { return };
         let words = match shown {
             Shown::Rate(unit) => vec![*unit, " left", " of ", " %"],
             Shown::TimeSoFar => vec!["so far"],
@@ -169,9 +181,31 @@ fn a_long_command_on_a_terminal_shows_rate_and_time_left_and_clears_them_at_ctrl
 }
 
 #[test]
+fn the_cases_of_a_sweep_are_counted_to_the_last() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("few.toml");
+    let scene = root().join("models/cantilever.toml");
+    let axis = "rod.nodes = [27, 28, 29, 30, 31, 32, 33, 34, 35]";
+    std::fs::write(&path, format!("scene = {scene:?}\n[set]\nsolver.duration_s = 200.0\n[axes]\n{axis}\n")).unwrap();
+    let line = format!("sweep {} --jobs 1 --out OUT", path.display());
+    let Some(terminal) = Terminal::of(&command(&line, folder.path()), &[]) else { return };
+    let mut shown = String::new();
+    let screen = terminal.interrupt_saying(0, &mut shown);
+    let counts = shown.split(" %  ").skip(1).filter_map(|rest| rest.split_once(" of 9 cases")?.0.parse().ok());
+    let mut counts: Vec<u32> = counts.collect();
+    assert!(counts.is_sorted() && counts.iter().all(|count| *count <= 9), "{counts:?}");
+    counts.dedup();
+    assert!(counts.len() >= 2, "{counts:?}: {screen:?}");
+}
+
+#[test]
 fn a_second_ctrl_c_leaves_no_progress_on_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
-    let mut terminal = Terminal::of(&command("design models/design-silicone-eel.toml --out OUT", folder.path()), &[]);
+    let Some(mut terminal) =
+        Terminal::of(&command("design models/design-silicone-eel.toml --out OUT", folder.path()), &[])
+    else {
+        return;
+    };
     assert!(terminal.wait_for(&[" %", " iterations"], Duration::from_secs(60)));
     let screen = terminal.interrupt(2);
     assert!(screen.iter().all(|line| !line.contains(['█', '░'])), "{screen:?}");
@@ -187,7 +221,9 @@ fn the_progress_has_no_escape_codes_and_the_quiet_command_none_at_all() {
         (&[("TERM", "dumb")], "", false),
         (&[], " --quiet", false),
     ] {
-        let mut terminal = Terminal::of(&command(&format!("{run}{more}"), folder.path()), variables);
+        let Some(mut terminal) = Terminal::of(&command(&format!("{run}{more}"), folder.path()), variables) else {
+            return;
+        };
         assert_eq!(terminal.wait_for(&[" left"], Duration::from_secs(60)), shows, "{variables:?} {more}");
         let screen = terminal.interrupt(0);
         let said: Vec<_> = screen.iter().filter(|line| !line.is_empty()).collect();
