@@ -36,7 +36,7 @@ const LONG: [(&str, Shown); 11] = [
 ];
 
 /// Commands that are done at once.
-const SHORT: [&str; 7] = ["fmu", "variables", "new", "schema", "completions", "man", "help"];
+const SHORT: [&str; 8] = ["compare", "fmu", "variables", "new", "schema", "completions", "man", "help"];
 
 /// A command under a pseudo-terminal, whose output comes in pieces.
 struct Terminal {
