@@ -171,8 +171,9 @@ fn a_long_command_on_a_terminal_shows_rate_and_time_left_and_clears_them_at_ctrl
             wrong.push(format!("{line}: {:?}", screen(&terminal.output)));
         }
         let screen = terminal.interrupt(1);
-        let is_left =
-            |line: &String| ["█", "░", " left", "seconds so far", "^C"].iter().any(|word| line.contains(word));
+        let is_left = |line: &String| {
+            ["█", "░", "seconds left", "minutes left", "seconds so far", "^C"].iter().any(|word| line.contains(word))
+        };
         if screen.iter().any(is_left) {
             wrong.push(format!("{line} leaves {screen:?}"));
         }
