@@ -2,7 +2,10 @@
 //!
 //! Vectors have the order of a [`State`]: two entries per node, and the arc of a hinge. Its equation takes the place of the first one of
 //! node 0 in the matrices, as in a step. Winches couple all nodes beside their cables, with the same matrix in both directions.
+//!
+//! On fine meshes solutions are [refined](refinement).
 
+mod refinement;
 mod side_by_side;
 
 use nalgebra::{DMatrix, Dyn, LU, Matrix2, Vector2};
@@ -58,6 +61,11 @@ pub(super) struct Equations {
     inertia: Option<BandMatrix>,
     /// The derivative of forces by a translation of the whole rod, for forces that depend on position.
     place: Option<Vec<Matrix2<f64>>>,
+    /// The same of forces by the velocity of the whole rod, beside a damped material where solutions are refined.
+    drift: Option<Vec<Matrix2<f64>>>,
+    masses: Vec<f64>,
+    /// True where one solve may be rounded by more than [`refinement::FROM`].
+    refines: bool,
     /// The equation of a hinge along positions, velocities and accelerations.
     hinge: Option<[HingeEquation; 3]>,
     /// What winches add to the matrices, and A⁻¹ times its columns.
@@ -85,6 +93,9 @@ impl Equations {
             damping: of(!model.forces.is_empty() || model.is_damped()),
             inertia: of(model.forces.are_inertial()),
             place: (!everywhere).then(|| vec![Matrix2::zeros(); nodes]),
+            drift: None,
+            masses: model.rod.mass.clone(),
+            refines: false,
             hinge: None,
             winches: Vec::new(),
             solved: Vec::new(),
@@ -110,16 +121,20 @@ impl Equations {
                 dynamics.unconstrained(state, &mut self.residual, Some(Linearisation { matrix, direction }))?;
             }
         }
-        if let Some(place) = &mut self.place {
-            place.fill(Matrix2::zeros());
+        self.refines = refinement::is_needed(&dynamics.model.rod, direction);
+        let nodes = self.masses.len();
+        self.drift = (self.refines && dynamics.model.is_damped()).then(|| vec![Matrix2::zeros(); nodes]);
+        for (own, along) in [(&mut self.place, Direction::POSITIONS), (&mut self.drift, Direction::VELOCITIES)] {
+            let Some(own) = own else { continue };
+            own.fill(Matrix2::zeros());
             let bent = dynamics.shape(state)?;
             let (forces, edges) = (&bent.dynamics.model.forces, 0..bent.edges().len());
             let moving = bent.kinematics();
-            forces.on_edges(&moving, Some(Direction::POSITIONS), edges, |e, on| {
-                (0..2).for_each(|i| place[e + i] += Matrix2::from(on.own(i)));
+            forces.on_edges(&moving, Some(along), edges, |e, on| {
+                (0..2).for_each(|i| own[e + i] += Matrix2::from(on.own(i)));
             });
-            for tip in forces.on_tip(&moving, Some(Direction::POSITIONS)) {
-                place[moving.edges.len()] += tip.own;
+            for tip in forces.on_tip(&moving, Some(along)) {
+                own[moving.edges.len()] += tip.own;
             }
         }
         if let Some(global) = &mut self.global {
@@ -183,26 +198,8 @@ impl Equations {
     }
 
     fn add_along(&self, all: &[f64], sums: &mut [f64], transposed: bool) {
-        let nodes = self.matrix.rows().len();
-        let (x, y) = (&all.as_chunks::<2>().0[..nodes], &mut sums.as_chunks_mut::<2>().0[..nodes]);
-        for (i, row) in self.matrix.rows().iter().enumerate() {
-            for (j, block) in neighbours(i, row, nodes) {
-                let [a, b, c, d] = self.stiffness(i, j, block);
-                if transposed {
-                    let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
-                    y[j] = [y[j][0] - by[0], y[j][1] - by[1]];
-                    y[i] = [y[i][0] + by[0], y[i][1] + by[1]];
-                } else {
-                    let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
-                    y[i] = [y[i][0] - (a * by[0] + b * by[1]), y[i][1] - (c * by[0] + d * by[1])];
-                }
-            }
-            if let Some(place) = &self.place {
-                let place = if transposed { place[i].transpose() } else { place[i] };
-                let moved = place * Vector2::from(x[i]) * self.direction.q;
-                y[i] = [y[i][0] - moved.x, y[i][1] - moved.y];
-            }
-        }
+        let block = |i: usize, j: usize, block: &[f64; 4]| self.stiffness(i, j, block);
+        add_by_differences(&self.matrix, self.place.as_deref(), block, (-1.0, -self.direction.q), all, sums, transposed);
         if let Some(global) = &self.global {
             GlobalCoupling::add(&global.by_q, -self.direction.q, all, sums, transposed);
         }
@@ -219,8 +216,12 @@ impl Equations {
     pub(super) fn damp(&mut self, x: &[f64], transposed: bool) -> &[f64] {
         let nodes = 2 * self.matrix.rows().len();
         self.product.fill(0.0);
-        if let Some(damping) = &self.damping {
-            damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed);
+        match (&self.damping, &self.drift) {
+            (Some(damping), Some(drift)) => {
+                add_by_differences(damping, Some(drift), |_, _, block| *block, (1.0, 1.0), x, &mut self.product, transposed);
+            }
+            (Some(damping), None) => damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed),
+            (None, _) => {}
         }
         if let Some(global) = &self.global {
             GlobalCoupling::add(&global.by_v, 1.0, x, &mut self.product, transposed);
@@ -279,7 +280,26 @@ impl Equations {
 
     /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs: so it is known that the band's
     /// factors are good, or the pivoted ones are taken.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`](crate::Error::Derivative) where refinement does not converge, on a mesh that is too fine.
     pub(super) fn factor(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
+        let given = if self.refines { rhs.to_vec() } else { Vec::new() };
+        self.factor_alone(rhs, transposed)?;
+        self.refine(&given, rhs, transposed)
+    }
+
+    /// Replaces `rhs` by A⁻¹ rhs, or by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
+    ///
+    /// # Errors
+    /// Those of [`factor`](Self::factor).
+    pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
+        let given = if self.refines { rhs.to_vec() } else { Vec::new() };
+        self.solve_alone(rhs, transposed);
+        self.refine(&given, rhs, transposed)
+    }
+
+    fn factor_alone(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         self.pivoted = false;
         self.with_hinge_first(rhs, |own, rhs| own.factor_band(rhs, transposed))?;
         self.solved.resize_with(self.winches.len(), Vec::new);
@@ -293,7 +313,7 @@ impl Equations {
         Ok(())
     }
 
-    pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) {
+    fn solve_alone(&mut self, rhs: &mut [f64], transposed: bool) {
         self.with_hinge_first(rhs, |own, rhs| own.solve_band(rhs, transposed));
         newton::woodbury(&self.winches, &self.solved, rhs);
     }
@@ -331,9 +351,6 @@ impl Equations {
         let matrix = self.held.as_ref().unwrap_or(&self.matrix);
         let product = &mut self.product[..rhs.len()];
         matrix.multiply(rhs, product, transposed);
-        let largest = |values: &[f64]| {
-            values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
-        };
         let diagonal =
             self.matrix.rows().iter().fold(0.0, |max: f64, row| max.max(row[2][0].abs()).max(row[2][3].abs()));
         product.iter_mut().zip(&self.residual).for_each(|(product, rhs)| *product -= rhs);
@@ -370,6 +387,11 @@ impl Equations {
     }
 }
 
+/// The largest modulus, NaN where anything is.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
+}
+
 /// Adds `factor` times the derivatives of the equation of a hinge, and of those of node 1 by its arc, times `x` to `y`, or their transpose.
 /// The hinge goes with node 0, so it meets the difference of both; of that node, which it holds, the transpose gives nothing.
 fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
@@ -383,6 +405,61 @@ fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transpo
     if let Some([x, y]) = y.get_mut(2..4).and_then(|node| node.first_chunk_mut()) {
         (*x, *y) = (*x + factor * by_arc.x * arc, *y + factor * by_arc.y * arc);
     }
+}
+
+/// Adds to y `factor` times a banded matrix times x, or its transpose, whose off-diagonal blocks are `block` of those of `matrix` and whose
+/// diagonal is minus their sum, and `rest` times the blocks `place`. So its terms have the size of differences of x between
+/// nodes, in the transpose too, where the sums of columns less those of rows are small: they are summed exactly.
+fn add_by_differences(
+    matrix: &BandMatrix,
+    place: Option<&[Matrix2<f64>]>,
+    block: impl Fn(usize, usize, &[f64; 4]) -> [f64; 4],
+    (factor, rest): (f64, f64),
+    x: &[f64],
+    y: &mut [f64],
+    transposed: bool,
+) {
+    let nodes = matrix.rows().len();
+    let (x, y) = (&x.as_chunks::<2>().0[..nodes], &mut y.as_chunks_mut::<2>().0[..nodes]);
+    for (i, row) in matrix.rows().iter().enumerate() {
+        // The sum of the blocks above and below the diagonal, less that of those beside it.
+        let (mut excess, mut lost) = ([0.0; 4], [0.0; 4]);
+        for (j, own) in neighbours(i, row, nodes) {
+            let here = block(i, j, own);
+            let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
+            let [a, b, c, d] = if transposed {
+                let other = block(j, i, &matrix.rows()[j][i + HALF_BANDWIDTH - j]);
+                for (k, value) in other.map(|x| -x).into_iter().chain(here).enumerate() {
+                    add_exactly(value, &mut excess[k % 4], &mut lost[k % 4]);
+                }
+                let [a, b, c, d] = other;
+                [a, c, b, d]
+            } else {
+                here
+            };
+            y[i] = [y[i][0] + factor * (a * by[0] + b * by[1]), y[i][1] + factor * (c * by[0] + d * by[1])];
+        }
+        if transposed {
+            let [a, b, c, d] = std::array::from_fn(|k| excess[k] + lost[k]);
+            // Minus the sum of the row, which is on the diagonal, and plus that of the column, which the differences take.
+            let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
+            y[i] = [y[i][0] - factor * by[0], y[i][1] - factor * by[1]];
+        }
+        if let Some(place) = place {
+            let place = if transposed { place[i].transpose() } else { place[i] };
+            let moved = place * Vector2::from(x[i]) * rest;
+            y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
+        }
+    }
+}
+
+/// Adds `value` to `sum`, and what is rounded then to `lost` (Knuth's two-sum).
+#[inline(always)]
+fn add_exactly(value: f64, sum: &mut f64, lost: &mut f64) {
+    let total = *sum + value;
+    let added = total - *sum;
+    *lost += (*sum - (total - added)) + (value - added);
+    *sum = total;
 }
 
 /// The off-diagonal blocks of row `i`, with their columns.

@@ -98,9 +98,14 @@ impl Equations {
     /// y = −A f_q x of `width` vectors, see [`differences`](Self::differences).
     pub(in crate::sensitivity) fn differences_of_many(&mut self, x: &[f64], y: &mut [f64], width: usize) -> Result<()> {
         y.fill(0.0);
+        self.add_differences_of_many(x, y, width)
+    }
+
+    /// Adds −A f_q x of `width` vectors to y.
+    pub(super) fn add_differences_of_many(&mut self, x: &[f64], y: &mut [f64], width: usize) -> Result<()> {
         if !self.is_banded() {
             return self.one_by_one(x, y, width, |own, x, y| {
-                own.differences(x, y);
+                own.add_along(x, y, false);
                 Ok(())
             });
         }
@@ -132,8 +137,20 @@ impl Equations {
                 Ok(())
             });
         }
-        if let Some(damping) = &self.damping {
-            add_band_of_many(damping, factor, x, y, width);
+        match (&self.damping, &self.drift) {
+            (Some(damping), Some(drift)) => {
+                let nodes = damping.rows().len();
+                for (i, row) in damping.rows().iter().enumerate() {
+                    for (j, block) in neighbours(i, row, nodes) {
+                        let block = block.map(|entry| -factor * entry);
+                        subtract_difference(node_mut(y, i, width), block, node(x, j, width), node(x, i, width));
+                    }
+                    let drift = drift[i] * factor;
+                    add_product(node_mut(y, i, width), [drift.m11, drift.m12, drift.m21, drift.m22], node(x, i, width));
+                }
+            }
+            (Some(damping), None) => add_band_of_many(damping, factor, x, y, width),
+            (None, _) => {}
         }
         Ok(())
     }
@@ -168,13 +185,20 @@ impl Equations {
     pub(in crate::sensitivity) fn factor_and_solve_many(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
         let unknowns = rhs.len() / width.max(1);
         let mut first: Vec<f64> = (0..unknowns).map(|i| rhs.iter().skip(i * width).take(width).sum()).collect();
-        self.factor(&mut first, false)?;
+        self.factor_alone(&mut first, false)?;
+        let given = if self.refines { rhs.to_vec() } else { Vec::new() };
+        self.solve_many_alone(rhs, width)?;
+        if self.refines { self.refine_many(&given, rhs, width) } else { Ok(()) }
+    }
+
+    /// Replaces `width` right-hand sides by A⁻¹ times them, with the factors there are.
+    pub(super) fn solve_many_alone(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
         if self.is_banded() && !self.pivoted {
             self.band.solve_many(rhs, width);
             return Ok(());
         }
         self.each_in_place(rhs, width, |own, rhs| {
-            own.solve(rhs, false);
+            own.solve_alone(rhs, false);
             Ok(())
         })
     }

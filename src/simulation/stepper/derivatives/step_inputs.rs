@@ -13,8 +13,9 @@ use crate::variable::Variable;
 const SAMPLES: [f64; 3] = [0.3, 0.7, 1.0];
 
 /// Motions of a head are differenced over the largest of these parts of the length, or of a radian, over which they are as linear as over the
-/// smallest of them: a host's motion is linear in what it says as long as it is continued by the same polynomial.
-const HEAD_DIFFERENCES: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-6, 1e-8];
+/// next smaller one: a host's motion is linear in what it says as long as it is continued by the same polynomial, and nearer to the pose
+/// that was said than any change that a host makes, the degree that predicts best, and whether a derivative is redundant, may be others.
+const HEAD_DIFFERENCES: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
 
 /// How nearly.
 const HEAD_LINEARITY: f64 = 1e-6;
@@ -288,17 +289,17 @@ impl Stepper {
             (InputVariation::Head { axis, heads: Box::new(heads), apart }, slopes)
         };
         let mut all = HEAD_DIFFERENCES.map(variation);
-        let smallest = all[HEAD_DIFFERENCES.len() - 1].1;
-        let size = smallest.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-        // Differences over the smallest have the rounding of the pose itself.
+        // Differences have the rounding of the pose itself.
         let size_of = |own: f64| own * h.powi(order as i32) / length;
-        let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0)
-            / HEAD_DIFFERENCES[HEAD_DIFFERENCES.len() - 1];
-        let near = |slopes: &[[f64; 3]; 3]| {
-            let apart = slopes.as_flattened().iter().zip(smallest.as_flattened()).map(|(a, b)| (a - b).abs());
-            apart.fold(0.0, f64::max) <= HEAD_LINEARITY.max(rounding) * size
+        let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0);
+        let near = |i: usize| {
+            let [slopes, smaller] = [&all[i].1, &all[i + 1].1].map(|slopes| slopes.as_flattened());
+            let size = smaller.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            let apart = slopes.iter().zip(smaller).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            apart <= HEAD_LINEARITY.max(rounding / HEAD_DIFFERENCES[i + 1]) * size
         };
-        let taken = all.iter().position(|(_, slopes)| near(slopes)).unwrap_or(HEAD_DIFFERENCES.len() - 1);
+        let smallest = HEAD_DIFFERENCES.len() - 1;
+        let taken = (0..smallest).find(|i| near(*i)).unwrap_or(smallest);
         all.swap(0, taken);
         let [(taken, _), ..] = all;
         Ok(taken)
