@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::fluid::{Force, force};
 use crate::head::hinge::HingeEquation;
 use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, HALF_BANDWIDTH, LinearSolver, PivotedLu};
-use crate::model::{Dynamics, Model};
+use crate::model::{DeformedRod, Dynamics, Model};
 use crate::newton;
 use crate::system::{Linearisation, RankOne, State, System};
 
@@ -63,6 +63,8 @@ pub(super) struct Equations {
     place: Option<Vec<Matrix2<f64>>>,
     /// The same of forces by the velocity of the whole rod, beside a damped material where solutions are refined.
     drift: Option<Vec<Matrix2<f64>>>,
+    /// The sums of the columns of the derivatives of forces by positions and by velocities, where solutions are refined.
+    columns: Option<[Vec<Matrix2<f64>>; 2]>,
     masses: Vec<f64>,
     /// True where one solve may be rounded by more than [`refinement::FROM`].
     refines: bool,
@@ -94,6 +96,7 @@ impl Equations {
             inertia: of(model.forces.are_inertial()),
             place: (!everywhere).then(|| vec![Matrix2::zeros(); nodes]),
             drift: None,
+            columns: None,
             masses: model.rod.mass.clone(),
             refines: false,
             hinge: None,
@@ -123,6 +126,10 @@ impl Equations {
         }
         self.refines = refinement::is_needed(&dynamics.model.rod, direction);
         let nodes = self.masses.len();
+        self.columns = self.refines.then(|| [0, 1].map(|_| vec![Matrix2::zeros(); nodes]));
+        for (sums, along) in self.columns.iter_mut().flatten().zip([Direction::POSITIONS, Direction::VELOCITIES]) {
+            write_column_sums(&dynamics.shape(state)?, along, sums);
+        }
         self.drift = (self.refines && dynamics.model.is_damped()).then(|| vec![Matrix2::zeros(); nodes]);
         for (own, along) in [(&mut self.place, Direction::POSITIONS), (&mut self.drift, Direction::VELOCITIES)] {
             let Some(own) = own else { continue };
@@ -199,7 +206,13 @@ impl Equations {
 
     fn add_along(&self, all: &[f64], sums: &mut [f64], transposed: bool) {
         let block = |i: usize, j: usize, block: &[f64; 4]| self.stiffness(i, j, block);
-        add_by_differences(&self.matrix, self.place.as_deref(), block, (-1.0, -self.direction.q), all, sums, transposed);
+        let (place, factors) = (self.place.as_deref(), (-1.0, -self.direction.q));
+        if transposed {
+            let columns = self.columns.as_ref().map(|[by_place, _]| &by_place[..]);
+            add_transposed_by_differences(&self.matrix, [place, columns], block, factors, all, sums);
+        } else {
+            add_by_differences(&self.matrix, place, block, factors, all, sums);
+        }
         if let Some(global) = &self.global {
             GlobalCoupling::add(&global.by_q, -self.direction.q, all, sums, transposed);
         }
@@ -218,7 +231,13 @@ impl Equations {
         self.product.fill(0.0);
         match (&self.damping, &self.drift) {
             (Some(damping), Some(drift)) => {
-                add_by_differences(damping, Some(drift), |_, _, block| *block, (1.0, 1.0), x, &mut self.product, transposed);
+                let (block, product) = (|_: usize, _: usize, block: &[f64; 4]| *block, &mut self.product[..]);
+                if transposed {
+                    let columns = self.columns.as_ref().map(|[_, by_drift]| &by_drift[..]);
+                    add_transposed_by_differences(damping, [Some(drift), columns], block, (1.0, 1.0), x, product);
+                } else {
+                    add_by_differences(damping, Some(drift), block, (1.0, 1.0), x, product);
+                }
             }
             (Some(damping), None) => damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed),
             (None, _) => {}
@@ -407,9 +426,8 @@ fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transpo
     }
 }
 
-/// Adds to y `factor` times a banded matrix times x, or its transpose, whose off-diagonal blocks are `block` of those of `matrix` and whose
-/// diagonal is minus their sum, and `rest` times the blocks `place`. So its terms have the size of differences of x between
-/// nodes, in the transpose too, where the sums of columns less those of rows are small: they are summed exactly.
+/// Adds to y `factor` times a banded matrix times x, whose off-diagonal blocks are `block` of those of `matrix` and whose diagonal is minus
+/// their sum, and `rest` times the blocks `place`. So its terms have the size of differences of x between nodes.
 fn add_by_differences(
     matrix: &BandMatrix,
     place: Option<&[Matrix2<f64>]>,
@@ -417,49 +435,73 @@ fn add_by_differences(
     (factor, rest): (f64, f64),
     x: &[f64],
     y: &mut [f64],
-    transposed: bool,
 ) {
     let nodes = matrix.rows().len();
     let (x, y) = (&x.as_chunks::<2>().0[..nodes], &mut y.as_chunks_mut::<2>().0[..nodes]);
     for (i, row) in matrix.rows().iter().enumerate() {
-        // The sum of the blocks above and below the diagonal, less that of those beside it.
-        let (mut excess, mut lost) = ([0.0; 4], [0.0; 4]);
         for (j, own) in neighbours(i, row, nodes) {
-            let here = block(i, j, own);
+            let [a, b, c, d] = block(i, j, own);
             let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
-            let [a, b, c, d] = if transposed {
-                let other = block(j, i, &matrix.rows()[j][i + HALF_BANDWIDTH - j]);
-                for (k, value) in other.map(|x| -x).into_iter().chain(here).enumerate() {
-                    add_exactly(value, &mut excess[k % 4], &mut lost[k % 4]);
-                }
-                let [a, b, c, d] = other;
-                [a, c, b, d]
-            } else {
-                here
-            };
             y[i] = [y[i][0] + factor * (a * by[0] + b * by[1]), y[i][1] + factor * (c * by[0] + d * by[1])];
         }
-        if transposed {
-            let [a, b, c, d] = std::array::from_fn(|k| excess[k] + lost[k]);
-            // Minus the sum of the row, which is on the diagonal, and plus that of the column, which the differences take.
-            let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
-            y[i] = [y[i][0] - factor * by[0], y[i][1] - factor * by[1]];
-        }
         if let Some(place) = place {
-            let place = if transposed { place[i].transpose() } else { place[i] };
-            let moved = place * Vector2::from(x[i]) * rest;
+            let moved = place[i] * Vector2::from(x[i]) * rest;
             y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
         }
     }
 }
 
-/// Adds `value` to `sum`, and what is rounded then to `lost` (Knuth's two-sum).
-#[inline(always)]
-fn add_exactly(value: f64, sum: &mut f64, lost: &mut f64) {
-    let total = *sum + value;
-    let added = total - *sum;
-    *lost += (*sum - (total - added)) + (value - added);
-    *sum = total;
+/// The same of the transpose. Where the sums of the `columns` are known, of forces from outside alone, its terms have the size of
+/// differences of x too, and a motion of the whole rod meets no rounding of elastic forces: they are a sum of zero.
+fn add_transposed_by_differences(
+    matrix: &BandMatrix,
+    [place, columns]: [Option<&[Matrix2<f64>]>; 2],
+    block: impl Fn(usize, usize, &[f64; 4]) -> [f64; 4],
+    (factor, rest): (f64, f64),
+    x: &[f64],
+    y: &mut [f64],
+) {
+    let nodes = matrix.rows().len();
+    let (x, y) = (&x.as_chunks::<2>().0[..nodes], &mut y.as_chunks_mut::<2>().0[..nodes]);
+    for (i, row) in matrix.rows().iter().enumerate() {
+        for (j, own) in neighbours(i, row, nodes) {
+            let [a, b, c, d] = block(i, j, own);
+            let with = if columns.is_some() { [x[i][0] - x[j][0], x[i][1] - x[j][1]] } else { x[i] };
+            let by = [a * with[0] + c * with[1], b * with[0] + d * with[1]];
+            y[j] = [y[j][0] + factor * by[0], y[j][1] + factor * by[1]];
+            if columns.is_none() {
+                y[i] = [y[i][0] - factor * by[0], y[i][1] - factor * by[1]];
+            }
+        }
+        // The sum of a column has the place in it.
+        if let Some(place) = columns.or(place) {
+            let moved = place[i].tr_mul(&Vector2::from(x[i])) * rest;
+            y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
+        }
+    }
+}
+
+/// Writes how the forces from outside on all nodes change along a direction where a node moves: the sums of the columns of their derivatives.
+fn write_column_sums(bent: &DeformedRod<'_>, along: Direction, sums: &mut [Matrix2<f64>]) {
+    sums.fill(Matrix2::zeros());
+    let (forces, moving) = (&bent.dynamics.model.forces, bent.kinematics());
+    forces.on_edges(&moving, Some(along), 0..moving.edges.len(), |e, on| {
+        for i in 0..2 {
+            let edge = Matrix2::from(on.edge(i));
+            sums[e + i] += Matrix2::from(on.own(i));
+            sums[e] -= edge;
+            sums[e + 1] += edge;
+        }
+    });
+    for tip in forces.on_tip(&moving, Some(along)) {
+        let last = moving.edges.len();
+        let [before, inner, own] = tip.blocks();
+        for (k, block) in [(last.checked_sub(2), before), (Some(last - 1), inner), (Some(last), own)] {
+            if let Some(k) = k {
+                sums[k] += block;
+            }
+        }
+    }
 }
 
 /// The off-diagonal blocks of row `i`, with their columns.

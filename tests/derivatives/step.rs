@@ -196,7 +196,8 @@ fn try_scene(seed: u64, changes: &[&str]) -> Option<Trial> {
             (_, "N") => 1e-1,
             _ => 1.0,
         };
-        let size = if input.of_head().is_some() { 1e-3 * unit } else { 1e-3 * values[k].abs().max(unit) };
+        // Of a head changes that a host makes: over smaller ones its extrapolation may have another degree.
+        let size = if input.of_head().is_some() { 0.5 * unit } else { 1e-3 * values[k].abs().max(unit) };
         let mut step = |stepper: &mut Stepper, by: f64| {
             let mut values = values.clone();
             values[k] += by;

@@ -12,10 +12,14 @@ use crate::variable::Variable;
 /// Where in a step motions of a head are compared, as parts of the step.
 const SAMPLES: [f64; 3] = [0.3, 0.7, 1.0];
 
-/// Motions of a head are differenced over the largest of these parts of the length, or of a radian, over which they are as linear as over the
-/// next smaller one: a host's motion is linear in what it says as long as it is continued by the same polynomial, and nearer to the pose
-/// that was said than any change that a host makes, the degree that predicts best, and whether a derivative is redundant, may be others.
+/// Motions of a head are differenced over parts of the length, or of a radian. A host's motion is linear in what it says as long as it is
+/// continued by the same polynomial, and the degree that predicts best is another for small changes than for large ones. Its slope
+/// is that over the first of the sizes from [`HOST_CHANGE`] on that has the slope of the next smaller one, so that of changes that a host
+/// makes, and it is differenced over the largest size that has this slope, with the fewest digits lost.
 const HEAD_DIFFERENCES: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
+
+/// The place of the size of a host's changes among them.
+const HOST_CHANGE: usize = 2;
 
 /// How nearly.
 const HEAD_LINEARITY: f64 = 1e-6;
@@ -292,14 +296,15 @@ impl Stepper {
         // Differences have the rounding of the pose itself.
         let size_of = |own: f64| own * h.powi(order as i32) / length;
         let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0);
-        let near = |i: usize| {
-            let [slopes, smaller] = [&all[i].1, &all[i + 1].1].map(|slopes| slopes.as_flattened());
-            let size = smaller.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-            let apart = slopes.iter().zip(smaller).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            apart <= HEAD_LINEARITY.max(rounding / HEAD_DIFFERENCES[i + 1]) * size
+        let near = |i: usize, reference: usize| {
+            let [slopes, expected] = [&all[i].1, &all[reference].1].map(|slopes| slopes.as_flattened());
+            let size = expected.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            let apart = slopes.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            apart <= HEAD_LINEARITY.max(rounding / HEAD_DIFFERENCES[i.max(reference)]) * size
         };
         let smallest = HEAD_DIFFERENCES.len() - 1;
-        let taken = (0..smallest).find(|i| near(*i)).unwrap_or(smallest);
+        let reference = (HOST_CHANGE..smallest).find(|i| near(*i, i + 1)).unwrap_or(smallest);
+        let taken = (0..reference).find(|i| near(*i, reference)).unwrap_or(reference);
         all.swap(0, taken);
         let [(taken, _), ..] = all;
         Ok(taken)
