@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
 use caudal::scene::Document;
-use caudal::sensitivity::value_and_grad;
-use caudal::stepper::Stepper;
+use caudal::sensitivity::{LinearisationRequest, value_and_grad};
+use caudal::stepper::{StateCoordinates, Stepper};
 
 const AMPLITUDE: f64 = 4.8;
 
@@ -59,4 +59,38 @@ fn gradients_on_fine_meshes_have_the_digits_of_coarse_ones() {
         }
     }
     assert!(bad.is_empty(), "{bad:?}");
+}
+
+#[test]
+fn a_step_on_a_fine_mesh_is_linearised_with_the_digits_of_a_coarse_one() {
+    let outputs = ["tip_y_m", "x_com_m", "tip_vy_m_s"];
+    for (nodes, allowed) in [(101, 1e-7), (1001, 1e-4)] {
+        for form in ["positions", "chain"] {
+            let mut stepper = Stepper::of(&fine(nodes, form).scene().unwrap()).unwrap();
+            stepper.do_step(0.1).unwrap();
+            let from = stepper.save();
+            let asked = LinearisationRequest {
+                states: false,
+                ..LinearisationRequest::new(StateCoordinates::Motion, &["actuation_amplitude"], &outputs)
+            };
+            let found = stepper.linearise_as(0.05, &asked).unwrap();
+            let mut read = |by: f64| {
+                stepper.restore(&from).unwrap();
+                stepper.set("actuation_amplitude", &[AMPLITUDE * (1.0 + by)]).unwrap();
+                stepper.do_step(0.05).unwrap();
+                outputs.map(|name| stepper.get_scalar(name).unwrap())
+            };
+            let mut central = |part: f64| {
+                let [more, less] = [part, -part].map(&mut read);
+                [0, 1, 2].map(|i| (more[i] - less[i]) / (2.0 * AMPLITUDE * part))
+            };
+            let [coarse, small] = [0.02, 0.01].map(&mut central);
+            for (i, output) in outputs.iter().enumerate() {
+                let expected = (4.0 * small[i] - coarse[i]) / 3.0;
+                let off = (found.d[i] - expected).abs() / expected.abs();
+                println!("{nodes} nodes, {form}, {output}: {:e} for {expected:e}, off by {off:.1e}", found.d[i]);
+                assert!(off < allowed, "{nodes} nodes, {form}, {output}: {off:e}");
+            }
+        }
+    }
 }

@@ -444,8 +444,8 @@ def test_inputs_alone_have_the_columns_that_they_have_beside_the_state(scene):
 
 
 def test_steps_of_an_input_that_stays_compose_without_its_jump(scene):
-    tail = caudal.Stepper(caudal.load(scene, set={"solver.integrator": "generalized-alpha"}))
-    tail.do_step(0.05)
+    tail = caudal.Stepper(caudal.load(scene, set={"solver.integrator": "generalized-alpha", "solver.time_step_s": 1e-3}))
+    tail.do_step(0.01)
     tail.set_motion(tail.motion())
     h, start = tail.get("time_step_s"), tail.save()
     whole = tail.linearize(2 * h, inputs="force_y_n", coordinates="full")
