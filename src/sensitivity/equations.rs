@@ -210,6 +210,11 @@ impl Equations {
         if transposed {
             let columns = self.columns.as_ref().map(|[by_place, _]| &by_place[..]);
             add_transposed_by_differences(&self.matrix, [place, columns], block, factors, all, sums);
+        } else if let (None, Some([columns, _])) = (&self.held, &self.columns) {
+            let mut own = vec![0.0; 2 * self.masses.len()];
+            add_by_differences(&self.matrix, place, block, factors, all, &mut own);
+            balance(&mut own, columns, -self.direction.q, all, &self.masses);
+            sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
         } else {
             add_by_differences(&self.matrix, place, block, factors, all, sums);
         }
@@ -237,6 +242,9 @@ impl Equations {
                     add_transposed_by_differences(damping, [Some(drift), columns], block, (1.0, 1.0), x, product);
                 } else {
                     add_by_differences(damping, Some(drift), block, (1.0, 1.0), x, product);
+                    if let (None, Some([_, columns])) = (&self.held, &self.columns) {
+                        balance(product, columns, 1.0, x, &self.masses);
+                    }
                 }
             }
             (Some(damping), None) => damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed),
@@ -478,6 +486,18 @@ fn add_transposed_by_differences(
             let moved = place[i].tr_mul(&Vector2::from(x[i])) * rest;
             y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
         }
+    }
+}
+
+/// Spreads over the nodes, by their `masses`, what the sum of the forces y differs by from `factor` times that of the forces from outside, whose
+/// `columns` have these sums, where the nodes move by x: elastic forces have none, and the motion of the whole rod no rounding of theirs.
+fn balance(y: &mut [f64], columns: &[Matrix2<f64>], factor: f64, x: &[f64], masses: &[f64]) {
+    let (x, y) = (x.as_chunks::<2>().0, y.as_chunks_mut::<2>().0);
+    let outside: Vector2<f64> = columns.iter().zip(x).map(|(column, x)| column * Vector2::from(*x)).sum();
+    let sum: Vector2<f64> = y.iter().zip(masses).map(|(y, _)| Vector2::from(*y)).sum();
+    let excess = (sum - outside * factor) / masses.iter().sum::<f64>();
+    for (y, mass) in y.iter_mut().zip(masses) {
+        *y = [y[0] - mass * excess.x, y[1] - mass * excess.y];
     }
 }
 

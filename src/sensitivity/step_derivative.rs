@@ -46,7 +46,8 @@ pub struct StepDerivative {
 pub struct LinearisationRequest<'a> {
     /// The coordinates of the state.
     pub coordinates: StateCoordinates,
-    /// Names of the inputs u.
+    /// Names of the inputs u. The derivative by a pose of a driven head is that of changes by about 1e-4 of the length: how the head moves between
+    /// poses is extrapolated by a polynomial whose degree follows from the poses, and may be another for changes of other sizes.
     pub inputs: &'a [&'a str],
     /// Names of the outputs y.
     pub outputs: &'a [&'a str],

@@ -64,7 +64,9 @@ fn gradients_on_fine_meshes_have_the_digits_of_coarse_ones() {
 #[test]
 fn a_step_on_a_fine_mesh_is_linearised_with_the_digits_of_a_coarse_one() {
     let outputs = ["tip_y_m", "x_com_m", "tip_vy_m_s"];
-    for (nodes, allowed) in [(101, 1e-7), (1001, 1e-4)] {
+    let mut bad = Vec::new();
+    // Measured: 1.0e-7, 5.4e-6 and 2.3e-5.
+    for (nodes, allowed) in [(101, 3e-7), (1001, 1e-5), (4001, 5e-5)] {
         for form in ["positions", "chain"] {
             let mut stepper = Stepper::of(&fine(nodes, form).scene().unwrap()).unwrap();
             stepper.do_step(0.1).unwrap();
@@ -89,8 +91,11 @@ fn a_step_on_a_fine_mesh_is_linearised_with_the_digits_of_a_coarse_one() {
                 let expected = (4.0 * small[i] - coarse[i]) / 3.0;
                 let off = (found.d[i] - expected).abs() / expected.abs();
                 println!("{nodes} nodes, {form}, {output}: {:e} for {expected:e}, off by {off:.1e}", found.d[i]);
-                assert!(off < allowed, "{nodes} nodes, {form}, {output}: {off:e}");
+                if off.is_nan() || off > allowed {
+                    bad.push(format!("{nodes} nodes, {form}, {output}: {off:e}"));
+                }
             }
         }
     }
+    assert!(bad.is_empty(), "{bad:?}");
 }

@@ -219,7 +219,11 @@ fn the_derivative_of_a_step_is_that_of_differences_in_random_scenes() {
 #[test]
 fn the_derivative_of_a_step_is_that_of_differences_in_random_scenes_with_nonlocal_drag() {
     // Of the random scenes those that the law takes.
-    compare_random_scenes(30, 5, &["drag={ law = \"nonlocal\" }", "medium={ viscosity_pa_s = 0.5, density_kg_m3 = 900.0 }"]);
+    compare_random_scenes(
+        30,
+        5,
+        &["drag={ law = \"nonlocal\" }", "medium={ viscosity_pa_s = 0.5, density_kg_m3 = 900.0 }"],
+    );
 }
 
 /// Compares `count` random scenes with the changes `of_all`, of which `at_least` can be built.
@@ -950,7 +954,8 @@ fn composed(
 fn apart_by_unit([found, expected]: &[DVector<f64>; 2], states: &[Entry], units: &[&str]) -> f64 {
     let of = |unit: &&str| {
         let rows = || states.iter().enumerate().filter(|(_, entry)| entry.unit == *unit).map(|(i, _)| i);
-        let [off, size] = [largest(rows().map(|i| (found[i] - expected[i]).abs())), largest(rows().map(|i| expected[i].abs()))];
+        let [off, size] =
+            [largest(rows().map(|i| (found[i] - expected[i]).abs())), largest(rows().map(|i| expected[i].abs()))];
         off / size
     };
     largest(units.iter().map(of))
@@ -962,7 +967,12 @@ fn the_matrices_of_successive_steps_compose_where_the_guide_says() {
     for method in ["generalized-alpha", "newmark", "esdirk3", "implicit-euler"] {
         let mut eel = model(
             "eel",
-            &["rod.nodes=9", &format!("solver.integrator={method}"), "solver.time_step_s=5e-3", "solver.newton_tolerance=1e-13"],
+            &[
+                "rod.nodes=9",
+                &format!("solver.integrator={method}"),
+                "solver.time_step_s=5e-3",
+                "solver.newton_tolerance=1e-13",
+            ],
         );
         eel.do_step(1.0).unwrap();
         let motion = eel.motion();
@@ -975,7 +985,8 @@ fn the_matrices_of_successive_steps_compose_where_the_guide_says() {
                 let exact = apart_by_unit(&[product, whole.clone()], &states, &["m", "m/s"]);
                 let (each, _) = composed(&mut eel, (5e-3, count), Full, (input, k), |_| true);
                 let twice = apart_by_unit(&each, &states, &["m", "m/s"]);
-                let (motions, of_motion) = composed(&mut eel, (5e-3, count), Motion, (input, k), |i| input == "force_y_n" || i == 0);
+                let (motions, of_motion) =
+                    composed(&mut eel, (5e-3, count), Motion, (input, k), |i| input == "force_y_n" || i == 0);
                 let in_motion = apart_by_unit(&motions, &of_motion, &["m", "m/s"]);
                 // What the whole is: differences over the interval.
                 let from = eel.save();
@@ -1008,10 +1019,8 @@ fn a_head_that_a_host_moves_has_the_derivative_of_changes_that_a_host_makes() {
     for input in ["now", "at-end"] {
         for levels in 1..=3 {
             let h = 4e-3;
-            let mut stepper = model(
-                "driven-head",
-                &[&format!("head.input={input}"), "rod.nodes=9", "solver.newton_tolerance=1e-13"],
-            );
+            let mut stepper =
+                model("driven-head", &[&format!("head.input={input}"), "rod.nodes=9", "solver.newton_tolerance=1e-13"]);
             let ahead = if input == "at-end" { h } else { 0.0 };
             let give = |stepper: &mut Stepper, by: f64| {
                 let t = stepper.time() + ahead;

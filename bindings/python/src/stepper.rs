@@ -528,7 +528,7 @@ impl Stepper {
     ///     The time, s; positive.
     /// inputs, outputs : str or list of str, optional
     ///     Names of variables; none by default. An input acts as if it were set at the beginning of the step; a pose of a head at the time that
-    ///     ``head.input`` says, around the one that was set, or where the head goes anyway. Outputs are those of one time: no totals, no
+    ///     ``head.input`` says, around the one that was set, or where the head goes anyway, for changes by about 1e-4 of the length. Outputs are those of one time: no totals, no
     ///     averages of cycles.
     /// coordinates : {"motion", "full"}, optional
     ///     The state: positions and velocities, in the order of :meth:`motion`, from which the accelerations follow at the beginning of the

@@ -110,14 +110,36 @@ impl Equations {
             });
         }
         let nodes = self.matrix.rows().len();
+        let columns = self.columns.as_ref().filter(|_| self.held.is_none()).map(|[columns, _]| columns);
+        // Sums over the nodes, less those of the forces from outside, and those of one node; see `balance`.
+        let [mut excess, mut own] = [0, 1].map(|_| if columns.is_some() { vec![0.0; 2 * width] } else { Vec::new() });
         for (i, row) in self.matrix.rows().iter().enumerate() {
+            own.fill(0.0);
+            let to = |y: &mut [f64], own: &mut [f64], add: &dyn Fn([&mut [f64]; 2])| match columns {
+                None => add(node_mut(y, i, width)),
+                Some(_) => add(node_mut(own, 0, width)),
+            };
             for (j, block) in neighbours(i, row, nodes) {
                 let block = self.stiffness(i, j, block);
-                subtract_difference(node_mut(y, i, width), block, node(x, j, width), node(x, i, width));
+                to(y, &mut own, &|y| subtract_difference(y, block, node(x, j, width), node(x, i, width)));
             }
             if let Some(place) = &self.place {
                 let place = place[i] * -self.direction.q;
-                add_product(node_mut(y, i, width), [place.m11, place.m12, place.m21, place.m22], node(x, i, width));
+                to(y, &mut own, &|y| add_product(y, [place.m11, place.m12, place.m21, place.m22], node(x, i, width)));
+            }
+            if let Some(columns) = columns {
+                let sums = y[2 * i * width..].iter_mut().zip(&mut excess).zip(&own);
+                sums.for_each(|((y, excess), own)| (*y, *excess) = (*y + own, *excess + own));
+                let outside = columns[i] * self.direction.q;
+                let outside = [outside.m11, outside.m12, outside.m21, outside.m22];
+                add_product(node_mut(&mut excess, 0, width), outside, node(x, i, width));
+            }
+        }
+        if columns.is_some() {
+            let total = self.masses.iter().sum::<f64>();
+            for (y, mass) in y.chunks_exact_mut(2 * width).zip(&self.masses) {
+                let part = mass / total;
+                y.iter_mut().zip(&excess).for_each(|(y, excess)| *y -= part * excess);
             }
         }
         Ok(())
