@@ -99,3 +99,34 @@ fn a_step_on_a_fine_mesh_is_linearised_with_the_digits_of_a_coarse_one() {
     }
     assert!(bad.is_empty(), "{bad:?}");
 }
+
+#[test]
+fn gradients_of_damped_rods_with_and_without_a_head_are_refined_too() {
+    for (model, viscosity, damping) in [("driven-head", 1.0, 0.0), ("driven-head", 1.0, 2e-3), ("fine-1e3", 1e-3, 2e-3)]
+    {
+        let document = |part: f64| {
+            let mut document = Document::read(format!("models/{model}.toml").as_ref()).unwrap();
+            let changes = [
+                "rod.nodes=257".to_string(),
+                format!("rod.damping_time_s={damping:e}"),
+                format!("medium.viscosity_pa_s={:e}", viscosity * part),
+                "solver.duration_s=0.1".to_string(),
+                "solver.form=positions".to_string(),
+                "solver.newton_tolerance=1e-13".to_string(),
+            ];
+            changes.iter().for_each(|change| document.set(change).unwrap());
+            document
+        };
+        let read = |part: f64| {
+            let mut stepper = Stepper::of(&document(part).scene().unwrap()).unwrap();
+            stepper.do_step(0.1).unwrap();
+            stepper.get_scalar("x_com_m").unwrap()
+        };
+        let central = |size: f64| (read(1.0 + size) - read(1.0 - size)) / (2.0 * size * viscosity);
+        let expected = (4.0 * central(0.01) - central(0.02)) / 3.0;
+        let (_, found) = value_and_grad(&document(1.0), "x_com_m", &["medium.viscosity_pa_s"]).unwrap();
+        let off = (found[0].values[0] - expected).abs() / expected.abs();
+        println!("{model}, damping {damping} s: {:e} for {expected:e}, off by {off:.1e}", found[0].values[0]);
+        assert!(off < 1e-5, "{model}, damping {damping} s: off by {off:e}");
+    }
+}
