@@ -2,7 +2,10 @@
 //!
 //! Vectors have the order of a [`State`]: two entries per node, and the arc of a hinge. Its equation takes the place of the first one of
 //! node 0 in the matrices, as in a step. Winches couple all nodes beside their cables, with the same matrix in both directions.
+//!
+//! On fine meshes solutions are [refined](refinement).
 
+mod refinement;
 mod side_by_side;
 
 use nalgebra::{DMatrix, Dyn, LU, Matrix2, Vector2};
@@ -11,7 +14,7 @@ use crate::error::Result;
 use crate::fluid::{Force, force};
 use crate::head::hinge::HingeEquation;
 use crate::linear::{BandMatrix, BlockBand, BlockRow, Direction, HALF_BANDWIDTH, LinearSolver, PivotedLu};
-use crate::model::{Dynamics, Model};
+use crate::model::{DeformedRod, Dynamics, Model};
 use crate::newton;
 use crate::system::{Linearisation, RankOne, State, System};
 
@@ -58,6 +61,13 @@ pub(super) struct Equations {
     inertia: Option<BandMatrix>,
     /// The derivative of forces by a translation of the whole rod, for forces that depend on position.
     place: Option<Vec<Matrix2<f64>>>,
+    /// The same of forces by the velocity of the whole rod, beside a damped material where solutions are refined.
+    drift: Option<Vec<Matrix2<f64>>>,
+    /// The sums of the columns of the derivatives of forces by positions and by velocities, where solutions are refined.
+    columns: Option<[Vec<Matrix2<f64>>; 2]>,
+    masses: Vec<f64>,
+    /// True where one solve may be rounded by more than [`refinement::FROM`].
+    refines: bool,
     /// The equation of a hinge along positions, velocities and accelerations.
     hinge: Option<[HingeEquation; 3]>,
     /// What winches add to the matrices, and A⁻¹ times its columns.
@@ -85,6 +95,10 @@ impl Equations {
             damping: of(!model.forces.is_empty() || model.is_damped()),
             inertia: of(model.forces.are_inertial()),
             place: (!everywhere).then(|| vec![Matrix2::zeros(); nodes]),
+            drift: None,
+            columns: None,
+            masses: model.rod.mass.clone(),
+            refines: false,
             hinge: None,
             winches: Vec::new(),
             solved: Vec::new(),
@@ -110,16 +124,24 @@ impl Equations {
                 dynamics.unconstrained(state, &mut self.residual, Some(Linearisation { matrix, direction }))?;
             }
         }
-        if let Some(place) = &mut self.place {
-            place.fill(Matrix2::zeros());
+        self.refines = refinement::is_needed(&dynamics.model.rod, direction);
+        let nodes = self.masses.len();
+        self.columns = self.refines.then(|| [0, 1].map(|_| vec![Matrix2::zeros(); nodes]));
+        for (sums, along) in self.columns.iter_mut().flatten().zip([Direction::POSITIONS, Direction::VELOCITIES]) {
+            write_column_sums(&dynamics.shape(state)?, along, sums);
+        }
+        self.drift = (self.refines && dynamics.model.is_damped()).then(|| vec![Matrix2::zeros(); nodes]);
+        for (own, along) in [(&mut self.place, Direction::POSITIONS), (&mut self.drift, Direction::VELOCITIES)] {
+            let Some(own) = own else { continue };
+            own.fill(Matrix2::zeros());
             let bent = dynamics.shape(state)?;
             let (forces, edges) = (&bent.dynamics.model.forces, 0..bent.edges().len());
             let moving = bent.kinematics();
-            forces.on_edges(&moving, Some(Direction::POSITIONS), edges, |e, on| {
-                (0..2).for_each(|i| place[e + i] += Matrix2::from(on.own(i)));
+            forces.on_edges(&moving, Some(along), edges, |e, on| {
+                (0..2).for_each(|i| own[e + i] += Matrix2::from(on.own(i)));
             });
-            for tip in forces.on_tip(&moving, Some(Direction::POSITIONS)) {
-                place[moving.edges.len()] += tip.own;
+            for tip in forces.on_tip(&moving, Some(along)) {
+                own[moving.edges.len()] += tip.own;
             }
         }
         if let Some(global) = &mut self.global {
@@ -183,25 +205,18 @@ impl Equations {
     }
 
     fn add_along(&self, all: &[f64], sums: &mut [f64], transposed: bool) {
-        let nodes = self.matrix.rows().len();
-        let (x, y) = (&all.as_chunks::<2>().0[..nodes], &mut sums.as_chunks_mut::<2>().0[..nodes]);
-        for (i, row) in self.matrix.rows().iter().enumerate() {
-            for (j, block) in neighbours(i, row, nodes) {
-                let [a, b, c, d] = self.stiffness(i, j, block);
-                if transposed {
-                    let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
-                    y[j] = [y[j][0] - by[0], y[j][1] - by[1]];
-                    y[i] = [y[i][0] + by[0], y[i][1] + by[1]];
-                } else {
-                    let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
-                    y[i] = [y[i][0] - (a * by[0] + b * by[1]), y[i][1] - (c * by[0] + d * by[1])];
-                }
-            }
-            if let Some(place) = &self.place {
-                let place = if transposed { place[i].transpose() } else { place[i] };
-                let moved = place * Vector2::from(x[i]) * self.direction.q;
-                y[i] = [y[i][0] - moved.x, y[i][1] - moved.y];
-            }
+        let block = |i: usize, j: usize, block: &[f64; 4]| self.stiffness(i, j, block);
+        let (place, factors) = (self.place.as_deref(), (-1.0, -self.direction.q));
+        if transposed {
+            let columns = self.columns.as_ref().map(|[by_place, _]| &by_place[..]);
+            add_transposed_by_differences(&self.matrix, [place, columns], block, factors, all, sums);
+        } else if let (None, Some([columns, _])) = (&self.held, &self.columns) {
+            let mut own = vec![0.0; 2 * self.masses.len()];
+            add_by_differences(&self.matrix, place, block, factors, all, &mut own);
+            balance(&mut own, columns, -self.direction.q, all, &self.masses);
+            sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+        } else {
+            add_by_differences(&self.matrix, place, block, factors, all, sums);
         }
         if let Some(global) = &self.global {
             GlobalCoupling::add(&global.by_q, -self.direction.q, all, sums, transposed);
@@ -219,8 +234,21 @@ impl Equations {
     pub(super) fn damp(&mut self, x: &[f64], transposed: bool) -> &[f64] {
         let nodes = 2 * self.matrix.rows().len();
         self.product.fill(0.0);
-        if let Some(damping) = &self.damping {
-            damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed);
+        match (&self.damping, &self.drift) {
+            (Some(damping), Some(drift)) => {
+                let (block, product) = (|_: usize, _: usize, block: &[f64; 4]| *block, &mut self.product[..]);
+                if transposed {
+                    let columns = self.columns.as_ref().map(|[_, by_drift]| &by_drift[..]);
+                    add_transposed_by_differences(damping, [Some(drift), columns], block, (1.0, 1.0), x, product);
+                } else {
+                    add_by_differences(damping, Some(drift), block, (1.0, 1.0), x, product);
+                    if let (None, Some([_, columns])) = (&self.held, &self.columns) {
+                        balance(product, columns, 1.0, x, &self.masses);
+                    }
+                }
+            }
+            (Some(damping), None) => damping.multiply(&x[..nodes], &mut self.product[..nodes], transposed),
+            (None, _) => {}
         }
         if let Some(global) = &self.global {
             GlobalCoupling::add(&global.by_v, 1.0, x, &mut self.product, transposed);
@@ -279,7 +307,26 @@ impl Equations {
 
     /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs: so it is known that the band's
     /// factors are good, or the pivoted ones are taken.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`](crate::Error::Derivative) where refinement does not converge, on a mesh that is too fine.
     pub(super) fn factor(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
+        let given = if self.refines { rhs.to_vec() } else { Vec::new() };
+        self.factor_alone(rhs, transposed)?;
+        self.refine(&given, rhs, transposed)
+    }
+
+    /// Replaces `rhs` by A⁻¹ rhs, or by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
+    ///
+    /// # Errors
+    /// Those of [`factor`](Self::factor).
+    pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
+        let given = if self.refines { rhs.to_vec() } else { Vec::new() };
+        self.solve_alone(rhs, transposed);
+        self.refine(&given, rhs, transposed)
+    }
+
+    fn factor_alone(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         self.pivoted = false;
         self.with_hinge_first(rhs, |own, rhs| own.factor_band(rhs, transposed))?;
         self.solved.resize_with(self.winches.len(), Vec::new);
@@ -293,7 +340,7 @@ impl Equations {
         Ok(())
     }
 
-    pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) {
+    fn solve_alone(&mut self, rhs: &mut [f64], transposed: bool) {
         self.with_hinge_first(rhs, |own, rhs| own.solve_band(rhs, transposed));
         newton::woodbury(&self.winches, &self.solved, rhs);
     }
@@ -331,9 +378,6 @@ impl Equations {
         let matrix = self.held.as_ref().unwrap_or(&self.matrix);
         let product = &mut self.product[..rhs.len()];
         matrix.multiply(rhs, product, transposed);
-        let largest = |values: &[f64]| {
-            values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
-        };
         let diagonal =
             self.matrix.rows().iter().fold(0.0, |max: f64, row| max.max(row[2][0].abs()).max(row[2][3].abs()));
         product.iter_mut().zip(&self.residual).for_each(|(product, rhs)| *product -= rhs);
@@ -370,6 +414,11 @@ impl Equations {
     }
 }
 
+/// The largest modulus, NaN where anything is.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
+}
+
 /// Adds `factor` times the derivatives of the equation of a hinge, and of those of node 1 by its arc, times `x` to `y`, or their transpose.
 /// The hinge goes with node 0, so it meets the difference of both; of that node, which it holds, the transpose gives nothing.
 fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
@@ -382,6 +431,96 @@ fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transpo
     }
     if let Some([x, y]) = y.get_mut(2..4).and_then(|node| node.first_chunk_mut()) {
         (*x, *y) = (*x + factor * by_arc.x * arc, *y + factor * by_arc.y * arc);
+    }
+}
+
+/// Adds to y `factor` times a banded matrix times x, whose off-diagonal blocks are `block` of those of `matrix` and whose diagonal is minus
+/// their sum, and `rest` times the blocks `place`. So its terms have the size of differences of x between nodes.
+fn add_by_differences(
+    matrix: &BandMatrix,
+    place: Option<&[Matrix2<f64>]>,
+    block: impl Fn(usize, usize, &[f64; 4]) -> [f64; 4],
+    (factor, rest): (f64, f64),
+    x: &[f64],
+    y: &mut [f64],
+) {
+    let nodes = matrix.rows().len();
+    let (x, y) = (&x.as_chunks::<2>().0[..nodes], &mut y.as_chunks_mut::<2>().0[..nodes]);
+    for (i, row) in matrix.rows().iter().enumerate() {
+        for (j, own) in neighbours(i, row, nodes) {
+            let [a, b, c, d] = block(i, j, own);
+            let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
+            y[i] = [y[i][0] + factor * (a * by[0] + b * by[1]), y[i][1] + factor * (c * by[0] + d * by[1])];
+        }
+        if let Some(place) = place {
+            let moved = place[i] * Vector2::from(x[i]) * rest;
+            y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
+        }
+    }
+}
+
+/// The same of the transpose. Where the sums of the `columns` are known, of forces from outside alone, its terms have the size of
+/// differences of x too, and a motion of the whole rod meets no rounding of elastic forces: they are a sum of zero.
+fn add_transposed_by_differences(
+    matrix: &BandMatrix,
+    [place, columns]: [Option<&[Matrix2<f64>]>; 2],
+    block: impl Fn(usize, usize, &[f64; 4]) -> [f64; 4],
+    (factor, rest): (f64, f64),
+    x: &[f64],
+    y: &mut [f64],
+) {
+    let nodes = matrix.rows().len();
+    let (x, y) = (&x.as_chunks::<2>().0[..nodes], &mut y.as_chunks_mut::<2>().0[..nodes]);
+    for (i, row) in matrix.rows().iter().enumerate() {
+        for (j, own) in neighbours(i, row, nodes) {
+            let [a, b, c, d] = block(i, j, own);
+            let with = if columns.is_some() { [x[i][0] - x[j][0], x[i][1] - x[j][1]] } else { x[i] };
+            let by = [a * with[0] + c * with[1], b * with[0] + d * with[1]];
+            y[j] = [y[j][0] + factor * by[0], y[j][1] + factor * by[1]];
+            if columns.is_none() {
+                y[i] = [y[i][0] - factor * by[0], y[i][1] - factor * by[1]];
+            }
+        }
+        // The sum of a column has the place in it.
+        if let Some(place) = columns.or(place) {
+            let moved = place[i].tr_mul(&Vector2::from(x[i])) * rest;
+            y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
+        }
+    }
+}
+
+/// Spreads over the nodes, by their `masses`, what the sum of the forces y differs by from `factor` times that of the forces from outside, whose
+/// `columns` have these sums, where the nodes move by x: elastic forces have none, and the motion of the whole rod no rounding of theirs.
+fn balance(y: &mut [f64], columns: &[Matrix2<f64>], factor: f64, x: &[f64], masses: &[f64]) {
+    let (x, y) = (x.as_chunks::<2>().0, y.as_chunks_mut::<2>().0);
+    let outside: Vector2<f64> = columns.iter().zip(x).map(|(column, x)| column * Vector2::from(*x)).sum();
+    let sum: Vector2<f64> = y.iter().zip(masses).map(|(y, _)| Vector2::from(*y)).sum();
+    let excess = (sum - outside * factor) / masses.iter().sum::<f64>();
+    for (y, mass) in y.iter_mut().zip(masses) {
+        *y = [y[0] - mass * excess.x, y[1] - mass * excess.y];
+    }
+}
+
+/// Writes how the forces from outside on all nodes change along a direction where a node moves: the sums of the columns of their derivatives.
+fn write_column_sums(bent: &DeformedRod<'_>, along: Direction, sums: &mut [Matrix2<f64>]) {
+    sums.fill(Matrix2::zeros());
+    let (forces, moving) = (&bent.dynamics.model.forces, bent.kinematics());
+    forces.on_edges(&moving, Some(along), 0..moving.edges.len(), |e, on| {
+        for i in 0..2 {
+            let edge = Matrix2::from(on.edge(i));
+            sums[e + i] += Matrix2::from(on.own(i));
+            sums[e] -= edge;
+            sums[e + 1] += edge;
+        }
+    });
+    for tip in forces.on_tip(&moving, Some(along)) {
+        let last = moving.edges.len();
+        let [before, inner, own] = tip.blocks();
+        for (k, block) in [(last.checked_sub(2), before), (Some(last - 1), inner), (Some(last), own)] {
+            if let Some(k) = k {
+                sums[k] += block;
+            }
+        }
     }
 }
 

@@ -145,7 +145,7 @@ impl Problem {
                     if j == 0 {
                         equations.factor(&mut rhs, false)?;
                     } else {
-                        equations.solve(&mut rhs, false);
+                        equations.solve(&mut rhs, false)?;
                     }
                     correct(&rule, column, &star, &rhs);
                 }

@@ -43,7 +43,7 @@ pub use output::{HingeQuantity, Output, Quantity, WorkKind};
 pub use parameter::{JointDirection, Parameter};
 pub use problem::Problem;
 pub use simulation::{Array, Simulation, value_and_grad};
-pub use step_derivative::StepDerivative;
+pub use step_derivative::{LinearisationRequest, StepDerivative};
 pub use trajectory::Trajectory;
 
 /// The derivatives of a state by one parameter.

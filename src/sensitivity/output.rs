@@ -556,10 +556,11 @@ impl LocalDerivatives {
     /// ∇κ_k·q.
     #[inline]
     pub(super) fn gather(&self, k: usize, q: &[f64]) -> f64 {
-        let [before, here, after] = self.slopes[k];
-        let first = if k > 0 { before.dot(&node(q, k - 1)) } else { 0.0 };
+        // The slopes have the sum zero.
+        let ([before, _, after], here) = (self.slopes[k], node(q, k));
+        let first = if k > 0 { before.dot(&(node(q, k - 1) - here)) } else { 0.0 };
         let arc = if k == 0 { q.get(2 * self.slopes.len()).map_or(0.0, |arc| self.arc_slope * arc) } else { 0.0 };
-        first + here.dot(&node(q, k)) + after.dot(&node(q, k + 1)) + arc
+        first + after.dot(&(node(q, k + 1) - here)) + arc
     }
 }
 

@@ -14,7 +14,7 @@ use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, StepControl, StepWeights};
 use crate::linear::{Direction, SolverChoice};
-use crate::model::{Dynamics, Inputs, Model};
+use crate::model::{Dynamics, Inputs, Model, chain};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
 use crate::system::{Form, State, System};
@@ -119,10 +119,12 @@ impl Problem {
             return refuse("solver.integrator", allowed);
         }
         if scene.form(&model.rod) == Form::Chain {
-            return refuse(
-                "solver.form",
-                "derivatives need positions as unknowns; allowed: fewer nodes, or \"positions\"",
-            );
+            let allowed = if chain::contracts(&model.rod, length) {
+                "\"positions\", where solves of derivatives are refined"
+            } else {
+                "fewer nodes, at which positions can be solved for"
+            };
+            return refuse("solver.form", &format!("derivatives need positions as unknowns; allowed: {allowed}"));
         }
         scene.check_mesh(&model.rod, Form::Positions)?;
         let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);

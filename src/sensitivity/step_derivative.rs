@@ -6,7 +6,8 @@
 //! implicit stage is linearised where it converged, its matrix is factored once, and each direction is one solve (see the
 //! [module above](super) for the equations).
 //!
-//! An input acts as if a host had set it at the beginning: accelerations follow it there, by the equation of motion.
+//! An input acts as if a host had set it at the beginning: accelerations follow it there, by the equation of motion, and velocities a jump of the
+//! flow in water that the rod accelerates. Of an input that was there before ([`LinearisationRequest::jump`]) neither does.
 
 use nalgebra::{DMatrix, Vector2};
 
@@ -40,15 +41,41 @@ pub struct StepDerivative {
     pub d: DMatrix<f64>,
 }
 
+/// What [`Stepper::linearise_as`] finds.
+#[derive(Debug, Clone, Copy)]
+pub struct LinearisationRequest<'a> {
+    /// The coordinates of the state.
+    pub coordinates: StateCoordinates,
+    /// Names of the inputs u. The derivative by a pose of a driven head is that of changes by about 1e-4 of the length: how the head moves between
+    /// poses is extrapolated by a polynomial whose degree follows from the poses, and may be another for changes of other sizes.
+    pub inputs: &'a [&'a str],
+    /// Names of the outputs y.
+    pub outputs: &'a [&'a str],
+    /// Whether to find the derivatives by the state, A and C. Without them both have no columns, and neither time nor memory goes with the
+    /// number of states: 1 MB for an input of a rod with 1001 nodes, instead of 0.5 GB.
+    pub states: bool,
+    /// True where inputs change at the beginning of the step, false where they had these values before it. A change moves the
+    /// accelerations at the beginning, which are coordinates of their own in [`StateCoordinates::Full`], and a flow the velocities of a rod
+    /// that accelerates water. With inputs changed at the first step and kept in those that follow, the matrices of successive steps
+    /// compose: ∂z₂/∂u = A₂ B₁ + B₂, B₁ with the jump and B₂ without. Poses of a head are given for each step; they are as if this were
+    /// true.
+    pub jump: bool,
+}
+
+impl<'a> LinearisationRequest<'a> {
+    /// By the state and by `inputs` that change at the beginning.
+    pub fn new(coordinates: StateCoordinates, inputs: &'a [&'a str], outputs: &'a [&'a str]) -> Self {
+        Self { coordinates, inputs, outputs, states: true, jump: true }
+    }
+}
+
 impl Stepper {
     /// Makes a step of `h` (s) as [`do_step`](Self::do_step) does, to the bit, and returns its derivatives by the state in these
     /// `coordinates` and by `inputs`: of that state, and of `outputs`. To stay, [`save`](Self::save) before and
     /// [`restore`](Self::restore) after.
     ///
     /// # Errors
-    /// [`Error::Derivative`] for a reduced model, an explicit method, an input that the step does not depend on smoothly, and an output that
-    /// is a total; [`Error::UnknownVariable`], [`Error::NotAnInput`]; those of [`do_step`](Self::do_step). The stepper is then
-    /// as it was before the call.
+    /// Those of [`linearise_as`](Self::linearise_as).
     pub fn linearise(
         &mut self,
         h: f64,
@@ -56,6 +83,21 @@ impl Stepper {
         inputs: &[&str],
         outputs: &[&str],
     ) -> Result<StepDerivative> {
+        self.linearise_as(h, &LinearisationRequest::new(coordinates, inputs, outputs))
+    }
+
+    /// The same of what is `asked` for.
+    ///
+    /// The matrices of successive steps compose, z₂ = A₂ A₁ z₀, in full coordinates by any method, and in positions and velocities where
+    /// a method remembers nothing else: Newmark's, implicit Euler and ESDIRK3. Generalized-α remembers accelerations that differ from those
+    /// of the equation of motion, so that its products of A in positions and velocities are another system's.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`] for a reduced model, an explicit method, an input that the step does not depend on smoothly, and an output that
+    /// is a total; where the mesh is too fine for derivatives or the memory does not suffice; [`Error::UnknownVariable`], [`Error::NotAnInput`]; those of [`do_step`](Self::do_step). The stepper is then
+    /// as it was before the call.
+    pub fn linearise_as(&mut self, h: f64, asked: &LinearisationRequest<'_>) -> Result<StepDerivative> {
+        let LinearisationRequest { coordinates, inputs, outputs, .. } = *asked;
         let outputs = outputs.iter().map(|name| self.output_of_one_time(name)).collect::<Result<Vec<_>>>()?;
         let inputs = inputs.iter().map(|name| self.input(name)).collect::<Result<Vec<_>>>()?;
         let states = self.coordinates(coordinates);
@@ -67,20 +109,21 @@ impl Stepper {
             variables.iter().flat_map(of).collect()
         };
         let (given, read) = (entries(&inputs), entries(&outputs));
-        let ends = self.step_along(h, coordinates, &states, &given)?;
+        let starts = if asked.states { &states[..] } else { &[] };
+        let ends = self.step_along(h, (coordinates, asked.jump), starts, &given, states.len() + read.len())?;
         let entry = |i: usize, j: usize| states[i].of_many(&ends.now, j, ends.width);
         let mut found = StepDerivative {
             states: self.state_entries(coordinates),
             inputs: given.iter().map(|entry| entry_of(*entry)).collect(),
             outputs: read.iter().map(|entry| entry_of(*entry)).collect(),
-            a: DMatrix::from_fn(states.len(), states.len(), entry),
-            b: DMatrix::from_fn(states.len(), given.len(), |i, j| entry(i, states.len() + j)),
-            c: DMatrix::zeros(read.len(), states.len()),
+            a: DMatrix::from_fn(states.len(), starts.len(), entry),
+            b: DMatrix::from_fn(states.len(), given.len(), |i, j| entry(i, starts.len() + j)),
+            c: DMatrix::zeros(read.len(), starts.len()),
             d: DMatrix::zeros(read.len(), given.len()),
         };
         let rest = self.read_by_gradients(&ends, &read, &mut found.c)?;
         for j in 0..ends.width {
-            let (readings, input, j_read) = match j.checked_sub(states.len()) {
+            let (readings, input, j_read) = match j.checked_sub(starts.len()) {
                 None if rest.is_empty() => continue,
                 None => (&mut found.c, None, j),
                 Some(_) if read.is_empty() => break,
@@ -151,7 +194,7 @@ impl Stepper {
         };
         let jump = self.take_head_jump();
         let given: Vec<_> = self.given_head_inputs().into_iter().map(|variable| (variable, 0)).collect();
-        let found = self.step_along(h, StateCoordinates::Full, &[], &given);
+        let found = self.step_along(h, (StateCoordinates::Full, true), &[], &given, 0);
         if found.is_err() || self.time() != there.time() {
             let mut kept = self.take_last_step();
             self.restore(&there)?;
@@ -219,23 +262,24 @@ impl Stepper {
     }
 
     /// Makes a step of `h` (s) and returns what becomes of a unit of each of the coordinates `starts` at its beginning, and of a unit of each
-    /// entry of inputs in `given`.
+    /// entry of inputs in `given`, which change there where they `jump`; of both, `rows` numbers a column will be returned.
     fn step_along(
         &mut self,
         h: f64,
-        coordinates: StateCoordinates,
+        (coordinates, jump): (StateCoordinates, bool),
         starts: &[Coordinate],
         given: &[(&'static Variable, usize)],
+        rows: usize,
     ) -> Result<Columns> {
         let Some(stages) = self.integrator().map(|integrator| integrator.stages(h)) else {
             let problem = "a step of a reduced model has no derivative; allowed: solver.model = \"full\"".to_string();
             return Err(Error::Derivative { problem });
         };
-        if stages.is_none() {
+        let Some(stages) = stages else {
             let problem = "a step of an explicit method has no derivative; allowed: solver.integrator = \"implicit-euler\", \"newmark\", \
                            \"generalized-alpha\" or \"esdirk3\"";
             return Err(Error::Derivative { problem: problem.to_string() });
-        }
+        };
         if !(h.is_finite() && h > 0.0) {
             return Err(Error::Step(h));
         }
@@ -248,6 +292,7 @@ impl Stepper {
                            do_step before, or a flow that was set with its rate";
             return Err(Error::Derivative { problem: problem.to_string() });
         }
+        self.reserve(starts.len() + given.len(), stages.count, rows)?;
         let mut inputs = Vec::with_capacity(given.len());
         for (variable, k) in given {
             let first = variable.entries(self.model()).start;
@@ -260,8 +305,9 @@ impl Stepper {
         starts.iter().enumerate().for_each(|(j, start)| start.set_of_many(&mut now, j, width, 1.0));
         let consistent = (0..width)
             .map(|j| match j.checked_sub(starts.len()) {
+                // Accelerations that are coordinates follow an input only where it changes.
                 None => coordinates == StateCoordinates::Motion,
-                Some(j) => !inputs[j].direction.is_of_head(),
+                Some(j) => (jump || coordinates == StateCoordinates::Motion) && !inputs[j].direction.is_of_head(),
             })
             .collect();
         let saved = self.save();
@@ -270,6 +316,7 @@ impl Stepper {
             width,
             inputs,
             consistent,
+            jump,
             stages: Vec::new(),
             equations: Vec::new(),
             states: Vec::new(),
@@ -303,6 +350,29 @@ impl Stepper {
     }
 }
 
+/// Copies of a matrix that a host's language makes of it, itself among them.
+const COPIES: usize = 3;
+
+impl Stepper {
+    /// Refuses what the memory does not suffice for: `width` columns through steps of so many `stages`, and `rows` numbers of each that are
+    /// returned.
+    fn reserve(&self, width: usize, stages: usize, rows: usize) -> Result<()> {
+        let State { q, memory, .. } = self.state();
+        // State and stages; the right-hand side, its begin and what refines it.
+        let parts = (stages + 1) * (3 * q.len() + memory.len()) + 7 * q.len() + COPIES * rows;
+        let bytes = width.saturating_mul(parts).saturating_mul(size_of::<f64>());
+        if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
+            return Ok(());
+        }
+        let problem = format!(
+            "the derivatives of this step along {width} directions need {:.1} GB of memory, which there is not; allowed: fewer inputs, or those by \
+             inputs without those by the state",
+            bytes as f64 / 1e9
+        );
+        Err(Error::Derivative { problem })
+    }
+}
+
 fn entry_of((variable, k): (&'static Variable, usize)) -> Entry {
     let scalar = variable.size == Size::Scalar;
     let name = if scalar { variable.name.to_string() } else { format!("{}[{k}]", variable.name) };
@@ -328,6 +398,8 @@ struct Columns {
     inputs: Vec<Input>,
     /// Which of them begin with accelerations by the equation of motion.
     consistent: Vec<bool>,
+    /// True where inputs change at the beginning.
+    jump: bool,
     /// Of the internal step, for each of its stages: the columns, the linearised equations, and the state.
     stages: Vec<State>,
     equations: Vec<Equations>,
@@ -408,13 +480,14 @@ impl Columns {
         let mut state = from.clone();
         state.links.clear();
         dynamics.move_to(from.t, &mut state);
-        let Self { now, width, inputs, consistent, start, point, rhs, begun, .. } = self;
+        let Self { now, width, inputs, consistent, start, point, rhs, begun, jump, .. } = self;
         let (width, first) = (*width, *width - inputs.len());
         start.assemble(dynamics, &state, Direction::POSITIONS)?;
         look_at_inputs(dynamics, &state, inputs, point)?;
         let held = dynamics.held.is_some();
         let flows = || inputs.iter().map(|input| input.direction.flow());
-        if !*begun
+        if *jump
+            && !*begun
             && flows().any(|flow| flow != [0.0; 2])
             && let Some(by) = flow_jump_force(dynamics, &state)?
         {

@@ -6,6 +6,7 @@ mod common;
 mod by_name;
 mod cycle_goals;
 mod derivatives;
+mod fine;
 mod gradients;
 mod sensitivity;
 mod step;

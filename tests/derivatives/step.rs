@@ -6,7 +6,7 @@ use caudal::Error;
 use caudal::integrator::StepControl;
 use caudal::nalgebra::{Complex, DMatrix, DVector};
 use caudal::scene::Document;
-use caudal::sensitivity::StepDerivative;
+use caudal::sensitivity::{LinearisationRequest, StepDerivative};
 use caudal::stepper::{Entry, Snapshot, StateCoordinates, Stepper};
 use caudal::variable::{Causality, Variable};
 
@@ -196,7 +196,8 @@ fn try_scene(seed: u64, changes: &[&str]) -> Option<Trial> {
             (_, "N") => 1e-1,
             _ => 1.0,
         };
-        let size = if input.of_head().is_some() { 1e-3 * unit } else { 1e-3 * values[k].abs().max(unit) };
+        // Of a head changes that a host makes: over smaller ones its extrapolation may have another degree.
+        let size = if input.of_head().is_some() { 0.5 * unit } else { 1e-3 * values[k].abs().max(unit) };
         let mut step = |stepper: &mut Stepper, by: f64| {
             let mut values = values.clone();
             values[k] += by;
@@ -212,18 +213,34 @@ fn try_scene(seed: u64, changes: &[&str]) -> Option<Trial> {
 
 #[test]
 fn the_derivative_of_a_step_is_that_of_differences_in_random_scenes() {
-    let count: u64 = std::env::var("CAUDAL_RANDOM_STEPS").ok().and_then(|n| n.parse().ok()).unwrap_or(12);
+    compare_random_scenes(12, 6, &[]);
+}
+
+#[test]
+fn the_derivative_of_a_step_is_that_of_differences_in_random_scenes_with_nonlocal_drag() {
+    // Of the random scenes those that the law takes.
+    compare_random_scenes(
+        30,
+        5,
+        &["drag={ law = \"nonlocal\" }", "medium={ viscosity_pa_s = 0.5, density_kg_m3 = 900.0 }"],
+    );
+}
+
+/// Compares `count` random scenes with the changes `of_all`, of which `at_least` can be built.
+fn compare_random_scenes(count: u64, at_least: u64, of_all: &[&str]) {
+    let count: u64 = std::env::var("CAUDAL_RANDOM_STEPS").ok().and_then(|n| n.parse().ok()).unwrap_or(count);
     let first: u64 = std::env::var("CAUDAL_FIRST_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(1);
     let (mut scenes, mut compared) = (0, 0);
     let mut bad = Vec::new();
     for seed in first..first + count {
-        let changes: &[&str] = match seed % 5 {
-            0 => &["solver.integrator=esdirk3"],
-            1 => &["solver.integrator=generalized-alpha"],
-            2 => &["solver.integrator=implicit-euler"],
-            _ => &["solver.integrator=newmark"],
+        let method = match seed % 5 {
+            0 => "solver.integrator=esdirk3",
+            1 => "solver.integrator=generalized-alpha",
+            2 => "solver.integrator=implicit-euler",
+            _ => "solver.integrator=newmark",
         };
-        let Some(trial) = try_scene(seed, changes) else { continue };
+        let changes: Vec<&str> = of_all.iter().copied().chain([method]).collect();
+        let Some(trial) = try_scene(seed, &changes) else { continue };
         scenes += 1;
         compared += trial.compared;
         println!("{}: {:.1e} of {} {}", trial.seed, trial.worst.0, trial.compared, trial.worst.1);
@@ -232,7 +249,7 @@ fn the_derivative_of_a_step_is_that_of_differences_in_random_scenes() {
         }
     }
     println!("{scenes} scenes, {compared} comparisons");
-    assert!(bad.is_empty() && scenes >= count / 2, "{}", bad.join("\n"));
+    assert!(bad.is_empty() && scenes >= at_least, "{}", bad.join("\n"));
 }
 
 /// The matrix of a step of `h` (s) of a scene from `time` (s).
@@ -906,4 +923,152 @@ fn a_jump_of_the_flow_in_water_is_refused_and_waits_for_the_step() {
             / 9.0
     });
     assert!(gains[0] > 0.29 && (gains[1] - gains[0]).abs() < 1e-9, "{gains:?}");
+}
+
+/// B over `count` steps of `h` (s) from where `stepper` is, by the entry `k` of an input: of successive steps, changed at the first one and kept
+/// in those that follow as `jump` says, and of one step over all of them. Both with its states.
+fn composed(
+    stepper: &mut Stepper,
+    (h, count): (f64, usize),
+    coordinates: StateCoordinates,
+    (input, k): (&str, usize),
+    jump: impl Fn(usize) -> bool,
+) -> ([DVector<f64>; 2], Vec<Entry>) {
+    let from = stepper.save();
+    let inputs = [input];
+    let asked = LinearisationRequest::new(coordinates, &inputs, &[]);
+    let mut product: Option<DVector<f64>> = None;
+    for i in 0..count {
+        let step = stepper.linearise_as(h, &LinearisationRequest { jump: jump(i), ..asked }).unwrap();
+        let own = step.b.column(k).into_owned();
+        product = Some(product.map_or(own.clone(), |z| &step.a * z + own));
+    }
+    stepper.restore(&from).unwrap();
+    let whole = stepper.linearise_as(h * count as f64, &LinearisationRequest { states: false, ..asked }).unwrap();
+    assert_eq!((whole.a.ncols(), whole.a.nrows()), (0, whole.states.len()));
+    stepper.restore(&from).unwrap();
+    ([product.unwrap(), whole.b.column(k).into_owned()], whole.states)
+}
+
+/// The largest difference in parts of the largest entry of each unit.
+fn apart_by_unit([found, expected]: &[DVector<f64>; 2], states: &[Entry], units: &[&str]) -> f64 {
+    let of = |unit: &&str| {
+        let rows = || states.iter().enumerate().filter(|(_, entry)| entry.unit == *unit).map(|(i, _)| i);
+        let [off, size] =
+            [largest(rows().map(|i| (found[i] - expected[i]).abs())), largest(rows().map(|i| expected[i].abs()))];
+        off / size
+    };
+    largest(units.iter().map(of))
+}
+
+#[test]
+fn the_matrices_of_successive_steps_compose_where_the_guide_says() {
+    use StateCoordinates::{Full, Motion};
+    for method in ["generalized-alpha", "newmark", "esdirk3", "implicit-euler"] {
+        let mut eel = model(
+            "eel",
+            &[
+                "rod.nodes=9",
+                &format!("solver.integrator={method}"),
+                "solver.time_step_s=5e-3",
+                "solver.newton_tolerance=1e-13",
+            ],
+        );
+        eel.do_step(1.0).unwrap();
+        let motion = eel.motion();
+        eel.set_motion(&motion).unwrap();
+        // The accelerations of this begin are those of the equation of motion, which they follow to anyway where an input changes.
+        eel.do_step(5e-3).unwrap();
+        for (input, k, size) in [("force_y_n", 4, 1e-5), ("flow_y_m_s", 0, 1e-5)] {
+            for count in [2, 10, 100] {
+                let ([product, whole], states) = composed(&mut eel, (5e-3, count), Full, (input, k), |i| i == 0);
+                let exact = apart_by_unit(&[product, whole.clone()], &states, &["m", "m/s"]);
+                let (each, _) = composed(&mut eel, (5e-3, count), Full, (input, k), |_| true);
+                let twice = apart_by_unit(&each, &states, &["m", "m/s"]);
+                let (motions, of_motion) =
+                    composed(&mut eel, (5e-3, count), Motion, (input, k), |i| input == "force_y_n" || i == 0);
+                let in_motion = apart_by_unit(&motions, &of_motion, &["m", "m/s"]);
+                // What the whole is: differences over the interval.
+                let from = eel.save();
+                let values = eel.get(input).unwrap();
+                let expected = extrapolated(size, |by| {
+                    eel.restore(&from).unwrap();
+                    let mut values = values.clone();
+                    values[k] += by;
+                    eel.set(input, &values).unwrap();
+                    eel.do_step(5e-3 * f64::from(count as u32)).unwrap();
+                    eel.motion()
+                });
+                eel.restore(&from).unwrap();
+                let off = apart(&whole.as_slice()[..expected.len()], &expected);
+                println!(
+                    "{method} {input} {count} steps: full {exact:.1e}, changed at each {twice:.1e}, motion {in_motion:.1e}, of differences {off:.1e}"
+                );
+                assert!(exact < 1e-8, "{method} {input} {count}: {exact:e}");
+                assert!(off < 1e-4, "{method} {input} {count}: {off:e}");
+                assert!(method == "generalized-alpha" || in_motion < 1e-8, "{method} {input} {count}: {in_motion:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_head_that_a_host_moves_has_the_derivative_of_changes_that_a_host_makes() {
+    let names = ["head_force_x_n", "head_force_y_n", "head_moment_n_m"];
+    let w = std::f64::consts::TAU;
+    for input in ["now", "at-end"] {
+        for levels in 1..=3 {
+            let h = 4e-3;
+            let mut stepper =
+                model("driven-head", &[&format!("head.input={input}"), "rod.nodes=9", "solver.newton_tolerance=1e-13"]);
+            let ahead = if input == "at-end" { h } else { 0.0 };
+            let give = |stepper: &mut Stepper, by: f64| {
+                let t = stepper.time() + ahead;
+                let (c, s) = ((w * t).cos(), (w * t).sin());
+                let x = 0.002 * (1.3 * w * t).sin();
+                let vx = 0.002 * 1.3 * w * (1.3 * w * t).cos();
+                let given = [
+                    [("head_x_m", x), ("head_y_m", 0.01 * s + by), ("head_angle_rad", 0.4 * c)],
+                    [("head_vx_m_s", vx), ("head_vy_m_s", 0.01 * w * c), ("head_spin_rad_s", -0.4 * w * s)],
+                    [
+                        ("head_ax_m_s2", -(1.3 * w).powi(2) * x),
+                        ("head_ay_m_s2", -0.01 * w * w * s),
+                        ("head_spin_rate_rad_s2", -0.4 * w * w * c),
+                    ],
+                ];
+                for (name, value) in given.iter().take(levels).flatten() {
+                    stepper.set(name, &[*value]).unwrap();
+                }
+            };
+            for _ in 0..20 {
+                give(&mut stepper, 0.0);
+                stepper.do_step(h).unwrap();
+            }
+            let from = stepper.save();
+            give(&mut stepper, 0.0);
+            let found = stepper.linearise(h, StateCoordinates::Motion, &["head_y_m"], &names).unwrap();
+            let expected = extrapolated(3e-5, |by| {
+                stepper.restore(&from).unwrap();
+                give(&mut stepper, by);
+                stepper.do_step(h).unwrap();
+                names.map(|name| stepper.get_scalar(name).unwrap()).to_vec()
+            });
+            let off = apart(found.d.as_slice(), &expected);
+            println!("{input}, {levels} levels: {:?} for {expected:?}, off by {off:.1e}", found.d.as_slice());
+            // Measured with "now": 4.8e-4, 1.8e-4, 2.9e-6, where the motion between both changes is another polynomial's; with "at-end":
+            // 5.2e-5, 5.9e-6, 4.7e-12.
+            assert!(off < 1e-3, "{input}, {levels}: {off:e}");
+        }
+    }
+}
+
+#[test]
+fn derivatives_that_take_more_memory_than_there_is_are_refused() {
+    // A width of 2.4e6 columns of 1.2e6 unknowns: 70 TB.
+    let mut stepper = model("fine-1e3", &["rod.nodes=600001", "solver.form=chain"]);
+    let before = stepper.save();
+    let error = stepper.linearise(1e-4, StateCoordinates::Motion, &[], &[]).unwrap_err().to_string();
+    assert!(error.starts_with("the derivatives of this step along 2400004 directions need "), "{error}");
+    assert!(error.contains("GB of memory, which there is not; allowed: "), "{error}");
+    assert!(stepper.save() == before);
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
 use caudal::batch::{self, Batch, WIDTH};
+use caudal::sensitivity::LinearisationRequest;
 use caudal::stepper::{Entry, InputChange, StateCoordinates};
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -18,7 +19,7 @@ use crate::attention::Attention;
 use crate::error::{OrRaise, exception};
 use crate::locks::lock;
 use crate::scene::Scene;
-use crate::values::{Numbers, fields, shown};
+use crate::values::{Numbers, fields, names, shown};
 
 /// What is known of a variable of a scene.
 ///
@@ -525,13 +526,19 @@ impl Stepper {
     /// ----------
     /// h : float
     ///     The time, s; positive.
-    /// inputs, outputs : list of str, optional
+    /// inputs, outputs : str or list of str, optional
     ///     Names of variables; none by default. An input acts as if it were set at the beginning of the step; a pose of a head at the time that
-    ///     ``head.input`` says, around the one that was set, or where the head goes anyway. Outputs are those of one time: no totals, no
+    ///     ``head.input`` says, around the one that was set, or where the head goes anyway, for changes by about 1e-4 of the length. Outputs are those of one time: no totals, no
     ///     averages of cycles.
     /// coordinates : {"motion", "full"}, optional
     ///     The state: positions and velocities, in the order of :meth:`motion`, from which the accelerations follow at the beginning of the
     ///     step; or accelerations too, and what a method remembers of earlier ones.
+    /// jump : bool, optional
+    ///     False where the inputs had these values before the step. A change at its beginning (the default) moves the accelerations there,
+    ///     which are coordinates of their own with ``coordinates="full"``, and a flow the velocities of a rod that accelerates water. Of
+    ///     an input that is changed once and then stays, ``z2 = a2 @ b1 + b2`` with the jump in `b1` and without it in `b2`.
+    /// states : bool, optional
+    ///     False for `b` and `d` alone: `a` and `c` then have no columns, and of a fine mesh the step takes a small part of the time and memory.
     ///
     /// Returns
     /// -------
@@ -541,8 +548,13 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.Error
-    ///     Where the step fails or has no such derivative: of a reduced model, an explicit method. Everything is then as it was
-    ///     before the call.
+    ///     Where the step fails or has no such derivative: of a reduced model, an explicit method, on a mesh that is too fine or takes more
+    ///     memory than there is. Everything is then as it was before the call.
+    ///
+    /// Notes
+    /// -----
+    /// The `a` of successive steps multiply to that of all of them with ``coordinates="full"`` by every method, and with ``"motion"`` by Newmark's
+    /// method, implicit Euler and ESDIRK3. Generalized-alpha remembers accelerations that ``"motion"`` does not have.
     ///
     /// Examples
     /// --------
@@ -553,14 +565,17 @@ impl Stepper {
     /// ((128, 128), (128, 33), (1, 33))
     /// >>> step.states[0], step.inputs[-1]
     /// ('x_m[1]', 'force_y_n[32]')
-    #[pyo3(signature = (h, inputs=Vec::new(), outputs=Vec::new(), coordinates="motion"), text_signature = "(self, h, inputs=(), outputs=(), coordinates=\"motion\")")]
+    #[pyo3(signature = (h, inputs=None, outputs=None, coordinates="motion", jump=true, states=true), text_signature = "(self, h, inputs=(), outputs=(), coordinates=\"motion\", jump=True, states=True)")]
+    #[allow(clippy::too_many_arguments, reason = "arguments of Python, by their names")]
     fn linearize(
         &self,
         py: Python<'_>,
         h: &Bound<'_, PyAny>,
-        inputs: Vec<String>,
-        outputs: Vec<String>,
+        inputs: Option<&Bound<'_, PyAny>>,
+        outputs: Option<&Bound<'_, PyAny>>,
         coordinates: &str,
+        jump: bool,
+        states: bool,
     ) -> PyResult<StepDerivative> {
         let h: f64 = h.extract().map_err(|_| wrong("h", h, "a time, s"))?;
         let coordinates = match coordinates {
@@ -573,8 +588,10 @@ impl Stepper {
         };
         let mut open = self.open()?;
         let stepper = open.stepper()?;
+        let (inputs, outputs) = (names(inputs, "inputs")?, names(outputs, "outputs")?);
         let [inputs, outputs] = [&inputs, &outputs].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
-        let found = py.detach(|| stepper.linearise(h, coordinates, &inputs, &outputs)).or_raise(py)?;
+        let asked = LinearisationRequest { coordinates, inputs: &inputs, outputs: &outputs, states, jump };
+        let found = py.detach(|| stepper.linearise_as(h, &asked)).or_raise(py)?;
         let jump = stepper.take_head_jump();
         drop(open);
         let found = StepDerivative::of(py, found)?;

@@ -11,6 +11,12 @@ pub fn fields<'py>(dictionary: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDic
     Ok(class.call1((dictionary,))?.cast_into()?)
 }
 
+/// Names from Python: one, or a list of them; none by default. Errors name the `argument`.
+pub fn names(names: Option<&Bound<'_, PyAny>>, argument: &str) -> PyResult<Vec<String>> {
+    let Some(names) = names else { return Ok(Vec::new()) };
+    names.py().import("caudal.arguments")?.call_method1("names_of", (names, argument))?.extract()
+}
+
 /// Numbers from Python: an array of contiguous, aligned doubles is used in place, others are converted.
 pub enum Numbers<'py> {
     /// One for all entries.

@@ -497,6 +497,26 @@ def test_a_step_is_a_function_of_jax_in_both_modes():
     np.testing.assert_allclose(jax.grad(lambda z: alone(z)[1][0])(state), found.c[0], rtol=1e-6, atol=1e-9)
 
 
+def test_a_step_that_fails_under_jax_raises_its_own_error():
+    jax = pytest.importorskip("jax")
+    import caudal.jax
+
+    jax.config.update("jax_enable_x64", True)
+    tail = stepped()[0]
+    step = caudal.jax.step(tail, 0.01, outputs="tip_y_m")
+    state = tail.motion()
+    several = jax.vmap(lambda z: step(z)[1])
+    for call in (step, jax.grad(lambda z: step(z)[1][0]), lambda z: several(z[None])):
+        for wrong in (state * np.nan, state * 1e3):
+            with pytest.raises(caudal.Error) as failed:
+                call(wrong)
+            assert failed.value.__cause__ is None and failed.value.__context__ is None
+    with pytest.raises(caudal.Error):
+        step(state[:-1])
+    with pytest.raises(jax.errors.JaxRuntimeError):
+        jax.jit(step)(state * np.nan)
+
+
 def test_a_step_is_a_function_of_pytorch():
     torch = pytest.importorskip("torch")
     import caudal.torch

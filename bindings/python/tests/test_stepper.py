@@ -431,15 +431,41 @@ def test_the_matrices_of_a_step_are_those_of_differences(scene):
     tail.restore(begin)
 
 
+def test_inputs_alone_have_the_columns_that_they_have_beside_the_state(scene):
+    tail = caudal.Stepper(scene)
+    tail.do_step(0.05)
+    start = tail.save()
+    step = tail.linearize(0.01, inputs=["force_y_n"], outputs=["tip_y_m"])
+    tail.restore(start)
+    alone = tail.linearize(0.01, inputs="force_y_n", outputs="tip_y_m", states=False)
+    assert (alone.a.shape, alone.c.shape) == ((len(step.states), 0), (1, 0))
+    np.testing.assert_allclose(alone.b, step.b, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(alone.d, step.d, rtol=1e-12, atol=1e-14)
+
+
+def test_steps_of_an_input_that_stays_compose_without_its_jump(scene):
+    tail = caudal.Stepper(caudal.load(scene, set={"solver.integrator": "generalized-alpha", "solver.time_step_s": 1e-3}))
+    tail.do_step(0.01)
+    tail.set_motion(tail.motion())
+    h, start = tail.get("time_step_s"), tail.save()
+    whole = tail.linearize(2 * h, inputs="force_y_n", coordinates="full")
+    tail.restore(start)
+    first = tail.linearize(h, inputs="force_y_n", coordinates="full")
+    second = tail.linearize(h, inputs="force_y_n", coordinates="full", jump=False)
+    np.testing.assert_allclose(second.a @ first.b + second.b, whole.b, rtol=1e-6, atol=1e-9 * np.abs(whole.b).max())
+    np.testing.assert_allclose(second.a @ first.a, whole.a, rtol=1e-6, atol=1e-9 * np.abs(whole.a).max())
+
+
 def test_what_has_no_matrix_of_a_step_says_so(scene):
     tail = caudal.Stepper(scene)
     for arguments, problem in [
         (dict(outputs=["viscous_work_j"]), "viscous_work_j has no derivative of a step"),
         (dict(inputs=["tip_y_m"]), "tip_y_m"),
         (dict(inputs=["no_such"]), "no_such"),
+        (dict(inputs=3), "inputs: found 3; allowed: a name, or a list of names"),
         (dict(coordinates="some"), 'coordinates: found "some"; allowed: "motion", "full"'),
     ]:
-        with pytest.raises((caudal.Error, ValueError), match=problem):
+        with pytest.raises((caudal.Error, ValueError, TypeError), match=problem):
             tail.linearize(0.01, **arguments)
     assert tail.time_s == 0.0
     with pytest.raises(caudal.Error):

@@ -27,6 +27,7 @@ impl DenseLu {
     /// Room for `size` unknowns.
     pub fn new(size: usize) -> Self {
         let scratch = StackReq::any_of(&[
+            solve::solve_transpose_in_place_scratch::<usize, f64>(size, 1, Par::Seq),
             factor::lu_in_place_scratch::<usize, f64>(size, size, Par::Seq, default()),
             solve::solve_in_place_scratch::<usize, f64>(size, 1, Par::Seq),
         ]);
@@ -59,5 +60,14 @@ impl DenseLu {
         let rows = PermRef::new_checked(&self.forward, &self.backward, size);
         let rhs = MatMut::from_column_major_slice_mut(rhs, size, 1);
         solve::solve_in_place(factors, factors, rows, rhs, Par::Seq, MemStack::new(&mut self.scratch));
+    }
+
+    /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
+    pub fn solve_transposed(&mut self, rhs: &mut [f64]) {
+        let size = self.size;
+        let factors = MatRef::from_column_major_slice(&self.values, size, size);
+        let rows = PermRef::new_checked(&self.forward, &self.backward, size);
+        let rhs = MatMut::from_column_major_slice_mut(rhs, size, 1);
+        solve::solve_transpose_in_place(factors, factors, rows, rhs, Par::Seq, MemStack::new(&mut self.scratch));
     }
 }

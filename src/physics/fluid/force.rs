@@ -259,6 +259,16 @@ pub trait GlobalForce: Coupling {
     /// Adds the differential of the opposing force on every node to `out`, for a `change` of positions and velocities
     /// and of the flow by `flow` (m/s).
     fn add_change(&self, rod: &Kinematics<'_>, change: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]);
+
+    /// The transpose of [`add_change`](Self::add_change): adds to `by` the derivatives by positions and velocities of Σ c·F over
+    /// the ends of `edges`, c the `cotangent` of a node.
+    fn add_slopes(
+        &self,
+        rod: &Kinematics<'_>,
+        edges: Range<usize>,
+        cotangent: &dyn Fn(usize) -> Vector2<f64>,
+        by: &mut StateDerivatives<'_>,
+    );
 }
 
 /// A force on the rod. [`audit`](super::audit::audit) compares what an implementation states about itself with finite
@@ -814,8 +824,7 @@ pub(crate) fn add_banded_change(
     }
 }
 
-/// The transpose of [`add_change`], of a force that is not [`whole`](Force::global): adds to `by` the derivatives of Σ c·F over the
-/// ends of `edges`, c the `cotangent` of a node.
+/// The transpose of [`add_change`]: adds to `by` the derivatives of Σ c·F over the ends of `edges`, c the `cotangent` of a node.
 pub fn add_slopes(
     force: &dyn Force,
     rod: &Kinematics<'_>,
@@ -823,6 +832,10 @@ pub fn add_slopes(
     cotangent: impl Fn(usize) -> Vector2<f64>,
     by: &mut StateDerivatives<'_>,
 ) {
+    if let Some(whole) = force.global() {
+        whole.add_slopes(rod, edges, &cotangent, by);
+        return;
+    }
     for (i, along) in directions(force).iter().enumerate() {
         let StateDerivatives { q, v, a } = by;
         let to: &mut [f64] = [&mut **q, v, a][i];

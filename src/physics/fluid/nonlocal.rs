@@ -17,7 +17,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::force::{EdgeForce, Force, ForceAccumulator, GlobalForce, Kinematics};
+use super::force::{EdgeForce, Force, ForceAccumulator, GlobalForce, Kinematics, StateDerivatives};
 use super::laws::{DragLaw, LawInputs};
 use super::medium::{Key, VISCOSITY};
 use super::validity::Validity;
@@ -537,6 +537,35 @@ impl GlobalForce for Nonlocal {
             let by_density = on_ends(&change, e, last.viscosity * last.lengths[e]);
             let by_length = on_ends(&last.density, e, last.viscosity * longer);
             (0..2).for_each(|i| add(out, e + i, by_density[i] + by_length[i]));
+        }
+    }
+
+    /// With g = Gᵀc and y = M⁻ᵀ g: c·δF = c·δG f + y·(δw − D δq).
+    fn add_slopes(
+        &self,
+        rod: &Kinematics<'_>,
+        edges: Range<usize>,
+        cotangent: &dyn Fn(usize) -> Vector2<f64>,
+        by: &mut StateDerivatives<'_>,
+    ) {
+        let mut last = self.flow(rod);
+        self.slope(&mut last);
+        let mut y = vec![0.0; rod.q.len()];
+        for e in edges.start.max(self.front)..edges.end {
+            let ends = [cotangent(e), cotangent(e + 1)];
+            // What a density loads the ends with is symmetric in both.
+            let [near, far] = SHARES.map(|share| share * last.viscosity * last.lengths[e]);
+            add(&mut y, e, ends[0] * near + ends[1] * far);
+            add(&mut y, e + 1, ends[0] * far + ends[1] * near);
+            let by_length = on_ends(&last.density, e, last.viscosity);
+            let longer = rod.edges[e].t * (ends[0].dot(&by_length[0]) + ends[1].dot(&by_length[1]));
+            add(by.q, e, -longer);
+            add(by.q, e + 1, longer);
+        }
+        last.factors.solve_transposed(&mut y);
+        by.v.iter_mut().zip(&y).skip(2 * self.front).for_each(|(by, y)| *by += 8.0 * PI * y);
+        for (by, column) in by.q.iter_mut().zip(last.slopes.chunks_exact(y.len())) {
+            *by -= column.iter().zip(&y).skip(2 * self.front).map(|(slope, y)| slope * y).sum::<f64>();
         }
     }
 }

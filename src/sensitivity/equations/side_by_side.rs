@@ -98,21 +98,48 @@ impl Equations {
     /// y = −A f_q x of `width` vectors, see [`differences`](Self::differences).
     pub(in crate::sensitivity) fn differences_of_many(&mut self, x: &[f64], y: &mut [f64], width: usize) -> Result<()> {
         y.fill(0.0);
+        self.add_differences_of_many(x, y, width)
+    }
+
+    /// Adds −A f_q x of `width` vectors to y.
+    pub(super) fn add_differences_of_many(&mut self, x: &[f64], y: &mut [f64], width: usize) -> Result<()> {
         if !self.is_banded() {
             return self.one_by_one(x, y, width, |own, x, y| {
-                own.differences(x, y);
+                own.add_along(x, y, false);
                 Ok(())
             });
         }
         let nodes = self.matrix.rows().len();
+        let columns = self.columns.as_ref().filter(|_| self.held.is_none()).map(|[columns, _]| columns);
+        // Sums over the nodes, less those of the forces from outside, and those of one node; see `balance`.
+        let [mut excess, mut own] = [0, 1].map(|_| if columns.is_some() { vec![0.0; 2 * width] } else { Vec::new() });
         for (i, row) in self.matrix.rows().iter().enumerate() {
+            own.fill(0.0);
+            let to = |y: &mut [f64], own: &mut [f64], add: &dyn Fn([&mut [f64]; 2])| match columns {
+                None => add(node_mut(y, i, width)),
+                Some(_) => add(node_mut(own, 0, width)),
+            };
             for (j, block) in neighbours(i, row, nodes) {
                 let block = self.stiffness(i, j, block);
-                subtract_difference(node_mut(y, i, width), block, node(x, j, width), node(x, i, width));
+                to(y, &mut own, &|y| subtract_difference(y, block, node(x, j, width), node(x, i, width)));
             }
             if let Some(place) = &self.place {
                 let place = place[i] * -self.direction.q;
-                add_product(node_mut(y, i, width), [place.m11, place.m12, place.m21, place.m22], node(x, i, width));
+                to(y, &mut own, &|y| add_product(y, [place.m11, place.m12, place.m21, place.m22], node(x, i, width)));
+            }
+            if let Some(columns) = columns {
+                let sums = y[2 * i * width..].iter_mut().zip(&mut excess).zip(&own);
+                sums.for_each(|((y, excess), own)| (*y, *excess) = (*y + own, *excess + own));
+                let outside = columns[i] * self.direction.q;
+                let outside = [outside.m11, outside.m12, outside.m21, outside.m22];
+                add_product(node_mut(&mut excess, 0, width), outside, node(x, i, width));
+            }
+        }
+        if columns.is_some() {
+            let total = self.masses.iter().sum::<f64>();
+            for (y, mass) in y.chunks_exact_mut(2 * width).zip(&self.masses) {
+                let part = mass / total;
+                y.iter_mut().zip(&excess).for_each(|(y, excess)| *y -= part * excess);
             }
         }
         Ok(())
@@ -132,8 +159,20 @@ impl Equations {
                 Ok(())
             });
         }
-        if let Some(damping) = &self.damping {
-            add_band_of_many(damping, factor, x, y, width);
+        match (&self.damping, &self.drift) {
+            (Some(damping), Some(drift)) => {
+                let nodes = damping.rows().len();
+                for (i, row) in damping.rows().iter().enumerate() {
+                    for (j, block) in neighbours(i, row, nodes) {
+                        let block = block.map(|entry| -factor * entry);
+                        subtract_difference(node_mut(y, i, width), block, node(x, j, width), node(x, i, width));
+                    }
+                    let drift = drift[i] * factor;
+                    add_product(node_mut(y, i, width), [drift.m11, drift.m12, drift.m21, drift.m22], node(x, i, width));
+                }
+            }
+            (Some(damping), None) => add_band_of_many(damping, factor, x, y, width),
+            (None, _) => {}
         }
         Ok(())
     }
@@ -168,13 +207,20 @@ impl Equations {
     pub(in crate::sensitivity) fn factor_and_solve_many(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
         let unknowns = rhs.len() / width.max(1);
         let mut first: Vec<f64> = (0..unknowns).map(|i| rhs.iter().skip(i * width).take(width).sum()).collect();
-        self.factor(&mut first, false)?;
+        self.factor_alone(&mut first, false)?;
+        let given = if self.refines { rhs.to_vec() } else { Vec::new() };
+        self.solve_many_alone(rhs, width)?;
+        if self.refines { self.refine_many(&given, rhs, width) } else { Ok(()) }
+    }
+
+    /// Replaces `width` right-hand sides by A⁻¹ times them, with the factors there are.
+    pub(super) fn solve_many_alone(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
         if self.is_banded() && !self.pivoted {
             self.band.solve_many(rhs, width);
             return Ok(());
         }
         self.each_in_place(rhs, width, |own, rhs| {
-            own.solve(rhs, false);
+            own.solve_alone(rhs, false);
             Ok(())
         })
     }

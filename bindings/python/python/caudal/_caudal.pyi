@@ -105,9 +105,11 @@ class Stepper:
     def linearize(
         self,
         h: float,
-        inputs: Sequence[str] = ...,
-        outputs: Sequence[str] = ...,
+        inputs: Union[str, Sequence[str]] = ...,
+        outputs: Union[str, Sequence[str]] = ...,
         coordinates: Literal["motion", "full"] = "motion",
+        jump: bool = True,
+        states: bool = True,
     ) -> StepDerivative: ...
     def save(self) -> Snapshot: ...
     def restore(self, snapshot: Union[Snapshot, bytes]) -> None: ...

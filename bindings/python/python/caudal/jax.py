@@ -19,6 +19,29 @@ jax: Any = optional("jax", "caudal.jax")
 jnp: Any = optional("jax.numpy", "caudal.jax")
 
 
+class _Callbacks:
+    """Calls of functions of NumPy arrays, whose errors come through JAX as they are."""
+
+    def __init__(self) -> None:
+        self._failures: deque[Exception] = deque(maxlen=16)  # the last ones; other threads may be here too
+
+    def __call__(self, work: Callable[..., Any], result: Any, *arguments: Any) -> Any:
+        def noted(*arguments: Any) -> Any:
+            try:
+                return work(*arguments)
+            except Exception as error:
+                self._failures.append(error)
+                raise error.with_traceback(None) from None  # JAX prints the whole trace before the reason
+
+        try:
+            return jax.pure_callback(noted, result, *arguments, vmap_method="sequential")
+        except Exception as error:  # JAX's class of it depends on what was called before
+            reason = next((own for own in reversed(self._failures) if f"{type(own).__name__}: {own}" in str(error)), None)
+            if reason is None:
+                raise
+        raise reason.with_traceback(None)
+
+
 def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """A simulation as a differentiable function.
 
@@ -61,35 +84,13 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
         if wrong:
             raise ValueError(unknown(wrong[0], known, "has no derivative", "; caudal.parameters(scene) lists what there is"))
 
-    failures: deque[Exception] = deque(maxlen=16)  # the last ones; other threads may be here too
+    called = _Callbacks()
 
-    def noting(work: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
-        def noted(*arguments: Any) -> dict[str, Any]:
-            try:
-                return work(*arguments)
-            except Exception as error:
-                failures.append(error)
-                raise error.with_traceback(None) from None  # JAX prints the whole trace before the reason
-
-        return noted
-
-    def called(callback: Callable[..., dict[str, Any]], result: dict[str, Any], *arguments: Any) -> dict[str, Any]:
-        try:
-            found: dict[str, Any] = jax.pure_callback(callback, result, *arguments, vmap_method="sequential")
-            return found
-        except Exception as error:  # JAX's class of it depends on what was called before
-            reason = next((own for own in reversed(failures) if f"{type(own).__name__}: {own}" in str(error)), None)
-            if reason is None:
-                raise
-        raise reason.with_traceback(None)
-
-    @noting
     def forward(values: dict[str, Any]) -> dict[str, Any]:
         found = recent(sorted_arrays(values)).outputs
         dtype = jnp.result_type(float)
         return {name: found[name].astype(dtype) for name in outputs}
 
-    @noting
     def back(values: dict[str, Any], weights: dict[str, Any]) -> dict[str, Any]:
         simulation = recent(sorted_arrays(values))
         found = simulation.pull_back({name: np.asarray(weights[name], dtype=np.float64) for name in outputs}, list(values))
@@ -98,7 +99,8 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     def call(values: dict[str, Any]) -> dict[str, Any]:
         check_names(values)
         result = {name: jax.ShapeDtypeStruct(shapes[name], jnp.result_type(float)) for name in outputs}
-        return called(forward, result, values)
+        found: dict[str, Any] = called(forward, result, values)
+        return found
 
     @jax.custom_vjp
     def simulated(values: dict[str, Any]) -> dict[str, Any]:
@@ -123,7 +125,7 @@ def step(stepper: Stepper, h: float, inputs: Union[str, Iterable[str]] = (), out
     """One communication step as a differentiable function, in forward and reverse mode.
 
     It goes through ``jit``, ``grad``, ``jacfwd`` and ``vmap`` (one step after the other). For steps at later times move the stepper on and
-    make another function: what drives the scene depends on the time.
+    make another function: what drives the scene depends on the time. A step that fails raises its error of `caudal.errors`, see `function`.
 
     Parameters
     ----------
@@ -142,6 +144,8 @@ def step(stepper: Stepper, h: float, inputs: Union[str, Iterable[str]] = (), out
     """
     own = Step(stepper, h, inputs, outputs)
 
+    callbacks = _Callbacks()
+
     def called(callback: Callable[..., Any], shapes: list[tuple[int, ...]], *arguments: Any) -> Any:
         dtype = jnp.result_type(float)
         result = [jax.ShapeDtypeStruct(shape, dtype) for shape in shapes]
@@ -149,7 +153,7 @@ def step(stepper: Stepper, h: float, inputs: Union[str, Iterable[str]] = (), out
         def cast(*arguments: Any) -> list[Any]:
             return [np.asarray(values, dtype=dtype) for values in callback(*arguments)]
 
-        return jax.pure_callback(cast, result, *arguments, vmap_method="sequential")
+        return callbacks(cast, result, *arguments)
 
     states, given, read = own.state.size, own.given.size, own.read
 

@@ -12,9 +12,14 @@ use crate::variable::Variable;
 /// Where in a step motions of a head are compared, as parts of the step.
 const SAMPLES: [f64; 3] = [0.3, 0.7, 1.0];
 
-/// Motions of a head are differenced over the largest of these parts of the length, or of a radian, over which they are as linear as over the
-/// smallest of them: a host's motion is linear in what it says as long as it is continued by the same polynomial.
-const HEAD_DIFFERENCES: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-6, 1e-8];
+/// Motions of a head are differenced over parts of the length, or of a radian. A host's motion is linear in what it says as long as it is
+/// continued by the same polynomial, and the degree that predicts best is another for small changes than for large ones. Its slope
+/// is that over the first of the sizes from [`HOST_CHANGE`] on that has the slope of the next smaller one, so that of changes that a host
+/// makes, and it is differenced over the largest size that has this slope, with the fewest digits lost.
+const HEAD_DIFFERENCES: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
+
+/// The place of the size of a host's changes among them.
+const HOST_CHANGE: usize = 2;
 
 /// How nearly.
 const HEAD_LINEARITY: f64 = 1e-6;
@@ -288,17 +293,18 @@ impl Stepper {
             (InputVariation::Head { axis, heads: Box::new(heads), apart }, slopes)
         };
         let mut all = HEAD_DIFFERENCES.map(variation);
-        let smallest = all[HEAD_DIFFERENCES.len() - 1].1;
-        let size = smallest.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-        // Differences over the smallest have the rounding of the pose itself.
+        // Differences have the rounding of the pose itself.
         let size_of = |own: f64| own * h.powi(order as i32) / length;
-        let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0)
-            / HEAD_DIFFERENCES[HEAD_DIFFERENCES.len() - 1];
-        let near = |slopes: &[[f64; 3]; 3]| {
-            let apart = slopes.as_flattened().iter().zip(smallest.as_flattened()).map(|(a, b)| (a - b).abs());
-            apart.fold(0.0, f64::max) <= HEAD_LINEARITY.max(rounding) * size
+        let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0);
+        let near = |i: usize, reference: usize| {
+            let [slopes, expected] = [&all[i].1, &all[reference].1].map(|slopes| slopes.as_flattened());
+            let size = expected.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            let apart = slopes.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            apart <= HEAD_LINEARITY.max(rounding / HEAD_DIFFERENCES[i.max(reference)]) * size
         };
-        let taken = all.iter().position(|(_, slopes)| near(slopes)).unwrap_or(HEAD_DIFFERENCES.len() - 1);
+        let smallest = HEAD_DIFFERENCES.len() - 1;
+        let reference = (HOST_CHANGE..smallest).find(|i| near(*i, i + 1)).unwrap_or(smallest);
+        let taken = (0..reference).find(|i| near(*i, reference)).unwrap_or(reference);
         all.swap(0, taken);
         let [(taken, _), ..] = all;
         Ok(taken)
