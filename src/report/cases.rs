@@ -272,6 +272,8 @@ pub struct Cases {
     axes: Vec<CaseAxis>,
     split: Option<usize>,
     size: usize,
+    /// Number of complete cases whose cycles still differ by more than 1 %.
+    unsettled: usize,
     /// Indices of the cases, and their levels on each axis.
     indices: Vec<usize>,
     levels: Vec<Vec<usize>>,
@@ -289,6 +291,8 @@ struct PageContent<'a> {
     size: usize,
     done: usize,
     failed: usize,
+    /// Complete cases whose cycles still differ.
+    unsettled: usize,
     shown: usize,
     played: usize,
     /// Cases that failed without a motion.
@@ -322,6 +326,7 @@ impl Cases {
             axes,
             split,
             size,
+            unsettled: 0,
             indices: Vec::new(),
             endings: BTreeMap::new(),
             motions: BTreeMap::new(),
@@ -344,6 +349,7 @@ impl Cases {
             let ending = row.get("ending").and_then(Value::as_str).unwrap_or_default();
             self.endings.insert(index, ending.to_string());
         }
+        self.unsettled += usize::from(complete && row.get("cycles_periodic") == Some(&Value::Bool(false)));
         if motion.len() > 1 {
             self.motions.insert(index, motion);
         }
@@ -836,6 +842,7 @@ impl Cases {
             size: self.size,
             done: self.indices.len(),
             failed: self.endings.len(),
+            unsettled: self.unsettled,
             shown: shown.len(),
             played: self.motions.len(),
             still,

@@ -257,7 +257,10 @@ impl Chart {
             Scale::Equal | Scale::Categories(_) => return None,
         };
         let rises = |series: &Series| series.points.is_sorted_by(|a, b| a.0 <= b.0);
-        if !self.series.iter().all(|series| series.mark.is_of_data() && rises(series) && series.notes.is_empty()) {
+        let is_empty = self.series.iter().all(|series| series.points.is_empty());
+        if is_empty
+            || !self.series.iter().all(|series| series.mark.is_of_data() && rises(series) && series.notes.is_empty())
+        {
             return None;
         }
         let sizes = self.series.iter().flat_map(|series| &series.points).map(|point| point.1.abs());
@@ -269,7 +272,7 @@ impl Chart {
                 label: series.label.clone(),
                 colour: colour % SERIES,
                 dash: dashes(colour),
-                dots: series.mark != Mark::Line,
+                dots: series.mark != Mark::Line || series.points.len() == 1,
                 line: series.mark != Mark::Dots,
                 x: series.points.iter().map(|point| point.0).collect(),
                 y: series.points.iter().map(|point| sized(point.1)).collect(),

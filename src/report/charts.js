@@ -23,9 +23,9 @@ const written = (x, count) => {
 };
 // Labels of an axis with the digits that tell them apart.
 const labels = (plot, splits) => {
-  const values = splits.filter((value) => value !== null), largest = Math.max(...values.map(Math.abs), 0);
-  const least = Math.min(...values.slice(1).map((value, i) => Math.abs(value - values[i])).filter((step) => step > 0));
-  const count = Math.max(1, Math.min(9, Math.ceil(Math.log10(largest / least) - 1e-9) + 1 || 1));
+  const values = splits.filter((value) => value !== null), step = Math.abs(values[1] - values[0]) || 1;
+  const tells = (count) => values.every((value) => Math.abs(Number(value.toPrecision(count)) - value) < 1e-3 * step);
+  const count = [1, 2, 3, 4, 5, 6, 7, 8, 9].find(tells) ?? 9;
   return splits.map((value) => value === null ? "" : written(Number(value.toPrecision(12)), count));
 };
 // Powers of ten within an axis, a few of them, with zero between those of both signs.
@@ -58,7 +58,7 @@ function draw(place, chart, prints) {
   const time = chart.x === OVER_TIME, single = chart.series.length === 1 && chart.series[0].label === "";
   const plot = new uPlot({
     width: prints ? WIDTH_IN_PRINT : Math.max(place.clientWidth, 200), height: HEIGHT, title: chart.title, ...(prints ? { pxRatio: SHARPNESS_IN_PRINT } : {}),
-    cursor: { drag: { x: true, y: true, uni: 30 }, ...(time ? { sync: { key: "time", scales: ["x", null] } } : {}), points: { size: 7 } },
+    cursor: { drag: { x: true, y: true, uni: 30 }, ...(time ? { sync: { key: "time " + chart.x_of[0], scales: ["x", null] } } : {}), points: { size: 7 } },
     scales: { x: { time: false, ...scale(chart.x_scale) }, y: scale(chart.y_scale) },
     axes: [
       { ...axis, label: chart.x, labelSize: 20, size: 38, ...ticks(chart.x_scale, null) },
@@ -70,6 +70,7 @@ function draw(place, chart, prints) {
         dash: series.dash ? series.dash.split(" ").map(Number) : undefined,
         points: { show: series.dots, size: 7, fill: colour, stroke: colour } };
     })],
+    legend: { markers: { dash: (_, i) => i > 0 && chart.series[i - 1].dash ? "dashed" : "solid" } },
     hooks: { draw: [(plot) => mark(plot, chart)] },
   }, data, place);
   if (time) {

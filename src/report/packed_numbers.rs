@@ -34,9 +34,10 @@ pub struct Shades {
 /// Multiple of what nearly all numbers stay within from which the largest is not worth the scale.
 const FAR_BEYOND: f64 = 4.0;
 
-impl FromIterator<f64> for Shades {
-    fn from_iter<I: IntoIterator<Item = f64>>(numbers: I) -> Self {
-        let numbers: Vec<f64> = numbers.into_iter().collect();
+impl Shades {
+    /// Those of numbers; `None` if all are zero.
+    pub fn of(numbers: impl Iterator<Item = f64>) -> Option<Self> {
+        let numbers: Vec<f64> = numbers.collect();
         let mut sizes: Vec<f64> = numbers.iter().map(|x| x.abs()).filter(|x| x.is_finite()).collect();
         let largest = sizes.iter().copied().fold(0.0, f64::max);
         let place = sizes.len().saturating_sub(1) * 99 / 100;
@@ -45,8 +46,8 @@ impl FromIterator<f64> for Shades {
             false => *sizes.select_nth_unstable_by(place, f64::total_cmp).1,
         };
         let size = if within > 0.0 && largest > FAR_BEYOND * within { within } else { largest };
-        let part = |x: &f64| if size > 0.0 { (127.0 * (x / size).clamp(-1.0, 1.0)).round() as i8 } else { 0 };
-        Self { size, parts: numbers.iter().map(part).collect() }
+        let part = |x: &f64| (127.0 * (x / size).clamp(-1.0, 1.0)).round() as i8;
+        (size > 0.0).then(|| Self { size, parts: numbers.iter().map(part).collect() })
     }
 }
 

@@ -115,7 +115,7 @@ impl<'a> Figures<'a> {
             all: figures.iter().map(on_page).collect(),
             notes: figures.iter().any(|figure| figure.svg.contains(NOTE)),
             maps: figures.iter().any(|figure| figure.cells.is_some()),
-            drawn: (!charts.is_empty()).then(|| RawJson(DrawnCharts { charts, x })),
+            drawn: (!charts.is_empty()).then_some(RawJson(DrawnCharts { charts, x })),
         }
     }
 }
@@ -145,10 +145,12 @@ pub struct Animation {
 /// What acts on the rod at all times.
 #[derive(Debug, Clone, Serialize)]
 struct Loads {
-    /// Bending moments at the points of all frames, N m.
-    moment: Shades,
-    /// Powers per length there, W/m.
-    power: Shades,
+    /// Bending moments at the points of all frames, N m, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    moment: Option<Shades>,
+    /// Powers per length there, W/m, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    power: Option<Shades>,
     /// Forces on a held head, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     head_force: Option<PackedNumbers>,
@@ -165,8 +167,8 @@ impl Loads {
             is_there.then(|| vectors.into_iter().flatten().collect())
         };
         Some(Self {
-            moment: all.iter().flat_map(|loads| &loads.moment).copied().collect(),
-            power: all.iter().flat_map(|loads| &loads.power).copied().collect(),
+            moment: Shades::of(all.iter().flat_map(|loads| &loads.moment).copied()),
+            power: Shades::of(all.iter().flat_map(|loads| &loads.power).copied()),
             head_force: some(all.iter().filter_map(|loads| loads.head_force).collect()),
             flow: some(all.iter().map(|loads| loads.flow).collect()),
         })

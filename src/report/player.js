@@ -5,9 +5,11 @@ let stage_view = null;
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 // The picture is drawn in units of the window's size, not in metres: browsers do not draw shapes of a few micrometres.
 const WINDOW = 1000;
-let unit = 1;
+let unit = 1, origin = [0, 0];
+// Places in units of the picture about the middle of the window, whose axis y goes down: far from where x and y are 0, too.
+const at_x = (x) => unit * (x - origin[0]), at_y = (y) => -unit * (y - origin[1]);
 const part = (id) => document.getElementById(id);
-const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += unit * flat[i] + "," + -unit * flat[i + 1] + " "; return text; };
+const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += at_x(flat[i]) + "," + at_y(flat[i + 1]) + " "; return text; };
 const SVG = "http://www.w3.org/2000/svg";
 const shape = (kind, attributes) => { const node = document.createElementNS(SVG, kind); for (const name in attributes) node.setAttribute(name, attributes[name]); return node; };
 // Packed numbers, of which so many belong to each frame.
@@ -77,10 +79,12 @@ function play(wanted) {
   part("segments").replaceChildren(...Array.from({ length: motion.points[0].length / 2 - 1 }, () => shape("polygon", { "vector-effect": "non-scaling-stroke" })));
   for (const option of part("colour").options) option.disabled = option.hidden = !(option.value in FIELDS ? FIELDS[option.value].of(0) : true);
   if (part("colour").selectedOptions[0].disabled) part("colour").value = "body";
-  largest = { force: most(motion.head_force), flow: most(motion.flow) + (motion.shear ? Math.abs(motion.shear.rate) * world.size : 0) };
+  largest = { force: most(motion.head_force), flow: most_flow() };
   force_scale = usual_size((motion.head_force ?? []).map(([x, y]) => Math.hypot(x, y)));
   named(motion.media);
-  now = within_run(asked("t")) ?? first; playing = asked("t") === null && motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
+  // What the page's own address asked for is of what it shows first.
+  const wanted_time = within_run(first_asked); first_asked = null;
+  now = wanted_time ?? first; playing = wanted_time === null && motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
   show(at(now));
 }
 // What the address asks for, as "t" of #t=1.5&colour=moment.
@@ -98,11 +102,18 @@ const FIELDS = {
   power: { unit: "W/m", of: (k) => motion.power?.[k] },
 };
 const DIVERGING = [{% for colour in diverging %}[{{ colour|join(", ") }}], {% endfor %}];
+let first_asked = asked("t");
 let fields = {}, largest = {}, force_scale = 0;
 // The size of a scale that all but a hundredth of the values stay within, if the largest, as that of a start, is far beyond; else that.
 function usual_size(sizes) {
   const sorted = Float64Array.from(sizes).sort(), most = sorted[sorted.length - 1] ?? 0, within = sorted[Math.floor(0.99 * (sorted.length - 1))] ?? 0;
   return most > 4 * within && within > 0 ? within : most;
+}
+// The largest speed of the flow that may be seen.
+function most_flow() {
+  const first = motion.flow ?? [[0, 0]], { beyond, rate } = motion.shear ?? { beyond: [], rate: 0 };
+  const all = first.flatMap(([x, y]) => [[x, y], ...beyond.map(([dx, dy]) => [x + dx, y + dy])]);
+  return most(all) + Math.abs(rate) * world.size;
 }
 const most = (vectors) => Math.max(0, ...(vectors ?? []).map(([x, y]) => Math.hypot(x, y)));
 function curvature(points) {
@@ -128,25 +139,27 @@ function offset(points, distance) {
   for (let i = 0; i < count; i++) {
     const [a, b] = [Math.max(i - 1, 0), Math.min(i + 1, count - 1)];
     const [x, y] = [points[2 * b] - points[2 * a], points[2 * b + 1] - points[2 * a + 1]], long = Math.hypot(x, y) || 1, d = distance(i);
-    line.push([unit * points[2 * i] - d * y / long, -(unit * points[2 * i + 1] + d * x / long)]);
+    line.push([at_x(points[2 * i]) - d * y / long, at_y(points[2 * i + 1]) - d * x / long]);
   }
   return line;
 }
 const text_of = (line) => line.map(([x, y]) => x + "," + y).join(" ");
 // The body with its widths, by one colour or by the colours of a field.
 function dress(k, points) {
-  const widths = motion.half_widths, pixel = part("stage").viewBox.baseVal.width / (part("stage").clientWidth || WINDOW);
+  const widths = motion.half_widths;
   const half = (i) => unit * (widths ? widths[i] : 0), name = part("colour").value, coloured = name in FIELDS;
-  const wide = widths && Math.max(...widths) * unit > 2 * pixel;
+  const wide = widths && Math.max(...widths) * unit > 2 * pixel();
   part("outline").style.display = wide ? "" : "none"; part("segments").style.display = coloured ? "" : "none";
+  part("outline").style.fill = coloured ? "none" : "";
   part("rod").setAttribute("stroke-width", coloured ? 0 : wide ? 1.5 : 4);
   if (wide) part("outline").setAttribute("points", text_of([...offset(points, half), ...offset(points, (i) => -half(i)).reverse()]));
   if (coloured) {
-    const seen = (i) => Math.max(half(i), 2.5 * pixel), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
+    const seen = (i) => Math.max(half(i), 2.5 * pixel()), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
     const values = FIELDS[name].of(k), size = size_of(name) || 1;
     [...part("segments").children].forEach((segment, i) => {
       segment.setAttribute("points", text_of([left[i], left[i + 1], right[i + 1], right[i]]));
-      segment.setAttribute("fill", diverging((values[i] + values[i + 1]) / 2 / size));
+      const colour = diverging((values[i] + values[i + 1]) / 2 / size);
+      segment.setAttribute("fill", colour); segment.setAttribute("stroke", colour);
     });
   }
   (motion.tendons ?? []).forEach(({ offset: distance, points: [from, to] }, i) =>
@@ -160,7 +173,7 @@ function arrow(x, y, dx, dy) {
 }
 // How the head is held, and the force of the tail on it.
 function hold(k, points) {
-  const angle = Math.atan2(points[3] - points[1], points[2] - points[0]), size = 0.03 * WINDOW, [x, y] = [unit * points[0], -unit * points[1]];
+  const angle = Math.atan2(points[3] - points[1], points[2] - points[0]), size = 0.03 * WINDOW, [x, y] = [at_x(points[0]), at_y(points[1])];
   const lines = {
     clamped: "M0 -1V1M0 -1l-.4 .4M0 -.5l-.4 .4M0 0l-.4 .4M0 .5l-.4 .4M0 1l-.4 .4", driven: "M0 -.7H-.7V.7H0Z", hinged: "M.35 0A.35 .35 0 1 1 .349 -.01M0 .35L-.5 1H.5Z",
   };
@@ -176,21 +189,28 @@ function stream(k, view) {
   const flow_at = (x, y) => {
     if (!motion.shear) return flow;
     const { normal, rate, beyond } = motion.shear, h = x * normal[0] + y * normal[1], edges = motion.media?.moved?.[k] ?? motion.media?.edges ?? [];
-    const past = beyond.filter((_, j) => edges[j] && h > (edges[j][0] + edges[j][1]) / 2), shear = rate * h;
-    return [0, 1].map((axis) => flow[axis] + past.reduce((sum, more) => sum + more[axis], 0) + shear * [normal[1], -normal[0]][axis]);
+    // Each is relative to the first.
+    const past = beyond.findLast((_, j) => edges[j] && h > (edges[j][0] + edges[j][1]) / 2) ?? [0, 0], shear = rate * h;
+    return [0, 1].map((axis) => flow[axis] + past[axis] + shear * [normal[1], -normal[0]][axis]);
   };
   if (largest.flow > 0) for (let i = 0; i < 5; i++) for (let j = 0; j < 3; j++) {
     const x = view.left + (0.06 + 0.2 * i) * (view.right - view.left), y = view.low + (0.2 + 0.3 * j) * (view.high - view.low);
-    const [ux, uy] = flow_at(x / unit, y / unit);
+    const [ux, uy] = flow_at(x / unit + origin[0], y / unit + origin[1]);
     arrows.push(arrow(x, -y, long * ux, -long * uy));
   }
   part("stream").setAttribute("d", arrows.join(""));
 }
 // Moves the camera to the whole way, or along with the centre of mass; the grid stands still in the world.
+// Units of the picture per pixel of the window.
+function pixel() {
+  const view = part("stage").viewBox.baseVal, { clientWidth, clientHeight } = part("stage");
+  return clientWidth && clientHeight ? Math.max(view.width / clientWidth, view.height / clientHeight) : view.width / WINDOW;
+}
 function look(com) {
   const follow = part("follow").checked, box = follow ? near : world, [x, y] = follow ? com : [0, 0];
   unit = WINDOW / box.size;
-  const view = { left: unit * (box.left + x), right: unit * (box.right + x), low: unit * (box.low + y), high: unit * (box.high + y) };
+  origin = [x + (box.left + box.right) / 2, y + (box.low + box.high) / 2];
+  const [right, high] = [unit * (box.right - box.left) / 2, unit * (box.high - box.low) / 2], view = { left: -right, right, low: -high, high };
   part("stage").setAttribute("viewBox", [view.left, -view.high, view.right - view.left, view.high - view.low].join(" "));
   part("stage").dataset.follow = follow;
   const metres = Math.pow(10, Math.floor(Math.log10(box.size / 2))), square = unit * metres;
@@ -198,11 +218,12 @@ function look(com) {
   part("square").textContent = length(metres);
   const lines = [];
   const line = (x1, y1, x2, y2) => lines.push("M" + x1 + " " + -y1 + "L" + x2 + " " + -y2);
-  // Over the sides of the window, too, where the picture is wider or higher than it.
-  const [wide, high] = [view.right - view.left, view.high - view.low].map((size) => 2 * size);
-  for (let x = Math.ceil((view.left - wide) / square); x <= (view.right + wide) / square; x += 1) line(x * square, view.low - high, x * square, view.high + high);
-  for (let y = Math.ceil((view.low - high) / square); y <= (view.high + high) / square; y += 1) line(view.left - wide, y * square, view.right + wide, y * square);
-  const behind = { x: view.left - wide, y: -view.high - high, width: 2 * wide + view.right - view.left, height: 2 * high + view.high - view.low };
+  // Over the whole window, which is wider or higher than the view.
+  const [half, tall] = [part("stage").clientWidth, part("stage").clientHeight].map((size) => Math.max(size * pixel() / 2, right));
+  const shift = origin.map((at) => at / metres - Math.floor(at / metres));
+  for (let i = Math.ceil(-half / square + shift[0]); i - shift[0] <= half / square; i++) line((i - shift[0]) * square, -tall, (i - shift[0]) * square, tall);
+  for (let i = Math.ceil(-tall / square + shift[1]); i - shift[1] <= tall / square; i++) line(-half, (i - shift[1]) * square, half, (i - shift[1]) * square);
+  const behind = { x: -half, y: -tall, width: 2 * half, height: 2 * tall };
   for (const name in behind) part("media").setAttribute(name, behind[name]);
   if (!part("grid").firstChild) part("grid").append(shape("path", { "vector-effect": "non-scaling-stroke" }));
   part("grid").firstChild.setAttribute("d", lines.join(""));
@@ -211,9 +232,10 @@ function look(com) {
 // The media behind the rod: one rectangle over the window, whose gradient blends where the interfaces do.
 function within(k) {
   const media = motion.media, edges = media.moved ? media.moved[k] : media.edges, [x, y] = media.normal;
-  const low = edges[0][0], high = edges[edges.length - 1][1], blend = part("blend");
+  const height = x * origin[0] + y * origin[1], blend = part("blend");
+  const [low, high] = [edges[0][0] - height, edges[edges.length - 1][1] - height];
   for (const [name, value] of [["x1", x * low], ["y1", -y * low], ["x2", x * high], ["y2", -y * high]]) blend.setAttribute(name, unit * value);
-  const stops = edges.flatMap((ends, j) => ends.map((end, side) => [(end - low) / (high - low), media.tints[j + side]]));
+  const stops = edges.flatMap((ends, j) => ends.map((end, side) => [(end - height - low) / (high - low), media.tints[j + side]]));
   blend.replaceChildren(...stops.map(([offset, tint]) => shape("stop", { offset, style: "stop-color: var(--medium-" + tint + ")" })));
 }
 // What the tints mean, in the order of the media along the normal.
@@ -253,10 +275,10 @@ function show(k) {
   if (motion.body) {
     const [along, across, angle] = motion.body[k];
     part("body").setAttribute("rx", unit * along); part("body").setAttribute("ry", unit * across);
-    part("body").setAttribute("transform", "translate(" + unit * frame[0] + "," + -unit * frame[1] + ") rotate(" + -angle * 180 / Math.PI + ")");
+    part("body").setAttribute("transform", "translate(" + at_x(frame[0]) + "," + at_y(frame[1]) + ") rotate(" + -angle * 180 / Math.PI + ")");
   }
-  part("head").setAttribute("cx", unit * frame[0]); part("head").setAttribute("cy", -unit * frame[1]);
-  part("com").setAttribute("cx", unit * com[0]); part("com").setAttribute("cy", -unit * com[1]);
+  part("head").setAttribute("cx", at_x(frame[0])); part("head").setAttribute("cy", at_y(frame[1]));
+  part("com").setAttribute("cx", at_x(com[0])); part("com").setAttribute("cy", at_y(com[1]));
   const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));
   part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(digits) + " s";
   part("stage").dataset.frame = k;
@@ -298,8 +320,8 @@ function step(frames) { halt(motion.times[Math.min(Math.max(Number(part("time").
 function faster(by) { const list = part("speed"); list.selectedIndex = Math.min(Math.max(list.selectedIndex + by, 0), list.options.length - 1); }
 // Not where a key means something else, as in a field of a table.
 addEventListener("keydown", (event) => {
-  const elsewhere = event.target.closest?.("input:not([type=range], [type=checkbox]), select, textarea, button, [tabindex]");
-  const run = !elsewhere && !event.ctrlKey && !event.metaKey && !event.altKey && motion ? KEYS[event.key] : undefined;
+  const elsewhere = event.target.closest?.("input:not([type=range], [type=checkbox]), select, textarea, [tabindex]") || event.key === " " && event.target.closest?.("button, input");
+  const run = !elsewhere && !event.ctrlKey && !event.metaKey && !event.altKey && motion ? KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key] : undefined;
   if (run) { event.preventDefault(); run(); }
 });
 function start() { requestAnimationFrame(tick); }

@@ -115,7 +115,7 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             "phase.svg",
             "phase along the body",
             "phase of the curvature (rad)",
-            period.filter(|_| cycle).and_then(|period| phase(record, since_time, period)),
+            period.filter(|_| cycle).and_then(|period| phase(record, period)),
             "By how much the curvature lags behind that nearest to the head, from its first harmonic over the last period: a straight \
              rising line is a wave that travels towards the tip, and a level one a standing wave.",
         ),
@@ -123,7 +123,7 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
             "power_along.svg",
             "power along the body",
             "mean power per length (W/m)",
-            power_along(record, since_time),
+            power_along(record, period.filter(|_| cycle)),
             &format!("What the actuation puts in along the body, as a mean over {since}: negative where it takes power."),
         ),
         in_time("mid_y.svg", "y displacement of the middle node", "y displacement (m)", &[("middle", "mid_dy_m")], ""),
@@ -220,7 +220,7 @@ const PARTS: [BalancePart; 14] = [
 /// Powers that are always zero are left out.
 fn powers(record: &RunRecord, since: f64) -> Vec<Series> {
     let part = |(k, (label, _, power, sign)): (usize, BalancePart)| {
-        let points = record.curve("time_s", power?).into_iter().filter(|(t, _)| *t >= since);
+        let points = record.curve_since(since, power?).into_iter();
         let points: Vec<_> = points.map(|(t, power)| (t, sign * power)).collect();
         let shown = points.len() >= LEAST_SAMPLES && points.iter().any(|(_, power)| *power != 0.0);
         shown.then(|| Series::new(label, points, Mark::Line).coloured(k))
@@ -231,16 +231,15 @@ fn powers(record: &RunRecord, since: f64) -> Vec<Series> {
 /// The shapes from time `since` (s) on with x along the mean direction from head to tip: of a free rod about its centre of mass, of a
 /// held one about where its head is first. `None` if they were hardly recorded.
 fn seen_along(record: &RunRecord, since: f64) -> Option<Vec<Vec<(f64, f64)>>> {
-    let frames = record.frames();
-    let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
-    let along = |frame: &Frame| Some(Vector2::from(*frame.points.last()?) - Vector2::from(*frame.points.first()?));
+    let cycle = record.frames_since(since);
+    let along = |frame: &&Frame| Some(Vector2::from(*frame.points.last()?) - Vector2::from(*frame.points.first()?));
     let axis: Vector2<f64> = cycle.iter().filter_map(along).sum();
     if cycle.len() < LEAST_SAMPLES || axis.norm() == 0.0 {
         return None;
     }
     let axis = axis.normalize();
     let first = *cycle.first()?.points.first()?;
-    let seen = |frame: &Frame| -> Vec<(f64, f64)> {
+    let seen = |frame: &&Frame| -> Vec<(f64, f64)> {
         let centre = if is_held(record) { first } else { frame.com };
         let from = |point: &[f64; 2]| Vector2::from(*point) - Vector2::from(centre);
         frame.points.iter().map(from).map(|from| (from.dot(&axis), axis.perp(&from))).collect()
@@ -279,12 +278,14 @@ const ARC_LENGTH: &str = "arc length from the head (m)";
 const KYMOGRAPH_PERIODS: f64 = 2.0;
 const MAX_KYMOGRAPH_CELLS: [usize; 2] = [40, 96];
 
+/// A rod that turns by less than this, rad, is straight but for rounding.
+const STRAIGHT: f64 = 1e-9;
+
 /// The curvature over arc length and time, in the last two periods before the end, or in the whole run where none is known.
 fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     let frames = record.frames();
     let end = frames.last()?.time;
-    let since = frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since));
-    let recent = &frames[frames.partition_point(|frame| frame.time < since)..];
+    let recent = record.frames_since(frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since)));
     let arcs = record.scenery().arc_lengths();
     let inner = 1..arcs.len().saturating_sub(1);
     if recent.len() < LEAST_SAMPLES || inner.len() < 2 {
@@ -296,8 +297,9 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     };
     let (places, times) = (of(inner.len(), places), of(recent.len(), times));
     let curvatures: Vec<Vec<f64>> = times.iter().map(|t| curvatures(&recent[*t].points)).collect();
-    // Of what keeps its shape there is nothing to see.
-    if curvatures.iter().all(|row| *row == curvatures[0]) {
+    // Of what keeps its shape, or is straight but for rounding, there is nothing to see.
+    let largest = curvatures.iter().flatten().fold(0.0, |most: f64, kappa| most.max(kappa.abs()));
+    if largest * arcs[arcs.len() - 1] < STRAIGHT || curvatures.iter().all(|row| *row == curvatures[0]) {
         return None;
     }
     let cells = |t: usize| {
@@ -348,26 +350,40 @@ fn amplitude(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
 /// Places whose curvature has a first harmonic below this part of the largest have no phase.
 const LEAST_HARMONIC: f64 = 0.02;
 
+/// The frames of the `period` (s) before the end, with the time (s) that each stands for: half the way to its neighbours, of which the last
+/// is followed by the first. Sums with these weights are means of a periodic motion times the period, however frames are spaced. `None` if
+/// there are few.
+fn of_last_period(record: &RunRecord, period: f64) -> Option<Vec<(&Frame, f64)>> {
+    let end = record.frames().last()?.time;
+    let mut frames = record.frames_since(end - period);
+    // That at the beginning is at the end again.
+    frames.retain(|frame| frame.time > end - period * (1.0 - 1e-6));
+    let (first, last) = (frames.first()?.time, frames.last()?.time);
+    let weight = |i: usize| {
+        let before = if i == 0 { last - period } else { frames[i - 1].time };
+        let after = frames.get(i + 1).map_or(first + period, |frame| frame.time);
+        0.5 * (after - before)
+    };
+    (frames.len() >= LEAST_SAMPLES).then(|| frames.iter().enumerate().map(|(i, frame)| (*frame, weight(i))).collect())
+}
+
 /// The lag of the curvature's first harmonic behind that nearest to the head, rad, over arc length, over the last `period` (s).
-fn phase(record: &RunRecord, since: f64, period: f64) -> Option<Vec<(f64, f64)>> {
-    let frames = record.frames();
-    let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
-    if cycle.len() < LEAST_SAMPLES {
-        return None;
-    }
+fn phase(record: &RunRecord, period: f64) -> Option<Vec<(f64, f64)>> {
+    let cycle = of_last_period(record, period)?;
     let arcs = record.scenery().arc_lengths();
+    let curvatures: Vec<Vec<f64>> = cycle.iter().map(|(frame, _)| curvatures(&frame.points)).collect();
     let mut harmonics = vec![Vector2::zeros(); arcs.len()];
-    // By the trapezoidal rule, since frames are not always evenly spaced.
-    for pair in cycle.windows(2) {
-        for frame in pair {
+    for (k, harmonic) in harmonics.iter_mut().enumerate() {
+        let mean = cycle.iter().zip(&curvatures).map(|((_, weight), row)| weight * row[k]).sum::<f64>() / period;
+        for ((frame, weight), row) in cycle.iter().zip(&curvatures) {
             let (sin, cos) = (std::f64::consts::TAU * frame.time / period).sin_cos();
-            let weight = 0.5 * (pair[1].time - pair[0].time);
-            for (harmonic, curvature) in harmonics.iter_mut().zip(curvatures(&frame.points)) {
-                *harmonic += weight * curvature * Vector2::new(cos, sin);
-            }
+            *harmonic += *weight * (row[k] - mean) * Vector2::new(cos, sin);
         }
     }
     let largest = harmonics.iter().map(Vector2::norm).fold(0.0, f64::max);
+    if largest / period * arcs[arcs.len() - 1] < STRAIGHT {
+        return None;
+    }
     let known = arcs
         .iter()
         .zip(&harmonics)
@@ -383,21 +399,28 @@ fn phase(record: &RunRecord, since: f64, period: f64) -> Option<Vec<(f64, f64)>>
     (lags.len() > 2).then_some(lags)
 }
 
-/// The mean power per length that the actuation puts in from time `since` (s) on, W/m, over arc length.
-fn power_along(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
+/// The mean power per length that the actuation puts in over the last `period` (s), or over the run, W/m, over arc length: at all joints.
+fn power_along(record: &RunRecord, period: Option<f64>) -> Option<Vec<(f64, f64)>> {
     let frames = record.frames();
-    let cycle = &frames[frames.partition_point(|frame| frame.time < since)..];
-    let span = cycle.last()?.time - cycle[0].time;
+    let span = frames.last()?.time - frames[0].time;
+    let weighted = match period {
+        Some(period) => of_last_period(record, period)?,
+        None => {
+            let weight = |i: usize| {
+                let at = |i: usize| frames[i.min(frames.len() - 1)].time;
+                0.5 * (at(i + 1) - at(i.saturating_sub(1)))
+            };
+            frames.iter().enumerate().map(|(i, frame)| (frame, weight(i))).collect()
+        }
+    };
+    let span = period.unwrap_or(span);
     let arcs = record.scenery().arc_lengths();
     let power = |frame: &Frame, i: usize| frame.loads.as_ref().map_or(0.0, |loads| loads.power[i]);
-    let mean = |i: usize| {
-        let step = |pair: &[Frame]| 0.5 * (pair[1].time - pair[0].time) * (power(&pair[0], i) + power(&pair[1], i));
-        let pieces = cycle.windows(2).map(step);
-        pieces.sum::<f64>() / span
-    };
-    let inner = 1..arcs.len().saturating_sub(1);
-    let points: Vec<_> = inner.map(|i| (arcs[i], mean(i))).collect();
-    (cycle.len() >= LEAST_SAMPLES && points.iter().any(|point| point.1 != 0.0)).then_some(points)
+    let mean = |i: usize| weighted.iter().map(|(frame, weight)| weight * power(frame, i)).sum::<f64>() / span;
+    // Where the head is clamped there is a joint too.
+    let first = usize::from(weighted.iter().all(|(frame, _)| power(frame, 0) == 0.0));
+    let points: Vec<_> = (first..arcs.len().saturating_sub(1)).map(|i| (arcs[i], mean(i))).collect();
+    (weighted.len() >= LEAST_SAMPLES && points.iter().any(|point| point.1 != 0.0)).then_some(points)
 }
 
 /// The energy balance since the start: work that was put into the rod (J, positive), and work or energy that was dissipated or
@@ -485,7 +508,7 @@ mod tests {
     #[test]
     fn the_phase_of_a_wave_rises_by_a_turn_per_wavelength() {
         let record = recorded(WAVE);
-        let phase = phase(&record, 1.5, 0.5).unwrap();
+        let phase = phase(&record, 0.5).unwrap();
         let (first, last) = (phase[0], phase[phase.len() - 1]);
         let slope = (last.1 - first.1) / (last.0 - first.0);
         // Measured: 2e-15.

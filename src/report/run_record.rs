@@ -125,6 +125,9 @@ pub struct RunRecord {
     columns: Vec<&'static Variable>,
     samples: Thinned<Vec<f64>>,
     frames: Thinned<Frame>,
+    /// Frames and samples of the last periods before the end, which those of a long run are too far apart for.
+    last: Vec<(Frame, Vec<f64>)>,
+    last_times: Option<RecordingTimes>,
     scenery: Scenery,
     step: u64,
 }
@@ -135,6 +138,10 @@ const DRAWN: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
 /// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
 const SAMPLES_PER_PERIOD: f64 = 24.0;
 const SAMPLES_PER_RUN: f64 = 1000.0;
+
+/// Frames per period of the drive in the last periods, and their number.
+const FRAMES_PER_PERIOD: f64 = 48.0;
+const LAST_PERIODS: f64 = 3.0;
 
 impl RunRecord {
     /// Starts a record with the initial state. It samples every step or, for adaptive steps, which may be longer than the motion
@@ -153,7 +160,16 @@ impl RunRecord {
                 RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1)
             }
         };
+        // The last periods before the end, if they are a part of the run.
+        let last_times = drive.and_then(|frequency| {
+            let spacing = 1.0 / (FRAMES_PER_PERIOD * frequency);
+            let from = duration - LAST_PERIODS / frequency;
+            (from > 0.0 && from / spacing < u64::MAX as f64)
+                .then(|| RecordingTimes::Every(spacing, (from / spacing).ceil() as u64))
+        });
         let mut record = Self {
+            last: Vec::new(),
+            last_times,
             times,
             columns: stepper
                 .variables()
@@ -183,7 +199,16 @@ impl RunRecord {
             Ok(ControlFlow::Continue(()))
         });
         self.times = times;
-        outcome.map(|_| ())
+        let _ = outcome?;
+        if let Some(mut times) = self.last_times {
+            let outcome = times.pass(stepper, |view, _| {
+                self.last.push((Frame::with_loads(view), sample(&self.columns, view)));
+                Ok(ControlFlow::Continue(()))
+            });
+            self.last_times = Some(times);
+            let _ = outcome?;
+        }
+        Ok(())
     }
 
     fn take(&mut self, view: &View<'_>) {
@@ -215,6 +240,34 @@ impl RunRecord {
     /// What frames do not have, since it does not move by itself.
     pub fn scenery(&self) -> &Scenery {
         &self.scenery
+    }
+
+    /// The frames from `since` (s) on: close together where that is in the last periods.
+    pub fn frames_since(&self, since: f64) -> Vec<&Frame> {
+        match self.last.first() {
+            Some((first, _)) if first.time <= since => {
+                let end = self
+                    .frames
+                    .kept
+                    .last()
+                    .filter(|frame| self.last.last().is_some_and(|(last, _)| last.time < frame.time));
+                self.last.iter().map(|(frame, _)| frame).chain(end).filter(|frame| frame.time >= since).collect()
+            }
+            _ => self.frames.kept.iter().filter(|frame| frame.time >= since).collect(),
+        }
+    }
+
+    /// The curve of variable `y` against time from `since` (s) on: with samples close together where that is in the last periods.
+    pub fn curve_since(&self, since: f64, y: &str) -> Vec<(f64, f64)> {
+        let Some(y) = self.columns.iter().position(|variable| variable.name == y) else { return Vec::new() };
+        let within = |sample: &&Vec<f64>| sample[0] >= since;
+        let point = |sample: &Vec<f64>| (sample[0], sample[y]);
+        match self.last.first() {
+            Some((first, _)) if first.time <= since => {
+                self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect()
+            }
+            _ => self.samples.kept.iter().filter(within).map(point).collect(),
+        }
     }
 
     /// The frames in order of time; never empty.

@@ -243,7 +243,7 @@ impl Svg {
             let [x, y, width, height] = [cell[0], cell[1], cell[2] + 0.3, cell[3] + 0.3].map(decimal);
             let _ = write!(self.0, "M{x} {y}h{width}v{height}h-{width}z");
         }
-        let _ = writeln!(self.0, "\" fill=\"#{r:02x}{g:02x}{b:02x}\"/>");
+        let _ = writeln!(self.0, "\" fill=\"#{r:02x}{g:02x}{b:02x}\" shape-rendering=\"crispEdges\"/>");
     }
 
     fn field(&mut self, at: [f64; 2], size: [f64; 2], fill: &str, class: &str) {
@@ -402,13 +402,10 @@ mod tests {
         assert_eq!(looks(0..SERIES), SERIES);
         assert!((0..SERIES).all(|k| dashes(k) != dashes(k + SERIES)));
         // What is beside a rod in an animation has the colours of its series.
-        let style = include_str!("style.css");
-        for i in 0..6 {
-            let series = crate::report::page::Animation::series_of_companion(i);
-            for colour in PALETTE[series % SERIES] {
-                assert!(style.contains(&format!("--companion-{i}: {colour};")), "{i}: {colour}");
-            }
-        }
+        let (style, player) = (include_str!("style.css"), include_str!("player.js"));
+        assert_eq!(style.matches("--series-{{ loop.index0 }}").count(), 2, "light and dark");
+        let first = crate::report::page::Animation::series_of_companion(0);
+        assert!(player.contains(&format!("\"var(--series-\" + ({first} + i % 6) + \")\"")));
         // However many there are, their lines differ from each other, from the first rod's and from that of centres of mass.
         let companions = (0..60).map(crate::report::page::Animation::series_of_companion);
         let seen: std::collections::BTreeSet<_> = companions.clone().chain([0, 1]).collect();

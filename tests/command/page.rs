@@ -419,8 +419,14 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
     let found = after(&browser, &out.join("report.html"), script, &["keys", "dots"]);
     // The keys make a scene whose run has the row of the table.
     let keys: Vec<&str> = found[0].1.split('|').collect();
-    assert_eq!(&keys[..3], &["solver.integrator = &quot;newmark&quot;", "solver.beta = 0.25", "solver.gamma = 0.5"]);
-    assert!(keys[3].starts_with("solver.time_step_s = ") && keys[4] == "rod.nodes = 9", "{keys:?}");
+    let expected = [
+        "solver.model = &quot;full&quot;",
+        "solver.integrator = &quot;newmark&quot;",
+        "solver.beta = 0.25",
+        "solver.gamma = 0.5",
+    ];
+    assert_eq!(&keys[..4], &expected);
+    assert!(keys[4].starts_with("solver.time_step_s = ") && keys[5] == "rod.nodes = 9", "{keys:?}");
     assert!(found[1].1.parse::<usize>().unwrap() > 20, "{}", found[1].1);
 }
 

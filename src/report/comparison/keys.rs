@@ -42,6 +42,10 @@ pub fn differing_keys(scenes: &[Option<&Document>]) -> Vec<KeyDifference> {
 fn flatten(value: Value, key: &str, found: &mut BTreeMap<String, Value>) {
     let inner = |name: &str| if key.is_empty() { name.to_string() } else { format!("{key}.{name}") };
     match value {
+        // A table without a key says something by being there.
+        Value::Table(table) if table.is_empty() && !key.is_empty() => {
+            drop(found.insert(key.to_string(), Value::Table(table)))
+        }
         Value::Table(table) => table.into_iter().for_each(|(name, value)| flatten(value, &inner(&name), found)),
         Value::Array(entries) if entries.iter().any(Value::is_table) => {
             entries.into_iter().enumerate().for_each(|(i, value)| flatten(value, &inner(&i.to_string()), found));
@@ -73,6 +77,7 @@ pub fn shown(value: &Value) -> String {
         Value::Float(x) => x.to_string(),
         Value::String(text) => text.clone(),
         Value::Array(entries) => format!("[{}]", entries.iter().map(shown).collect::<Vec<_>>().join(", ")),
+        Value::Table(table) if table.is_empty() => "{}".to_string(),
         other => other.to_string(),
     }
 }

@@ -28,6 +28,9 @@ const OF_MACHINE: &str = "wall_s";
 /// Results below this part of the largest one with their unit do not matter beside it: a path across a symmetric swimmer.
 const NEGLIGIBLE: f64 = 1e-3;
 
+/// Results that are positions.
+const POSITIONS: [&str; 2] = ["x_com_m", "y_com_m"];
+
 /// The results that are asked for first.
 const FIRST: [&str; 14] = [
     "cycle_speed_m_s",
@@ -219,7 +222,10 @@ pub fn most_different(rows: &[ResultRow]) -> Vec<&ResultRow> {
             _ => 0.0,
         };
         rows.iter()
-            .filter(|row| unit.is_some() && row.unit == unit && row.is_of_motion())
+            // Where it is says nothing of how far it goes.
+            .filter(|row| {
+                unit.is_some() && row.unit == unit && row.is_of_motion() && !POSITIONS.contains(&row.key.as_str())
+            })
             .map(size)
             .fold(least, f64::max)
     };

@@ -61,7 +61,8 @@ impl StatedErrors {
         Self {
             measures,
             verified: verification.is_some(),
-            fluid: both("fluid_error"),
+            // Zero is that of the most accurate law itself, which is not without an error.
+            fluid: both("fluid_error").filter(|errors| errors.iter().any(|error| *error > 0.0)),
             uncertainty: both("fluid_uncertainty"),
             displacement: displacement_scale(run, held),
             forces,
@@ -78,8 +79,10 @@ impl StatedErrors {
     /// The error of a number of the summary, in its unit; `None` if the run states none. The uncertainty of the law counts
     /// `with_uncertainty`.
     pub fn of_result(&self, key: &str, value: f64, with_uncertainty: bool) -> Option<f64> {
+        // Errors are relative to the full model's value, which may be larger than this run's by as much.
+        let of_own = |error: f64| if error < 1.0 { error / (1.0 - error) } else { f64::INFINITY };
         let measure = |wanted: ErrorMeasure| {
-            self.measures.iter().find(|(measure, _)| *measure == wanted).map(|(_, error)| *error)
+            self.measures.iter().find(|(measure, _)| *measure == wanted).map(|(_, error)| of_own(*error))
         };
         let of_load = |wanted: ErrorMeasure, largest: f64| {
             measure(wanted).map(|error| error * value.abs().max(MIN_MEAN_FRACTION * largest))
@@ -97,7 +100,7 @@ impl StatedErrors {
             "x_com_m" | "y_com_m" | "max_lateral_excursion_m" => (of_displacement(), None),
             "net_displacement_m" => (of_displacement(), of_fluid(&[motion]).filter(|_| !self.held)),
             "cycle_speed_m_s" | "cycle_forward_speed_m_s" | "cycle_body_lengths" if !self.held => {
-                (None, of_fluid(&[motion]))
+                (measure(ErrorMeasure::Displacement).map(|error| error * value.abs()), of_fluid(&[motion]))
             }
             "cycle_thrust_n" | "mean_thrust_n" => (of_load(ErrorMeasure::Force, self.largest[0]), of_fluid(&[motion])),
             "cycle_head_force_x_n" | "cycle_head_force_y_n" | "mean_head_force_n.x" | "mean_head_force_n.y" => {
@@ -113,6 +116,8 @@ impl StatedErrors {
             "cost_of_transport" | "cycle_cost_of_transport" => (None, of_fluid(&[motion, power])),
             _ => (None, None),
         };
+        // A cheaper model states no error of other results, which is not none.
+        let of_law = of_law.filter(|_| of_model.is_some() || self.measures.is_empty());
         [of_model, of_law].into_iter().flatten().reduce(|a, b| a + b)
     }
 

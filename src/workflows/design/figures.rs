@@ -146,7 +146,7 @@ impl Design {
         }
         // Longer titles are cut.
         let title = if deviations.is_empty() { "stiffness along the rod" } else { "stiffness ± one deviation" };
-        ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
+        ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene at the head", Scale::Linear, series))
     }
 
     /// Side view of the straight rod, above its middle before and below it after, with a stroke at each joint in proportion to its

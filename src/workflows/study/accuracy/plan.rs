@@ -37,7 +37,8 @@ impl PlannedRun {
             true => {
                 let parameters = method.parameters.iter().zip(values);
                 let parameters = parameters.map(|(parameter, value)| format!("solver.{} = {value:?}", parameter.name));
-                [format!("solver.integrator = {:?}", method.name)].into_iter().chain(parameters).collect()
+                let integrator = format!("solver.integrator = {:?}", method.name);
+                [format!("solver.model = {:?}", kind.name), integrator].into_iter().chain(parameters).collect()
             }
             false => vec![format!("solver.model = {:?}", kind.name)],
         };
