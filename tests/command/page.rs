@@ -120,10 +120,11 @@ fn the_report_plays_the_tail_in_a_browser() {
     }
     // The camera follows where it is told to, and the slowest and the fastest speeds are there.
     let script = r##"<script>
+        const centre = () => [part("com").getAttribute("cx"), part("com").getAttribute("cy")].join(" ");
+        const go = (k) => { part("time").value = k; part("time").oninput(); };
+        go(0); document.body.dataset.still = centre(); go(400); document.body.dataset.moved = centre();
         part("follow").checked = true; part("follow").onchange();
-        document.body.dataset.view = part("stage").getAttribute("viewBox");
-        part("time").value = 400; part("time").oninput();
-        document.body.dataset.later = part("stage").getAttribute("viewBox");
+        go(0); document.body.dataset.view = centre(); go(400); document.body.dataset.later = centre();
         document.body.dataset.speeds = [...part("speed").options].map((option) => option.value).join(" ");
     </script></body>"##;
     let followed = folder.path().join("followed.html");
@@ -131,11 +132,12 @@ fn the_report_plays_the_tail_in_a_browser() {
     let page = browse(&browser, &followed, 1000, &["--dump-dom".to_string()]);
     let body = page.split('<').find(|element| element.starts_with("body")).unwrap();
     let of_body = |name: &str| body.split(&format!("data-{name}=\"")).nth(1).unwrap().split('"').next().unwrap();
-    let [view, later] = ["view", "later"].map(|name| {
+    let [still, moved, view, later] = ["still", "moved", "view", "later"].map(|name| {
         let numbers: Vec<f64> = of_body(name).split(' ').map(|x| x.parse().unwrap()).collect();
         numbers
     });
-    assert!(view[0] != later[0] && (view[2] - later[2]).abs() < 1e-9, "{view:?} {later:?}");
+    let apart = |a: &[f64], b: &[f64]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    assert!(apart(&still, &moved) > 1.0 && apart(&view, &later) < 1e-9, "{still:?} {moved:?} {view:?} {later:?}");
     assert!(of_body("speeds").starts_with("0.001 ") && of_body("speeds").ends_with(" 100"), "{}", of_body("speeds"));
 }
 

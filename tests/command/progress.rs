@@ -30,7 +30,7 @@ const LONG: [(&str, Shown); 11] = [
     ("study modes models/eel.toml --set rod.nodes=2001 --out OUT", Shown::TimeSoFar),
     ("study scaling models/eel.toml --nodes 17,33,65,129,257 --steps 3000 --out OUT", Shown::Rate("simulations/")),
     ("study accuracy models/driven-head.toml --out OUT", Shown::Rate("simulations/")),
-    ("study fluid models/eel.toml --set solver.duration_s=60 --out OUT", Shown::Rate("simulations/")),
+    ("study fluid models/eel.toml --set solver.duration_s=1000 --out OUT", Shown::Rate("simulations/")),
     ("study stability models/driven-head.toml --points 12 --out OUT", Shown::Rate("simulations/")),
     ("export models/eel.toml --gif --fps 50 --speed 0.05 --out OUT", Shown::Rate("pictures/")),
 ];
@@ -215,7 +215,7 @@ fn a_second_ctrl_c_leaves_no_progress_on_the_terminal() {
 #[test]
 fn the_progress_has_no_escape_codes_and_the_quiet_command_none_at_all() {
     let folder = tempfile::tempdir().unwrap();
-    let run = "run models/eel.toml --set solver.duration_s=80 --force --out OUT";
+    let run = "run models/eel.toml --set solver.duration_s=400 --force --out OUT";
     for (variables, more, shows) in [
         (&[][..], "", true),
         (&[("NO_COLOR", "1")], "", true),
