@@ -113,7 +113,7 @@ def test_the_other_answers_of_the_gallery():
         run = caudal.run(caudal.load(flag, set={"medium.flow_m_s": [flow, 0.0]}))
         tip = run["tip_dy_m"][run["time_s"] > 16]
         assert tip.max() - tip.min() == pytest.approx(moves, abs=5e-4), flow
-    assert "at 1.8 m/s it does, its tip 33 mm up and down; at half of that" in gallery()["flag"][1]
+    assert "At 1.8 m/s it does, its tip 33 mm up and down; at half of that" in gallery()["flag"][1]
     tail = ROOT / "models/silicone-tail.toml"
     for loss, thrust in [(0.0, 7.0), (0.2, 1.8)]:
         run = caudal.run(caudal.load(tail, set={"head.angle_rad.frequency_hz": 3.75, "rod.loss_factor": loss}), record=[])
