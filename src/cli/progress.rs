@@ -33,6 +33,7 @@ pub enum Unit {
     /// Things of this name in the plural, of which there are so many.
     Exactly(&'static str),
     /// The same, of which there are no more than so many.
+    #[cfg_attr(not(feature = "design"), allow(dead_code, reason = "only designs end early"))]
     AtMost(&'static str),
     /// Parts whose durations tell nothing of each other's: no rate, and no time left.
     Parts,

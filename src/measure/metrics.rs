@@ -589,6 +589,7 @@ impl Measurements {
 
     /// The power (W) that the actuation puts in at the joint of each node, that of tendons by what they bend there and by what
     /// they shorten the edge behind it, or that nearest to it; all of them make [`Power::actuation`].
+    #[cfg(feature = "report")]
     pub(crate) fn actuation_powers(&self, dynamics: &Dynamics, state: &State) -> Vec<f64> {
         let rod = &dynamics.model.rod;
         let taken = dynamics.mechanics == Mechanics::Shape;
