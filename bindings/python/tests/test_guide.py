@@ -119,7 +119,7 @@ def test_the_other_answers_of_the_gallery():
         run = caudal.run(caudal.load(tail, set={"head.angle_rad.frequency_hz": 3.75, "rod.loss_factor": loss}), record=[])
         assert f"{1e3 * run.summary['cycle_thrust_n']:.1f}" == f"{thrust}" and f"{thrust} mN" in (DOCS / "gallery.md").read_text()
     bar = caudal.run(ROOT / "models/spinning-bar.toml", record=[]).summary
-    assert abs(bar["net_displacement_m"]) < 1e-13 and "nothing moves its centre" in gallery()["spinning-bar"][1]
+    assert abs(bar["net_displacement_m"]) < 1e-13 and "Nothing moves its centre" in gallery()["spinning-bar"][1]
 
 
 BLOCK = re.compile(r"^```(sh|toml|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
