@@ -165,22 +165,22 @@ impl MapCanvas {
 impl HeatMap {
     /// The map as a figure of a page that plays its cases.
     pub fn figure(&self, file: impl Into<String>, caption: impl Into<String>) -> Figure {
-        let scale = ColourScale::of(self.known().map(|cell| cell.2));
-        let MapCanvas { frame, columns, rows, .. } = MapCanvas::new(&self.title, [&self.x, &self.y], &scale);
-        let cells = CellCases {
-            columns: columns.iter().map(|x| frame.at(*x, 0.0).0).collect(),
-            rows: rows.iter().map(|y| frame.at(0.0, *y).1).collect(),
-            cases: self.cells.iter().map(|(i, j, _, case)| [*i, *j, *case]).collect(),
-        };
-        Figure { cells: Some(cells), ..Figure::new(file, caption, self.svg()) }
+        let (svg, cells) = self.drawn();
+        Figure { cells: Some(cells), ..Figure::new(file, caption, svg) }
+    }
+
+    /// The map as an SVG document.
+    #[cfg(test)]
+    fn svg(&self) -> String {
+        self.drawn().0
     }
 
     fn known(&self) -> impl Iterator<Item = &(usize, usize, f64, usize)> + Clone {
         self.cells.iter().filter(|cell| cell.2.is_finite())
     }
 
-    /// The map as an SVG document.
-    pub fn svg(&self) -> String {
+    /// The map as an SVG document, and where its cases are.
+    fn drawn(&self) -> (String, CellCases) {
         let known = || self.known();
         // Of one sign, values are large or small by their size, as everywhere on the page; of two signs one is higher than another.
         let [negative, positive] = [known().any(|cell| cell.2 < 0.0), known().any(|cell| cell.2 > 0.0)];
@@ -238,7 +238,12 @@ impl HeatMap {
             left += 45.0 + width(&text, LABEL);
         }
         scale.draw(&mut svg, &frame, &self.value);
-        svg.finish()
+        let cells = CellCases {
+            columns: columns.iter().map(|x| frame.at(*x, 0.0).0).collect(),
+            rows: rows.iter().map(|y| frame.at(0.0, *y).1).collect(),
+            cases: self.cells.iter().map(|(i, j, _, case)| [*i, *j, *case]).collect(),
+        };
+        (svg.finish(), cells)
     }
 }
 

@@ -23,7 +23,7 @@ impl Serialize for PackedNumbers {
 
 /// Numbers as parts of a size, in steps of 1/127, as Base64: enough for a colour.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Shades {
+pub struct QuantizedNumbers {
     /// That of the largest number; or, if that is far beyond, as at a start that jumps, one that all but a hundredth stay within. Numbers
     /// beyond it have its colour.
     size: f64,
@@ -34,7 +34,7 @@ pub struct Shades {
 /// Multiple of what nearly all numbers stay within from which the largest is not worth the scale.
 const FAR_BEYOND: f64 = 4.0;
 
-impl Shades {
+impl QuantizedNumbers {
     /// Those of numbers; `None` if all are zero.
     pub fn of(numbers: impl Iterator<Item = f64>) -> Option<Self> {
         let numbers: Vec<f64> = numbers.collect();

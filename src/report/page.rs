@@ -10,7 +10,7 @@ use super::chart::{CellCases, Figure, InteractiveChart};
 use super::frame::Frame;
 use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
-use super::packed_numbers::{PackedNumbers, Shades};
+use super::packed_numbers::{PackedNumbers, QuantizedNumbers};
 use super::scenery::Scenery;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
@@ -147,10 +147,10 @@ pub struct Animation {
 struct Loads {
     /// Bending moments at the points of all frames, N m, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
-    moment: Option<Shades>,
+    moment: Option<QuantizedNumbers>,
     /// Powers per length there, W/m, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
-    power: Option<Shades>,
+    power: Option<QuantizedNumbers>,
     /// Forces on a held head, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     head_force: Option<PackedNumbers>,
@@ -167,8 +167,8 @@ impl Loads {
             is_there.then(|| vectors.into_iter().flatten().collect())
         };
         Some(Self {
-            moment: Shades::of(all.iter().flat_map(|loads| &loads.moment).copied()),
-            power: Shades::of(all.iter().flat_map(|loads| &loads.power).copied()),
+            moment: QuantizedNumbers::of(all.iter().flat_map(|loads| &loads.moment).copied()),
+            power: QuantizedNumbers::of(all.iter().flat_map(|loads| &loads.power).copied()),
             head_force: some(all.iter().filter_map(|loads| loads.head_force).collect()),
             flow: some(all.iter().map(|loads| loads.flow).collect()),
         })

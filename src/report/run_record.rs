@@ -242,10 +242,15 @@ impl RunRecord {
         &self.scenery
     }
 
+    /// True if the frames and samples of the last periods reach back to `since` (s).
+    fn has_last_since(&self, since: f64) -> bool {
+        self.last.first().is_some_and(|(first, _)| first.time <= since)
+    }
+
     /// The frames from `since` (s) on: close together where that is in the last periods.
     pub fn frames_since(&self, since: f64) -> Vec<&Frame> {
-        match self.last.first() {
-            Some((first, _)) if first.time <= since => {
+        match self.has_last_since(since) {
+            true => {
                 let end = self
                     .frames
                     .kept
@@ -253,7 +258,7 @@ impl RunRecord {
                     .filter(|frame| self.last.last().is_some_and(|(last, _)| last.time < frame.time));
                 self.last.iter().map(|(frame, _)| frame).chain(end).filter(|frame| frame.time >= since).collect()
             }
-            _ => self.frames.kept.iter().filter(|frame| frame.time >= since).collect(),
+            false => self.frames.kept.iter().filter(|frame| frame.time >= since).collect(),
         }
     }
 
@@ -262,11 +267,9 @@ impl RunRecord {
         let Some(y) = self.columns.iter().position(|variable| variable.name == y) else { return Vec::new() };
         let within = |sample: &&Vec<f64>| sample[0] >= since;
         let point = |sample: &Vec<f64>| (sample[0], sample[y]);
-        match self.last.first() {
-            Some((first, _)) if first.time <= since => {
-                self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect()
-            }
-            _ => self.samples.kept.iter().filter(within).map(point).collect(),
+        match self.has_last_since(since) {
+            true => self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect(),
+            false => self.samples.kept.iter().filter(within).map(point).collect(),
         }
     }
 

@@ -8,7 +8,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 
-use crate::page::{attribute, browse, chromium, narrow};
+use crate::page::{assert_self_contained, attribute, browse, chromium, narrow};
 
 const EEL: &str = r#"
 name = "eel"
@@ -520,12 +520,7 @@ fn the_page_plays_eight_rods_in_a_browser_and_fits_a_telephone() {
     done(folder.path(), &[&["compare"], &names[..], &["--out", "all"]].concat());
     let path = folder.path().join("all/report.html");
     let source = std::fs::read_to_string(&path).unwrap();
-    for outside in ["src=", "href=", "@import", "url("] {
-        assert!(
-            !source.replace("url(#", "").contains(outside),
-            "the page is one self-contained file, without {outside}"
-        );
-    }
+    assert_self_contained(&source);
     let Some(browser) = chromium() else { return };
     let script = r##"<script>
         playing = false; part("time").value = 20; part("time").oninput();

@@ -68,6 +68,16 @@ pub fn browse(browser: &Path, page: &Path, milliseconds: u32, more: &[String]) -
     String::from_utf8(output.stdout).unwrap()
 }
 
+/// A page needs no other file, and no network.
+pub fn assert_self_contained(source: &str) {
+    for outside in ["src=", "href=", "@import", "url("] {
+        assert!(
+            !source.replace("url(#", "").contains(outside),
+            "the page is one self-contained file, without {outside}"
+        );
+    }
+}
+
 /// The value of an attribute of the element with an id.
 pub fn attribute<'a>(page: &'a str, id: &str, name: &str) -> &'a str {
     let element = page.split('<').find(|element| element.contains(&format!("id=\"{id}\""))).unwrap();
@@ -86,12 +96,7 @@ fn the_report_plays_the_tail_in_a_browser() {
     assert!(status.status.success());
     let path = folder.path().join("report.html");
     let source = std::fs::read_to_string(&path).unwrap();
-    for outside in ["src=", "href=", "@import", "url("] {
-        assert!(
-            !source.replace("url(#", "").contains(outside),
-            "the page is one self-contained file, without {outside}"
-        );
-    }
+    assert_self_contained(&source);
     let Some(browser) = chromium() else { return };
     // A busy machine may draw few frames in the page's time; one that never moves fails at every length of it.
     let (page, frame) = [2000, 5000, 9000]
@@ -153,12 +158,7 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let path = folder.path().join("report.html");
     let source = std::fs::read_to_string(&path).unwrap();
-    for outside in ["src=", "href=", "@import", "url("] {
-        assert!(
-            !source.replace("url(#", "").contains(outside),
-            "the page is one self-contained file, without {outside}"
-        );
-    }
+    assert_self_contained(&source);
     assert!(source.len() < 5_000_000, "{} bytes", source.len());
     let Some(browser) = chromium() else { return };
     // What a reader does: sorts by displacement, keeps one fluid and the larger amplitude, and clicks the third row.
