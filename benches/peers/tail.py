@@ -102,10 +102,9 @@ class Caudal:
 MUJOCO_STEPS = [(9, 1.25e-4), (17, 3.125e-5), (33, 7.8125e-6)]
 
 
-def mujoco_chain(nodes, step):
-    """A chain of hinges with a position servo as the spring of each, by semi-implicit Euler; the loop over the steps is in C."""
+def mujoco_model(nodes, step):
+    """A chain of hinges with a position servo as the spring of each, by semi-implicit Euler."""
     import mujoco
-    from mujoco import rollout
 
     s, mass = nodes_of(nodes)
     spacing = s[1]
@@ -118,12 +117,22 @@ def mujoco_chain(nodes, step):
     free = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>'
     first = ball.format(mass[0], 0.0) + ball.format(mass[1], spacing)
     servos = "".join(f'<position joint="j{k}" kp="{bending_stiffness(s[k]) / spacing:.17g}"/>' for k in range(1, nodes - 1))
-    model = mujoco.MjModel.from_xml_string(
+    return mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler boundmass="0" boundinertia="0"/>'
         f'<option gravity="0 0 0" timestep="{step}"/>'
         f"<worldbody><body>{free}{first}{inner}</body></worldbody><actuator>{servos}</actuator>"
         f'<sensor><framepos objtype="site" objname="tip"/></sensor></mujoco>'
     )
+
+
+def mujoco_chain(nodes, step):
+    """The chain along the drive; the loop over the steps is in C."""
+    import mujoco
+    from mujoco import rollout
+
+    s, _ = nodes_of(nodes)
+    spacing = s[1]
+    model = mujoco_model(nodes, step)
     data = mujoco.MjData(model)
     state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
