@@ -231,9 +231,12 @@ impl Assessment {
         let Ok(regime) = scene.regime() else { return Vec::new() };
         let mut facts = Vec::new();
         let mut fact = |name, text: String| facts.push(AssessmentLine { name, text });
-        let estimates = match &scene.drag {
-            Some(_) => scene.fluid_estimates(),
-            None => return vec![AssessmentLine { name: "reactive force", text: describe_added_mass(&regime, rod) }],
+        let estimates = match (&scene.drag, scene.is_too_short_to_compare()) {
+            (Some(_), Some(reason)) => Err(reason),
+            (Some(_), None) => scene.fluid_estimates(),
+            (None, _) => {
+                return vec![AssessmentLine { name: "reactive force", text: describe_added_mass(&regime, rod) }];
+            }
         };
         match &estimates {
             Ok(estimates) => {
@@ -250,15 +253,13 @@ impl Assessment {
                     };
                     fact("law of the fluid", format!("{}: {text}{below}", law.name()));
                 }
-                if let Some((law, [motion, power])) = scene.nonlocal_drag() {
-                    let named = if estimates.held { "thrust" } else { "speed" };
+                if let Some((law, changes)) = scene.nonlocal_drag() {
                     fact(
                         "law of the fluid",
                         format!(
-                            "{}: is valid here and higher than these, but is not run: the motion would have {} % {named} and take {} % power",
+                            "{}: is valid here and higher than these, but is not run: {}",
                             law.name,
-                            signed(100.0 * motion, 1),
-                            signed(100.0 * power, 1)
+                            estimates.changes_in_words(changes)
                         ),
                     );
                 }
@@ -277,12 +278,10 @@ impl Assessment {
             match both {
                 Some((estimates, with, without)) => {
                     let [other, own] = if reactive { [without, with] } else { [with, without] };
-                    let [motion, power] = other.means.differences(&own.means).map(|part| signed(100.0 * part, 1));
-                    let named = if estimates.held { "thrust" } else { "speed" };
-                    let changes =
-                        if reactive { "without it the motion" } else { "[reactive] would change it: the motion" };
+                    let changes = estimates.changes_in_words(other.means.differences(&own.means));
+                    let which = if reactive { "without it" } else { "[reactive] would change it:" };
                     format!(
-                        "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {SAFETY_FACTOR} times such differences); {}",
+                        "{which} {changes} (estimated errors are {SAFETY_FACTOR} times such differences); {}",
                         describe_added_mass(&regime, rod)
                     )
                 }

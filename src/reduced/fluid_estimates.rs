@@ -20,7 +20,7 @@ use crate::linear::SolverChoice as Linear;
 use crate::metrics::{Measurements, RunMetrics};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
-use crate::number_format::{percent, signed, two_digits};
+use crate::number_format::{percent, signed, significant, two_digits};
 use crate::regime::{self, MeanMotion, Regime};
 use crate::rod::node;
 use crate::spectrum::Spectrum;
@@ -30,6 +30,12 @@ use crate::system::{Form, State};
 pub const PERIODS: f64 = 8.0;
 const STEPS_PER_PERIOD: f64 = 24.0;
 const MIN_STEPS: f64 = 128.0;
+
+/// The periods of a run below which its laws are not compared: of the first one a start decides the motion.
+const LEAST_PERIODS: f64 = 2.0;
+
+/// The largest change of motion and power that is said in digits: of a motion ten times another they say only that it is another.
+const MAX_CHANGE_IN_DIGITS: f64 = 10.0;
 
 /// The largest number of steps, for drives with very different frequencies: half a second of computing for 17 nodes.
 const MAX_STEPS: f64 = 2048.0;
@@ -87,6 +93,15 @@ impl ShortRun {
         let duration = repeats.min(affordable.max(least));
         let steps = (rate * duration).ceil().clamp(STEPS_PER_PERIOD, MAX_STEPS.max(rate * least));
         Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
+    }
+
+    /// Why the run of `duration` (s) that it is a part of says nothing of how laws differ, if so: all of it is the start.
+    pub fn is_too_short(&self, duration: f64) -> Option<String> {
+        let period = self.period.filter(|period| duration * (1.0 + ROUNDING) < LEAST_PERIODS * period)?;
+        let [duration, period] = [duration, period].map(|time| significant(time, 3));
+        Some(format!(
+            "the run of {duration} s ends before the second beat, of {period} s each, does: all of it is the start"
+        ))
     }
 
     /// The number of periods at its end over which the motion is measured: whole ones except the first, at most [`MAX_CYCLES`]; none where
@@ -343,6 +358,17 @@ impl FluidEstimates {
         self.laws.iter().find(|estimate| estimate.law == law && estimate.reactive == reactive)
     }
 
+    /// What the motion would have and take with those relative changes of motion and power, for messages.
+    pub fn changes_in_words(&self, changes: [f64; 2]) -> String {
+        let [motion, power] = changes.map(|part| match part {
+            part if part.abs() <= MAX_CHANGE_IN_DIGITS => format!("{} %", signed(100.0 * part, 1)),
+            part if part > 0.0 => "more than ten times the".to_string(),
+            _ => "more than ten times the opposite".to_string(),
+        });
+        let named = if self.held { "thrust" } else { "speed" };
+        format!("the motion would have {motion} {named} and take {power} power")
+    }
+
     /// Errors of motion and power, for messages.
     pub fn in_words(&self, [motion, power]: [f64; 2]) -> String {
         format!("{} in {}, {} in power", percent(motion), if self.held { "thrust" } else { "speed" }, percent(power))
@@ -433,11 +459,10 @@ impl FluidChoice {
     /// Includes the changes of motion and power by `law`, which is valid and more accurate than all candidates, in the reason, the errors
     /// and the uncertainty.
     pub fn count(&mut self, law: &DragLaw, changes: [f64; 2], estimates: &FluidEstimates) {
-        let [motion, power] = changes.map(|part| signed(100.0 * part, 1));
-        let named = if estimates.held { "thrust" } else { "speed" };
         self.reason += &format!(
-            "; {} is valid here and higher than these, but is not run: the motion would have {motion} % {named} and take {power} % power",
-            law.name
+            "; {} is valid here and higher than these, but is not run: {}",
+            law.name,
+            estimates.changes_in_words(changes)
         );
         let known = self.errors.unwrap_or_default();
         self.errors = Some([0, 1].map(|i| known[i].max(SAFETY_FACTOR * changes[i].abs()).max(MIN_ERROR)));

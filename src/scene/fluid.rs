@@ -579,6 +579,11 @@ impl Scene {
         (nodes, ShortRun::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
+    /// Why its run says nothing of how laws of the fluid differ, if it is too short for that.
+    pub fn is_too_short_to_compare(&self) -> Option<String> {
+        self.short_run_mesh().1.is_too_short(self.solver.duration_s.get())
+    }
+
     /// Its motion and power in a short run, and the flow around the rod in that motion.
     fn short_run(&self) -> Result<(MotionAndPower, Regime), String> {
         let (nodes, span) = self.short_run_mesh();

@@ -237,6 +237,31 @@ fn laws_are_compared_on_a_coarse_rod_whatever_the_mesh_and_where_they_allow_it()
 }
 
 #[test]
+fn a_motion_is_compared_in_digits_where_the_run_and_the_change_give_them_a_meaning() {
+    let lines = |text: &str, changes: &[&str]| -> Vec<String> {
+        let scene = scene_of(text, &[&["rod.nodes=33"], changes].concat());
+        let found = Assessment::fluid_models(&scene, &Stepper::of(&scene).unwrap()).into_iter();
+        found.filter(|line| line.name != "fluid taken").map(|line| line.text).collect()
+    };
+    // Two beats take 1 s.
+    const FINE: &str = include_str!("../../models/fine-1e3.toml");
+    for duration in ["solver.duration_s=0.002", "solver.duration_s=0.1", "solver.duration_s=0.99"] {
+        let short = lines(FINE, &[duration]);
+        println!("{short:?}");
+        assert_eq!(short.len(), 2);
+        assert!(short[0].ends_with("ends before the second beat, of 0.500 s each, does: all of it is the start"));
+        assert!(short[1].starts_with("it lowers the rod's own frequencies"));
+    }
+    // Drag of the study is a thousandth of what holds: the rod hardly swims.
+    let weak = lines(FINE, &["solver.duration_s=1.0"]).pop().unwrap();
+    println!("{weak}");
+    assert!(weak.contains("would have more than ten times the speed and take more than ten times the power"));
+    let eel = lines(include_str!("../../models/eel.toml"), &[]).pop().unwrap();
+    println!("{eel}");
+    assert!(eel.contains("would have -8.8 % speed and take -0.9 % power"));
+}
+
+#[test]
 fn a_run_is_told_what_check_warns_of_and_no_facts() {
     for changes in [&[][..], &["solver.time_step_s=0.1"], &["start.kind=jump", "rod.nodes=301"]] {
         let scene = scene_of(TAIL, changes);
