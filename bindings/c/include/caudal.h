@@ -3,6 +3,7 @@
 #ifndef CAUDAL_H
 #define CAUDAL_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -145,8 +146,9 @@ caudal_status caudal_set_motion(caudal_simulation *simulation, const double *giv
 
 // Makes a step of `h` (s) as caudal_do_step does, and writes its derivatives by the state in these coordinates and by the inputs, of the
 // state and of the outputs, which are given by their indices. Without room for a and c (null) neither is found, which on a fine mesh
-// takes a small part of the time and memory. An input acts as if it were set at the beginning, where accelerations jump with it. The matrices
-// of successive steps compose with CAUDAL_FULL, and with CAUDAL_MOTION by all methods but generalized-alpha, as long as no input changes.
+// takes a small part of the time and memory. With `jump` an input acts as if it were set at the beginning, where accelerations jump with it;
+// without it the input had its value before. The matrices of successive steps compose with CAUDAL_FULL, and with CAUDAL_MOTION by all methods
+// but generalized-alpha: of an input that is set once and kept, B is A2 B1 + B2, B1 with the jump and B2 without.
 caudal_status caudal_linearise(caudal_simulation *simulation,
                                double h,
                                caudal_coordinates coordinates,
@@ -154,6 +156,7 @@ caudal_status caudal_linearise(caudal_simulation *simulation,
                                size_t input_count,
                                const size_t *outputs,
                                size_t output_count,
+                               bool jump,
                                const caudal_derivatives *derivatives);
 
 // Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.

@@ -493,8 +493,9 @@ pub unsafe extern "C" fn caudal_set_motion(
 
 /// Makes a step of `h` (s) as caudal_do_step does, and writes its derivatives by the state in these coordinates and by the inputs, of the
 /// state and of the outputs, which are given by their indices. Without room for a and c (null) neither is found, which on a fine mesh
-/// takes a small part of the time and memory. An input acts as if it were set at the beginning, where accelerations jump with it. The matrices
-/// of successive steps compose with CAUDAL_FULL, and with CAUDAL_MOTION by all methods but generalized-alpha, as long as no input changes.
+/// takes a small part of the time and memory. With `jump` an input acts as if it were set at the beginning, where accelerations jump with it;
+/// without it the input had its value before. The matrices of successive steps compose with CAUDAL_FULL, and with CAUDAL_MOTION by all methods
+/// but generalized-alpha: of an input that is set once and kept, B is A2 B1 + B2, B1 with the jump and B2 without.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_linearise(
     simulation: *mut caudal_simulation,
@@ -504,6 +505,7 @@ pub unsafe extern "C" fn caudal_linearise(
     input_count: usize,
     outputs: *const usize,
     output_count: usize,
+    jump: bool,
     derivatives: *const caudal_derivatives,
 ) -> caudal_status {
     // SAFETY: the caller's promises.
@@ -516,6 +518,7 @@ pub unsafe extern "C" fn caudal_linearise(
             let (inputs, outputs) = (names(values(inputs, input_count)?)?, names(values(outputs, output_count)?)?);
             let asked = LinearisationRequest {
                 states: !(to.a.is_null() && to.c.is_null()),
+                jump,
                 ..LinearisationRequest::new(coordinates.into(), &inputs, &outputs)
             };
             let StepDerivative { a, b, c, d, .. } = simulation.stepper.linearise_as(h, &asked)?;
