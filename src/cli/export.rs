@@ -10,7 +10,7 @@ use caudal::report::film::{Appearance, FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, MANIFEST, Owner, VTK_FOLDER};
+use caudal::report::{Claim, Folder, MANIFEST, Owner, VTK_FOLDER, recorded_overrides};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -26,7 +26,7 @@ pub struct ExportArguments {
     /// A film to write: .gif, .mp4 by the program ffmpeg, or .svg, an animated picture of the last cycle of a periodic run or of all of
     /// another one; it replaces an earlier file
     film: Option<PathBuf>,
-    /// The overrides that the run was made with
+    /// The overrides that the run was made with [default: those that its report.html shows]
     #[arg(long, value_name = "TABLE.KEY=VALUE")]
     set: Vec<String>,
     /// Write NAME.pvd and a .vtp file per recorded time, for ParaView and other programs that read VTK
@@ -136,7 +136,12 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             Err(error) => return Ok(refuse(&error)),
         },
     };
-    let scene = SceneArguments { scene: file.clone(), set: arguments.set.clone() };
+    // A run is made again with its own overrides, unless others are named.
+    let set = match folder {
+        Some(folder) if arguments.set.is_empty() => recorded_overrides(folder),
+        _ => arguments.set.clone(),
+    };
+    let scene = SceneArguments { scene: file.clone(), set };
     let (_, scene, mut stepper) = scene.prepare()?;
     if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != scene.fingerprint_text()) {
         print_error(&format!(

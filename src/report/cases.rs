@@ -10,6 +10,7 @@ use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
 use super::frame::Frame;
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
+use super::scenery::Scenery;
 use crate::error::Result;
 use crate::number_format::number;
 
@@ -281,6 +282,8 @@ pub struct Cases {
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
     motions: BTreeMap<usize, Vec<Frame>>,
+    /// What their animations show beside the nodes.
+    sceneries: BTreeMap<usize, Scenery>,
 }
 
 /// A case in the page's data.
@@ -330,6 +333,7 @@ impl Cases {
             indices: Vec::new(),
             endings: BTreeMap::new(),
             motions: BTreeMap::new(),
+            sceneries: BTreeMap::new(),
         }
     }
 
@@ -353,6 +357,15 @@ impl Cases {
         if motion.len() > 1 {
             self.motions.insert(index, motion);
         }
+    }
+
+    fn animation(&self, index: usize, frames: &[Frame]) -> Animation {
+        self.sceneries.get(&index).into_iter().fold(Animation::of(frames), Animation::with_scenery)
+    }
+
+    /// What the animation of a case shows beside its nodes.
+    pub fn dress(&mut self, index: usize, scenery: Scenery) {
+        self.sceneries.insert(index, scenery);
     }
 
     /// The levels that are shown separately, with the indices of their cases.
@@ -859,7 +872,7 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
-                motions: self.motions.iter().map(|(index, frames)| (*index, Animation::of(frames))).collect(),
+                motions: self.motions.iter().map(|(index, frames)| (*index, self.animation(*index, frames))).collect(),
             }),
         };
         render(include_str!("cases.html"), &content)

@@ -40,6 +40,7 @@ pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner, VTK_FOLD
 pub use frame::Frame;
 pub use output::RunOutput;
 pub use page::Animation;
+pub use recorded_run::recorded_overrides;
 #[cfg(test)]
 pub(crate) use run_figures::energy_balance;
 #[cfg(test)]

@@ -181,6 +181,12 @@ struct Companion {
     name: String,
     /// Coordinates of the points of all frames, relative to the centres of mass of the first rod.
     points: PackedNumbers,
+    /// Half the width of the body at each point, m, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half_widths: Option<Vec<f64>>,
+    /// Semi-axes and angle of the body at the head.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    body: Option<Vec<[f64; 3]>>,
 }
 
 /// Layered media in the background.
@@ -308,10 +314,7 @@ impl Animation {
         Self {
             times: frames.iter().map(|frame| in_digits(frame.time, 9)).collect(),
             points: relative(frames, &com),
-            body: frames
-                .iter()
-                .map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4]))
-                .collect(),
+            body: head_bodies(frames),
             com,
             beside: Vec::new(),
             media: Media::of(frames),
@@ -331,11 +334,22 @@ impl Animation {
         2 + i % COMPANION_COLOURS + SERIES * (i / COMPANION_COLOURS)
     }
 
-    /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name.
-    pub fn with_companion(mut self, name: &str, frames: &[Frame]) -> Self {
-        self.beside.push(Companion { name: name.to_string(), points: relative(frames, &self.com) });
+    /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name. Without its
+    /// scenery it is a line.
+    pub fn with_companion(mut self, name: &str, frames: &[Frame], scenery: Option<&Scenery>) -> Self {
+        self.beside.push(Companion {
+            name: name.to_string(),
+            points: relative(frames, &self.com),
+            half_widths: scenery.map(|scenery| scenery.half_widths().to_vec()),
+            body: head_bodies(frames),
+        });
         self
     }
+}
+
+/// Semi-axes (m) and angle (rad) of the body at the head in all frames, if they have one.
+fn head_bodies(frames: &[Frame]) -> Option<Vec<[f64; 3]>> {
+    frames.iter().map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4])).collect()
 }
 
 /// The points of all frames relative to these centres.

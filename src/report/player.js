@@ -1,5 +1,5 @@
 // Plays a motion: { times, points: packed x, y of the nodes at all times, relative to com, body: semi-axes and angle of a body around the
-// first node, if any, beside: [{ name, points }] of other rods }, and where they are known half_widths, head, tendons, shear, and at all
+// first node, if any, beside: [{ name, points, and if known half_widths, body }] of other rods }, and where they are known half_widths, head, tendons, shear, and at all
 // times moment, power, head_force and flow, packed. Call start once, play for every motion.
 let stage_view = null;
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
@@ -58,8 +58,8 @@ function play(wanted) {
     for (const points of [frame, ...motion.beside.map((other) => other.points[k])]) for (let i = 0; i < points.length; i += 2) {
       widen(world, points[i], points[i + 1]); widen(near, points[i] - motion.com[k][0], points[i + 1] - motion.com[k][1]);
     }
-    if (motion.body) for (const reach of [-1, 1]) {
-      const r = reach * Math.max(motion.body[k][0], motion.body[k][1]), [x, y] = [frame[0] + r, frame[1] + r];
+    for (const rod of [motion, ...motion.beside]) if (rod.body) for (const reach of [-1, 1]) {
+      const r = reach * Math.max(rod.body[k][0], rod.body[k][1]), [x, y] = [rod.points[k][0] + r, rod.points[k][1] + r];
       widen(world, x, y); widen(near, x - motion.com[k][0], y - motion.com[k][1]);
     }
   });
@@ -73,8 +73,11 @@ function play(wanted) {
   part("speed").value = String(usual);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
-  part("beside").replaceChildren(...motion.beside.map((other, i) =>
-    shape("polyline", { "vector-effect": "non-scaling-stroke", ...(other.name ? { style: "stroke: " + coloured(i) } : {}) })));
+  part("beside").replaceChildren(...motion.beside.map((other, i) => {
+    const rod = shape("g", other.name ? { style: "stroke: " + coloured(i) + "; fill: " + coloured(i) } : {});
+    rod.append(...["polygon", "ellipse", "polyline"].map((kind) => shape(kind, { "vector-effect": "non-scaling-stroke", "stroke-width": 1.2 })));
+    return rod;
+  }));
   part("tendons").replaceChildren(...(motion.tendons ?? []).map(() => shape("polyline", { "vector-effect": "non-scaling-stroke" })));
   part("segments").replaceChildren(...Array.from({ length: motion.points[0].length / 2 - 1 }, () => shape("polygon", { "vector-effect": "non-scaling-stroke" })));
   for (const option of part("colour").options) option.disabled = option.hidden = !(option.value in FIELDS ? FIELDS[option.value].of(0) : true);
@@ -144,15 +147,29 @@ function offset(points, distance) {
   return line;
 }
 const text_of = (line) => line.map(([x, y]) => x + "," + y).join(" ");
+// The outline of a body with these half widths; empty if they are not known, or too small to be seen.
+function outline_of(points, widths) {
+  if (!widths || !(Math.max(...widths) * unit > 2 * pixel())) return "";
+  const half = (i) => unit * widths[i];
+  return text_of([...offset(points, half), ...offset(points, (i) => -half(i)).reverse()]);
+}
+// Places the ellipse of a body at the head, if there is one.
+function place_body(ellipse, body, points) {
+  ellipse.style.display = body ? "" : "none";
+  if (!body) return;
+  const [along, across, angle] = body;
+  ellipse.setAttribute("rx", unit * along); ellipse.setAttribute("ry", unit * across);
+  ellipse.setAttribute("transform", "translate(" + at_x(points[0]) + "," + at_y(points[1]) + ") rotate(" + -angle * 180 / Math.PI + ")");
+}
 // The body with its widths, by one colour or by the colours of a field.
 function dress(k, points) {
   const widths = motion.half_widths;
   const half = (i) => unit * (widths ? widths[i] : 0), name = part("colour").value, coloured = name in FIELDS;
-  const wide = widths && Math.max(...widths) * unit > 2 * pixel();
+  const wide = outline_of(points, widths);
   part("outline").style.display = wide ? "" : "none"; part("segments").style.display = coloured ? "" : "none";
   part("outline").style.fill = coloured ? "none" : "";
   part("rod").setAttribute("stroke-width", coloured ? 0 : wide ? 1.5 : 4);
-  if (wide) part("outline").setAttribute("points", text_of([...offset(points, half), ...offset(points, (i) => -half(i)).reverse()]));
+  part("outline").setAttribute("points", wide);
   if (coloured) {
     const seen = (i) => Math.max(half(i), 2.5 * pixel()), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
     const values = FIELDS[name].of(k), size = size_of(name) || 1;
@@ -269,14 +286,14 @@ function show(k) {
   dress(k, frame); hold(k, frame); stream(k, stage_view);
   const paths = part("paths").checked ? [0, frame.length - 2] : [];
   part("ends").setAttribute("d", paths.map((i) => "M" + pairs(motion.points.slice(0, k + 1).flatMap((points) => [points[i], points[i + 1]]))).join(""));
-  motion.beside.forEach((other, i) => part("beside").children[i].setAttribute("points", pairs(other.points[k])));
+  motion.beside.forEach((other, i) => {
+    const [outline, body, line] = part("beside").children[i].children, points = other.points[k], wide = outline_of(points, other.half_widths);
+    outline.setAttribute("points", wide); line.setAttribute("points", pairs(points)); line.setAttribute("stroke-width", wide ? 1.5 : 3);
+    place_body(body, other.body?.[k], points);
+  });
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
-  part("head").style.display = motion.body || motion.head ? "none" : ""; part("body").style.display = motion.body ? "" : "none";
-  if (motion.body) {
-    const [along, across, angle] = motion.body[k];
-    part("body").setAttribute("rx", unit * along); part("body").setAttribute("ry", unit * across);
-    part("body").setAttribute("transform", "translate(" + at_x(frame[0]) + "," + at_y(frame[1]) + ") rotate(" + -angle * 180 / Math.PI + ")");
-  }
+  part("head").style.display = motion.body || motion.head ? "none" : "";
+  place_body(part("body"), motion.body?.[k], frame);
   part("head").setAttribute("cx", at_x(frame[0])); part("head").setAttribute("cy", at_y(frame[1]));
   part("com").setAttribute("cx", at_x(com[0])); part("com").setAttribute("cy", at_y(com[1]));
   const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 use super::folder::{Folder, MANIFEST};
 use super::frame::Frame;
 use super::run_record::{MAX_SAMPLES, Thinned};
+use super::scenery::Scenery;
 use crate::error::{Error, Result};
 use crate::scene::Document;
 use crate::wording::Phrase;
@@ -179,6 +180,30 @@ impl RecordedRun {
         self.nodes.visit(&mut rows)?;
         Ok(rows.finish())
     }
+
+    /// The widths of the body at the nodes of its [`motion`](Self::motion), and the semi-axes (m) along and across of the body at its head,
+    /// if there is one; `None` if its scene is not known.
+    ///
+    /// # Errors
+    /// [`Error::Read`] for a damaged table of nodes.
+    pub fn body(&self) -> Result<Option<(Scenery, Option<[f64; 2]>)>> {
+        // Tables of the scene that are gone leave it without widths.
+        let Some(model) = self.scene.as_ref().and_then(|document| document.scene().ok()?.model().ok()) else {
+            return Ok(None);
+        };
+        let (rod, nodes) = (&model.rod, self.nodes.nodes()?);
+        let shown: Vec<usize> = drawn(nodes.len()).into_iter().map(|place| nodes[place]).collect();
+        if shown.iter().any(|node| *node >= rod.nodes) {
+            return Ok(None);
+        }
+        let scenery = Scenery::of_nodes(rod, shown.iter().copied());
+        Ok(Some((scenery, rod.body.map(|body| [body.along, body.across]))))
+    }
+}
+
+/// The places, among so many nodes in the order from the head to the tip, of those that are drawn.
+fn drawn(count: usize) -> Vec<usize> {
+    if count > 1 { Frame::nodes(count).collect() } else { (0..count).collect() }
 }
 
 /// Refuses what is not the folder of a run, and says what it is.
@@ -227,15 +252,24 @@ fn scene_of(folder: &Path, summary: &Map<String, Value>) -> Option<Document> {
     })
 }
 
+/// The overrides with which the run in a folder was made, as its page shows them; none without a page.
+pub fn recorded_overrides(folder: &Path) -> Vec<String> {
+    let page = std::fs::read_to_string(folder.join("report.html")).unwrap_or_default();
+    scene_on_page(Path::new(""), &page).map(|document| document.overrides().to_vec()).unwrap_or_default()
+}
+
 /// Before each override of a scene on its page.
 const OVERRIDDEN: &str = "# overridden: ";
 
 /// The scene that a run's page shows last, see page.html.
 fn scene_on_page(file: &Path, page: &str) -> Option<Document> {
-    let shown = page.rsplit_once("<h2>Scene</h2>")?.1.split_once("<pre>")?.1.split_once("</pre>")?.0;
-    let mut text = unescaped(shown);
+    let (count, shown) =
+        page.rsplit_once("<h2>Scene</h2>")?.1.split_once("<pre data-overrides=\"")?.1.split_once("\">")?;
+    let count: usize = count.parse().ok()?;
+    let mut text = unescaped(shown.split_once("</pre>")?.0);
     let mut overrides = Vec::new();
-    while let Some((before, last)) = text.rsplit_once('\n')
+    while overrides.len() < count
+        && let Some((before, last)) = text.rsplit_once('\n')
         && let Some(assignment) = last.strip_prefix(OVERRIDDEN)
     {
         overrides.push(assignment.to_string());
@@ -409,9 +443,7 @@ impl WindowBuilder {
 
     /// Takes the positions of `count` nodes at the next time; false if no more are needed.
     fn take(&mut self, time: f64, count: usize, at: impl Fn(usize) -> Result<[f64; 2]>) -> Result<bool> {
-        let points = Frame::POINTS.min(count);
-        let node = |i: usize| if points > 1 { i * (count - 1) / (points - 1) } else { 0 };
-        let positions = (0..points).map(|i| at(node(i))).collect::<Result<Vec<_>>>()?;
+        let positions = drawn(count).into_iter().map(at).collect::<Result<Vec<_>>>()?;
         if time < self.window[0] {
             self.before = Some((time, positions));
             return Ok(true);
@@ -430,6 +462,14 @@ impl WindowBuilder {
     }
 }
 
+/// The nodes of a table with these columns, in their order.
+fn nodes_of_columns(path: &Path, columns: &[String]) -> Result<Vec<usize>> {
+    let node = |name: &String| name.strip_prefix('x')?.strip_suffix("_m")?.parse().ok();
+    let nodes: Option<Vec<usize>> = columns.iter().skip(1).step_by(2).map(node).collect();
+    let nodes = nodes.filter(|nodes| columns.len() == 1 + 2 * nodes.len());
+    nodes.ok_or_else(|| unreadable(path, "its columns are not time_s, x0_m, y0_m …; run the scene again"))
+}
+
 impl NodeTable {
     /// That of the run in a folder.
     fn at(folder: &Path) -> Self {
@@ -445,6 +485,26 @@ impl NodeTable {
             }
         }
         Self::None
+    }
+
+    /// The recorded nodes from the head to the tip.
+    fn nodes(&self) -> Result<Vec<usize>> {
+        let mut nodes = match self {
+            Self::Csv(path) => nodes_of_columns(path, &open_table(path)?.1)?,
+            #[cfg(feature = "parquet")]
+            Self::Parquet(path) => {
+                let mut found = Vec::new();
+                super::parquet::visit_nodes(path, &mut |_, nodes| {
+                    found = nodes.iter().filter_map(|(node, _)| usize::try_from(*node).ok()).collect();
+                    Ok(false)
+                })?;
+                found
+            }
+            Self::Memory(_, positions) => positions.nodes.clone(),
+            Self::None => Vec::new(),
+        };
+        nodes.sort_unstable();
+        Ok(nodes)
     }
 
     fn start(&self) -> Result<Option<f64>> {
@@ -473,12 +533,8 @@ impl NodeTable {
         match self {
             Self::Csv(path) => {
                 let (mut table, columns) = open_table(path)?;
-                let of_x = columns.iter().skip(1).step_by(2);
-                let node = |name: &String| name.strip_prefix('x')?.strip_suffix("_m")?.parse().ok();
-                let nodes: Option<Vec<usize>> = of_x.map(node).collect();
-                let nodes = nodes.filter(|nodes| columns.len() == 1 + 2 * nodes.len());
-                let foreign = || unreadable(path, "its columns are not time_s, x0_m, y0_m …; run the scene again");
-                let (nodes, count) = nodes.map(|nodes| (ascending(&nodes), nodes.len())).ok_or_else(foreign)?;
+                let nodes = ascending(&nodes_of_columns(path, &columns)?);
+                let count = nodes.len();
                 let mut row = StringRecord::new();
                 while next_row(path, &mut table, &mut row)? {
                     let number = |k: usize| field(path, &row, &columns, k);
@@ -523,14 +579,18 @@ mod tests {
 
     #[test]
     fn a_scene_is_read_back_from_a_page_with_its_signs_and_overrides() {
-        let text = "name = \"a<b & 'c' > d/e &lt; \\\"f\\\"\"\n[rod]\nnodes = 9\n# overridden: rod.nodes=3 said somebody\n[solver]\n";
-        let page = super::super::page::render(
-            "<h2>Scene</h2>\n<pre>{{ scene }}{% for override in overrides %}\n# overridden: {{ override }}{% endfor %}</pre>",
-            &serde_json::json!({ "scene": text, "overrides": ["rod.nodes=17", "solver.integrator=\"newmark\""] }),
-        );
-        let document = scene_on_page(Path::new("a.toml"), &page.unwrap()).unwrap();
-        assert_eq!(document.text(), text);
-        assert_eq!(document.overrides(), ["rod.nodes=17", "solver.integrator=\"newmark\""]);
+        let text = "name = \"a<b & 'c' > d/e &lt; \\\"f\\\"\"\n[rod]\nnodes = 9\n[solver]\n# overridden: rod.nodes=3";
+        let page_of = |overrides: &[&str]| {
+            let template =
+                include_str!("page.html").split_once("<h2>Scene</h2>").unwrap().1.split_once("</pre>").unwrap().0;
+            let content = serde_json::json!({ "scene": text, "overrides": overrides });
+            super::super::page::render(&format!("<h2>Scene</h2>{template}</pre>"), &content).unwrap()
+        };
+        for overrides in [&[][..], &["rod.nodes=17"], &["rod.nodes=17", "solver.integrator=\"newmark\""]] {
+            let document = scene_on_page(Path::new("a.toml"), &page_of(overrides)).unwrap();
+            assert_eq!(document.text(), text, "a comment of the scene is none of its overrides");
+            assert_eq!(document.overrides(), overrides);
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What an animation shows beside the moving nodes: how wide the body is, how its head is held, and the tendons along it.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
 use crate::head::Signal;
@@ -9,26 +9,35 @@ use crate::rod::Rod;
 use crate::tendons::Tendon;
 
 /// What does not change while a rod moves.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scenery {
     /// Half the width of the body in the plane of motion, m, at each point of a frame.
     half_widths: Vec<f64>,
     /// The arc length from the head to each point of a frame at rest, m.
     #[serde(skip)]
     arc_lengths: Vec<f64>,
-    /// How the head is held: `clamped`, `driven` or `hinged`; `None` if it is free.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    head: Option<&'static str>,
+    /// How the head is held; `None` if it is free.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    head: Option<HeadSupport>,
     /// The tendons.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     tendons: Vec<TendonPath>,
     /// The change of the flow along the normal of the interfaces, if it is not the same everywhere.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     shear: Option<Shear>,
 }
 
+/// How a head is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum HeadSupport {
+    Clamped,
+    Driven,
+    Hinged,
+}
+
 /// Where a tendon is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct TendonPath {
     /// Its distance from the axis of the rod, m, positive to the left seen from the head.
     offset: f64,
@@ -37,7 +46,7 @@ struct TendonPath {
 }
 
 /// A flow that is not the same everywhere.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Shear {
     /// Unit normal of the interfaces.
     normal: [f64; 2],
@@ -57,9 +66,9 @@ impl Scenery {
             points: [place(tendon.edges.start), place(tendon.edges.end)],
         };
         let head = model.head.as_ref().map(|motion| match &model.hinge {
-            Some(_) => "hinged",
-            None if motion.iter().all(|signal| matches!(signal, Signal::Constant(_))) => "clamped",
-            None => "driven",
+            Some(_) => HeadSupport::Hinged,
+            None if motion.iter().all(|signal| matches!(signal, Signal::Constant(_))) => HeadSupport::Clamped,
+            None => HeadSupport::Driven,
         });
         let shear = model.layers.as_ref().filter(|layers| !layers.flow_together()).map(|layers| Shear {
             normal: layers.normal.into(),
@@ -71,7 +80,11 @@ impl Scenery {
 
     /// That of a rod alone.
     pub fn of_rod(rod: &Rod) -> Self {
-        let nodes = Frame::nodes(rod.nodes);
+        Self::of_nodes(rod, Frame::nodes(rod.nodes))
+    }
+
+    /// That of a rod alone, of which these nodes are the points of a frame.
+    pub(super) fn of_nodes(rod: &Rod, nodes: impl Iterator<Item = usize> + Clone) -> Self {
         // Inside a head body, which is drawn over it, as where it leaves that.
         let half_width = |k: usize| rod.sections.at(rod.xi(k.max(rod.front))).semi_axes()[0];
         Self {
@@ -81,6 +94,11 @@ impl Scenery {
             tendons: Vec::new(),
             shear: None,
         }
+    }
+
+    /// Half the width of the body at each point of a frame, m.
+    pub(super) fn half_widths(&self) -> &[f64] {
+        &self.half_widths
     }
 
     /// The arc length from the head to each point of a frame at rest, m.

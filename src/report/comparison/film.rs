@@ -4,6 +4,7 @@ use super::super::frame::Frame;
 use super::super::page::Animation;
 use super::super::recorded_run::{RecordedRun, positions_at};
 use super::super::run_record::MAX_FRAMES;
+use super::super::scenery::Scenery;
 use crate::error::Result;
 
 /// Recorded times (s) with positions of nodes (m).
@@ -47,25 +48,37 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
     let finest = motions.iter().map(within).max().unwrap_or(0);
     let frames = finest.clamp(2, 2 * MAX_FRAMES / shown.len());
     let time = |k: usize| window[0] + (window[1] - window[0]) * k as f64 / (frames - 1) as f64;
-    let frames_of = |run: &RecordedRun, motion: &Motion| -> Vec<Frame> {
+    let frames_of = |run: &RecordedRun, motion: &Motion, head: Option<[f64; 2]>| -> Vec<Frame> {
         let frame = |time: f64| {
             let points = positions_at(motion, time);
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
             let com = ["x_com_m", "y_com_m"].map(|name| run.curves.at(time, name));
             let com = [com[0].unwrap_or_else(|| mean(0)), com[1].unwrap_or_else(|| mean(1))];
-            Frame { time, points, com, body: None, medium: None, loads: None }
+            let body = match (head, &points[..]) {
+                (Some([along, across]), [[x, y], [next_x, next_y], ..]) => {
+                    Some([along, across, (next_y - y).atan2(next_x - x)])
+                }
+                _ => None,
+            };
+            Frame { time, points, com, body, medium: None, loads: None }
         };
         (0..frames).map(time).map(frame).collect()
     };
-    let rods: Vec<(&String, Vec<Frame>)> =
-        shown.iter().zip(&motions).map(|((run, label), motion)| (*label, frames_of(run, motion))).collect();
+    let rods = shown.iter().zip(&motions).map(|((run, label), motion)| {
+        let body = run.body()?;
+        let frames = frames_of(run, motion, body.as_ref().and_then(|(_, head)| *head));
+        Ok((*label, frames, body.map(|(scenery, _)| scenery)))
+    });
+    let rods: Vec<(&String, Vec<Frame>, Option<Scenery>)> = rods.collect::<Result<_>>()?;
     let size = |frames: &[Frame]| frames.first().map_or(0.0, |frame| length(&frame.points));
-    let largest = rods.iter().map(|(_, frames)| size(frames)).fold(0.0, f64::max);
-    let specks = rods.iter().filter(|(_, frames)| size(frames) < SPECK * largest).map(|(label, _)| label.to_string());
+    let largest = rods.iter().map(|(_, frames, _)| size(frames)).fold(0.0, f64::max);
+    let specks =
+        rods.iter().filter(|(_, frames, _)| size(frames) < SPECK * largest).map(|(label, ..)| label.to_string());
     let specks = specks.collect();
-    let Some(((_, first), others)) = rods.split_first() else { return Ok(None) };
-    let one = Animation::of(first);
-    let animation = others.iter().fold(one, |film, (label, frames)| film.with_companion(label, frames));
+    let Some(((_, first, scenery), others)) = rods.split_first() else { return Ok(None) };
+    let one = scenery.iter().fold(Animation::of(first), Animation::with_scenery);
+    let animation =
+        others.iter().fold(one, |film, (label, frames, scenery)| film.with_companion(label, frames, scenery.as_ref()));
     Ok(Some(Film { animation, window, specks }))
 }
 

@@ -640,8 +640,9 @@ impl Design {
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
         let shown = format!("In grey: the same with {BASELINE}.");
-        let motion = Animation::of(&frames(after)).with_scenery(&Scenery::of_rod(rod));
-        Some((motion.with_companion("", &frames(before)), shown))
+        let scenery = Scenery::of_rod(rod);
+        let motion = Animation::of(&frames(after)).with_scenery(&scenery);
+        Some((motion.with_companion("", &frames(before), Some(&scenery)), shown))
     }
 }
 

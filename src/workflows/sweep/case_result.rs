@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::report::Frame;
+use crate::report::{Frame, Scenery};
 
 /// The result of a case.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -14,6 +14,9 @@ pub struct CaseResult {
     pub quantities: Map<String, Value>,
     /// Frames of its motion, if recorded.
     pub frames: Vec<Frame>,
+    /// What its animation shows beside the nodes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scenery: Option<Scenery>,
     /// Time (s) and centre of mass (m) along its path, if recorded.
     pub trace: Vec<[f64; 3]>,
     /// Wall-clock time, s.

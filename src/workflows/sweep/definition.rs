@@ -600,6 +600,7 @@ impl Sweep {
             };
             if !self.plays(index) {
                 row.frames.clear();
+                row.scenery = None;
             } else if row.frames.is_empty() {
                 continue; // its motion is wanted now
             }

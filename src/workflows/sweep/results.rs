@@ -128,6 +128,9 @@ impl<'a> SweepResults<'a> {
             for (kind, value) in own.iter_mut().zip(sweep.values(&case)) {
                 *kind = ColumnType::widened(*kind, &json(&value));
             }
+            if let Some(scenery) = &row.scenery {
+                cases.dress(index, scenery.clone());
+            }
             match row {
                 Cow::Borrowed(row) => cases.add(index, &case.levels, &row.quantities, row.frames.clone()),
                 Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.frames),

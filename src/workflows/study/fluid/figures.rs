@@ -147,7 +147,7 @@ impl FluidReport<'_> {
             .iter()
             .enumerate()
             .skip(1)
-            .fold(motion, |motion, (i, row)| motion.with_companion(&names[i], &on_lane(i, row)));
+            .fold(motion, |motion, (i, row)| motion.with_companion(&names[i], &on_lane(i, row), None));
         let shown = format!(
             "The same rod under every law, one lane each, from above: {}. All start at the same place.",
             names.join(", ")
