@@ -1,4 +1,4 @@
-//! The one error type of the library: every variant carries the numbers, its text says where and what to do.
+//! The one error type of the library. Every variant carries the numbers; its message says where the problem is and what to do.
 
 use std::path::PathBuf;
 
@@ -6,10 +6,10 @@ use serde::Serialize;
 
 use crate::wording::Phrase;
 
-/// How a run comes to smaller steps, whoever chooses them.
+/// How a run gets smaller steps, whether they are fixed or adaptive.
 const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance where that is not given)";
 
-/// Everything that can go wrong, with the numbers inside. Serialised, it is the variant's name with its fields.
+/// Everything that can go wrong, with the numbers. A serialised error is the variant's name with its fields.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
 #[non_exhaustive]
 pub enum Error {
@@ -18,7 +18,7 @@ pub enum Error {
     Scene {
         /// File and line, or the override on the command line.
         place: String,
-        /// Dotted key, for example `rod.nodes`; empty where no single key is to blame.
+        /// Dotted key, for example `rod.nodes`; empty if no single key is at fault.
         key: String,
         /// What was found and what is allowed.
         problem: String,
@@ -52,7 +52,7 @@ pub enum Error {
         /// What would be written.
         wanted: String,
     },
-    /// Another program is at work in a folder of results.
+    /// Another program is using a folder of results.
     #[error("{}: another program is at work in it; wait for its end, or {}", path.display(), Phrase::OtherFolder)]
     Busy {
         /// The folder.
@@ -63,11 +63,11 @@ pub enum Error {
     Room {
         /// The folder.
         path: PathBuf,
-        /// What would be written, and the keys that say so.
+        /// What would be written, and the keys that determine its size.
         what: String,
         /// Its size, bytes.
         needed: f64,
-        /// Room on the disk, bytes.
+        /// Free space on the disk, bytes.
         free: f64,
     },
     /// A journal of results cannot be used.
@@ -89,7 +89,7 @@ pub enum Error {
     Threads {
         /// The number of requested threads.
         wanted: usize,
-        /// How many there were.
+        /// The number of threads started.
         started: usize,
         /// The operating system's reason.
         reason: String,
@@ -100,7 +100,7 @@ pub enum Error {
          increment {increment_m:e} m, residual {residual_n:e} N, worst at node {node}; try {smaller}, a \
          start that is not `jump`, or fewer nodes", smaller = SMALLER)]
     NotConverged {
-        /// Time the step aimed at, s.
+        /// Target time of the step, s.
         time_s: f64,
         /// The (halved) step, s.
         step_s: f64,
@@ -113,7 +113,7 @@ pub enum Error {
         /// Node with the largest residual.
         node: usize,
     },
-    /// A number that is not finite came up.
+    /// A value is not finite.
     #[error(
         "{what} is not finite at node {node}, t = {time_s} s; try {smaller}, or look at the inputs", smaller = SMALLER)]
     NotFinite {
@@ -124,7 +124,7 @@ pub enum Error {
         /// Which quantity.
         what: &'static str,
     },
-    /// The rod folded over at a joint: its turning reached π, where the curvature is singular.
+    /// The rod folded over at a joint: its turning angle reached π, where the curvature is singular.
     #[error(
         "the rod folds over at node {node}, t = {time_s} s: its turning reaches ±180°, where curvature is singular; \
          try {smaller}, more nodes, or a weaker actuation", smaller = SMALLER)]
@@ -134,7 +134,7 @@ pub enum Error {
         /// The joint's node.
         node: usize,
     },
-    /// An edge lost its length, or reversed its direction within one step, which implies zero length.
+    /// An edge shrank to zero length, or reversed its direction within one step, which implies zero length.
     #[error(
         "the edge between nodes {node} and {} collapses, or turns over in one step, at t = {time_s} s: its length is \
          {length_m:e} m; try {smaller}, or weaker loads", node + 1, smaller = SMALLER)]
@@ -160,7 +160,7 @@ pub enum Error {
         /// The reason.
         reason: String,
     },
-    /// The estimated error of a step stays above the tolerance, however small the step.
+    /// The estimated error of a step stays above the tolerance, however small the step is.
     #[error(
         "at t = {time_s} s the error of a step stays above solver.tolerance = {tolerance:e} even with a step of \
          {step_s:e} s; try a larger tolerance, or a fixed solver.time_step_s"
@@ -173,7 +173,7 @@ pub enum Error {
         /// The tolerance.
         tolerance: f64,
     },
-    /// A time outside the last internal step, where nothing is known any more or yet.
+    /// A time outside the last internal step, where the state is unknown.
     #[error("nothing can be read at t = {time_s} s: the last internal step went from {} s to {} s", within[0], within[1])]
     OutsideStep {
         /// The requested time, s.
@@ -184,7 +184,7 @@ pub enum Error {
     /// Another thread ended the computation.
     #[error("interrupted")]
     Interrupted,
-    /// The options of a study are not allowed.
+    /// Invalid options of a study.
     #[error("the study cannot be made: {problem}")]
     Study {
         /// What was found, and what is allowed.
@@ -202,10 +202,10 @@ pub enum Error {
         /// What was asked for, and what is allowed.
         problem: String,
     },
-    /// There is no design that does what is asked.
+    /// No design meets the requirements.
     #[error("no design: {reason}")]
     Design {
-        /// Why not, and what excludes what.
+        /// The reason, and which requirements conflict.
         reason: String,
     },
     /// An FMU cannot be made.
@@ -219,7 +219,7 @@ pub enum Error {
     UnknownVariable {
         /// The requested name.
         name: String,
-        /// The most similar name there is.
+        /// The most similar existing name.
         nearest: Option<&'static str>,
         /// What the scene lacks for it.
         needs: Option<&'static str>,
@@ -229,10 +229,10 @@ pub enum Error {
     Order {
         /// The requested order.
         order: usize,
-        /// The highest there is.
+        /// The highest supported order.
         highest: usize,
     },
-    /// A saved state that cannot be taken over.
+    /// A saved state that cannot be restored.
     #[error("the saved state cannot be read: {0}")]
     Snapshot(String),
     /// Only inputs can be set.
@@ -276,7 +276,7 @@ impl Error {
         )
     }
 
-    /// The file that it is about.
+    /// The file that the error concerns.
     pub fn path(&self) -> Option<&PathBuf> {
         match self {
             Self::Read { path, .. }
@@ -289,7 +289,7 @@ impl Error {
         }
     }
 
-    /// True where the input is to blame, a file's or a call's, so that nothing was run or written.
+    /// True if the input, a file or an argument, is at fault, so that nothing was run or written.
     pub fn is_bad_input(&self) -> bool {
         matches!(
             self,
@@ -317,7 +317,7 @@ impl Error {
     }
 }
 
-/// A number of bytes in words.
+/// A number of bytes in readable units.
 pub fn bytes(count: f64) -> String {
     let units = [(1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")];
     match units.into_iter().find(|(size, _)| count >= *size) {

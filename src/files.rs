@@ -1,5 +1,5 @@
-//! Atomic writes: a file is written under a temporary name beside its place and then renamed, so that a reader never sees half of it.
-//! Also free disk space, and folders that are removed again if nothing was written to them.
+//! Atomic writes: a file is written under a temporary name next to its path and then renamed, so that readers never see a partial
+//! file. Also free disk space, and folders that are removed if nothing was written to them.
 
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -14,8 +14,8 @@ pub fn write_error(path: &Path, error: &std::io::Error) -> Error {
     Error::Write { path: path.to_path_buf(), reason: error.to_string() }
 }
 
-/// A temporary file next to `path`, which is removed unless it is persisted. It is locked as long as this program lives, so that
-/// others can distinguish it from one that a killed program left.
+/// A temporary file next to `path`, removed unless it is persisted. It is locked while this program lives, so that others can
+/// distinguish it from one left by a killed program.
 pub fn partial_file(path: &Path) -> Result<NamedTempFile> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -23,9 +23,9 @@ pub fn partial_file(path: &Path) -> Result<NamedTempFile> {
     let mut builder = Builder::new();
     builder.prefix(&prefix).suffix(PARTIAL);
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's mask, as any file
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // reduced by the umask, like any file
     let file = builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))?;
-    let _ = file.as_file().try_lock(); // a file system without locks is no reason not to write
+    let _ = file.as_file().try_lock(); // not all file systems support locks
     Ok(file)
 }
 
@@ -50,7 +50,7 @@ impl CreatedFolders {
         Ok(made)
     }
 
-    /// The folder at `path`, which is there, as if it had been created here.
+    /// The existing folder at `path`, treated as if it had been created here.
     pub fn adopted(path: &Path) -> Self {
         Self(vec![path.to_path_buf()])
     }
@@ -59,7 +59,7 @@ impl CreatedFolders {
 impl Drop for CreatedFolders {
     fn drop(&mut self) {
         for folder in &self.0 {
-            let _ = std::fs::remove_dir(folder); // which takes none that holds anything
+            let _ = std::fs::remove_dir(folder); // removes empty folders only
         }
     }
 }
@@ -118,10 +118,10 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     write_atomically(path, |file| fill(file, path, content.as_ref()))
 }
 
-/// The same for what `write` writes to a temporary file next to `path`.
+/// Writes what `write` produces to `path` atomically, through a temporary file next to it.
 ///
 /// # Errors
-/// [`Error::Write`]; those of `write`.
+/// [`Error::Write`]; errors of `write`.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut NamedTempFile) -> Result<()>) -> Result<()> {
     let _made = path.parent().map(CreatedFolders::at).transpose()?;
     let mut file = partial_file(path)?;
@@ -142,7 +142,7 @@ pub fn partial_file_with(path: &Path, content: impl AsRef<[u8]>) -> Result<Named
     Ok(file)
 }
 
-/// The same with `value` as JSON, which is not held in memory as a text.
+/// A temporary file next to `path` with `value` as JSON, streamed rather than held in memory as text.
 pub fn partial_json_file(path: &Path, value: &impl Serialize) -> Result<NamedTempFile> {
     let mut file = partial_file(path)?;
     let mut out = BufWriter::new(file.as_file_mut());

@@ -24,25 +24,25 @@ pub use journal::{BUILD, Job, Journal, hash, line, read_line};
 
 use crate::error::{Error, Result};
 
-/// A fixed pseudo-random permutation of the numbers below `size`, so that any part of it is representative.
+/// A fixed pseudo-random permutation of the numbers below `size`, so that any part of it is a representative sample.
 pub fn shuffled(size: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..size).collect();
     order.sort_by_cached_key(|index| XxHash3_64::oneshot(&(*index as u64).to_le_bytes()));
     order
 }
 
-/// One of several equal parts of a job, for a program of its own.
+/// One of several equal parts of a job, each run by a separate program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    /// Its number, from 1.
+    /// Number of the shard, from 1.
     pub number: usize,
     /// The number of shards.
     pub of: usize,
 }
 
 impl Shard {
-    /// Its indices of a job of `size`, in increasing order. Shards are disjoint and complete, their sizes differ by at most one,
-    /// and cheap and expensive indices are spread at random.
+    /// The shard's indices in a job of `size`, in increasing order. Shards are disjoint and cover the job, their sizes differ by at
+    /// most one, and cheap and expensive indices are spread at random.
     pub fn indices(self, size: usize) -> Vec<usize> {
         let mut own: Vec<usize> = shuffled(size).into_iter().skip(self.number - 1).step_by(self.of).collect();
         own.sort_unstable();
@@ -75,7 +75,7 @@ pub fn cores() -> usize {
 /// Runs `work` for each index of `todo`, see [`run_chunks`].
 ///
 /// # Errors
-/// Those of [`run_chunks`].
+/// Errors of [`run_chunks`].
 pub fn run<T: Send>(
     todo: &[usize],
     threads: usize,
@@ -90,18 +90,18 @@ pub(crate) fn spawn<'scope>(
     scope: &'scope Scope<'scope, '_>,
     work: impl FnOnce() + Send + 'scope,
 ) -> std::result::Result<(), String> {
-    // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
+    // A thread that gets its stack but too little memory for the runtime's own data would abort the program.
     Vec::<u8>::new().try_reserve_exact(MIN_FREE_MEMORY).map_err(|error| error.to_string())?;
     let builder = std::thread::Builder::new().stack_size(STACK);
     builder.spawn_scoped(scope, work).map(drop).map_err(|error| error.to_string())
 }
 
 /// Runs `work` on chunks of at most `together` indices of `todo`, in this order, on `threads` threads; it returns one result per
-/// index. `done` receives each result on the calling thread, in the order in which they finish. After it breaks or fails, no
-/// further work starts, and the results of running work are dropped: `work` should check the same flag as `done`.
+/// index. `done` receives each result on the calling thread, in order of completion. After it breaks or fails, no further work
+/// starts, and results of running work are dropped: `work` should check the same flag as `done`.
 ///
 /// # Errors
-/// Those of `done`; [`Error::Threads`] if the system does not provide that many threads, before any work starts.
+/// Errors of `done`; [`Error::Threads`] if the system does not provide that many threads, before any work starts.
 pub fn run_chunks<T: Send>(
     todo: &[usize],
     threads: usize,
@@ -119,8 +119,8 @@ pub fn run_chunks<T: Send>(
             let sender = sender.clone();
             let worker = || {
                 let sender = sender;
-                drop(gate.lock()); // until all threads are there
-                // As many at once that every thread has some of what is left.
+                drop(gate.lock()); // until all threads have started
+                // Chunks are sized so that every thread gets a share of what is left.
                 let some = |first: usize| first + (todo.len() - first).div_ceil(threads).clamp(1, together);
                 let take = |first: usize| (first < todo.len()).then(|| some(first));
                 while !ended.load(Ordering::Relaxed)
@@ -140,7 +140,7 @@ pub fn run_chunks<T: Send>(
             }
         }
         drop((closed, sender));
-        // Dropping the receiver lets a thread that waits to hand over its result end.
+        // Dropping the receiver ends threads that wait to hand over their result.
         for (index, result) in results {
             match done(index, result) {
                 Ok(ControlFlow::Continue(())) => {}
@@ -168,7 +168,7 @@ mod tests {
             all.sort_unstable();
             assert_eq!(all, (0..size).collect::<Vec<_>>());
         }
-        // The order is part of what a journal of a shard means: it stays.
+        // Journals of shards rely on this order: it must not change.
         assert_eq!(Shard { number: 1, of: 4 }.indices(12), [3, 8, 9]);
         assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
         assert!(["0/2", "3/2", "2", "a/b", "-1/2"].iter().all(|text| text.parse::<Shard>().is_err()));

@@ -51,22 +51,22 @@
 //! # }
 //! ```
 //!
-//! # In a program of one's own
+//! # Using the library
 //!
 //! ```toml
 //! [dependencies]
 //! caudal = { path = "../caudal", default-features = false }
 //!
 //! [profile.dev.package.caudal]
-//! opt-level = 3   # a step takes many times as long without
+//! opt-level = 3   # without it a step takes many times as long
 //! ```
 //!
-//! Without features the crate has scenes, models, forces, integrators, the stepper and its derivatives. `faer` adds the
-//! general linear solver, natural modes, stability, nonlocal drag and the assessment of scenes; `report` adds sweeps,
-//! studies and their output files; `design` inverse design; `fmu` the packing of FMUs; `parquet`, `pictures` and
-//! `schema` files of these kinds; `cli`, by default, the command.
+//! Without features the crate has scenes, models, forces, integrators, the stepper and its derivatives. `faer` adds the general
+//! linear solver, natural modes, stability, nonlocal drag and the assessment of scenes; `report` adds sweeps, studies and their
+//! output files; `design` adds inverse design; `fmu` packs FMUs; `parquet`, `pictures` and `schema` write files of these kinds;
+//! `cli`, a default feature, adds the command.
 //!
-//! Vectors are those of [`nalgebra`]. [`variable::VARIABLES`] and `caudal variables SCENE` list the variables of a
+//! Vectors are [`nalgebra`] vectors. [`variable::VARIABLES`] and `caudal variables SCENE` list the variables of a
 //! host, with units, frames and signs. To add your own force, implement [`fluid::Force`] and check it with
 //! [`fluid::audit`].
 
@@ -74,8 +74,8 @@
 
 pub use nalgebra;
 
-// From the ground up: each module imports only from those above it (`tests/layers.rs`). Folders that are no public modules group
-// several, in the order of their `mod.rs`.
+// Each module imports only from the modules above it (`tests/layers.rs`). Private folders group several modules, in the order of
+// their `mod.rs`.
 
 pub mod wording;
 

@@ -1,29 +1,29 @@
-//! Numbers as people read them.
+//! Number formatting for readers.
 
-/// A number of few digits as an axis shows it: with an exponent where it is very large or small.
+/// A number with few digits, as on a chart axis; with an exponent if very large or small.
 pub fn number(x: f64) -> String {
     let size = x.abs();
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");
     }
-    // Four decimals, or as many as show four digits.
+    // Four decimals, or as many as give four significant digits.
     let decimals = if (1e-3..0.1).contains(&size) { (3.0 - size.log10().floor()) as usize } else { 4 };
     let text = format!("{x:.decimals$}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_string() } else { text.to_string() }
 }
 
-/// A number in two digits, without an exponent where it is neither large nor small.
+/// A number with two significant digits, without an exponent if it is neither large nor small.
 pub fn two_digits(x: f64) -> String {
     number(format!("{x:.1e}").parse().unwrap_or(x))
 }
 
-/// A part of one in per cent, in two digits.
+/// A fraction as a percentage with two significant digits.
 pub fn percent(part: f64) -> String {
     format!("{} %", two_digits(100.0 * part))
 }
 
-/// A number in so many significant digits, with an exponent where it is very large or small; zero has no sign.
+/// A number with `digits` significant digits, with an exponent if very large or small; zero has no sign.
 pub fn significant(x: f64, digits: usize) -> String {
     let size = x.abs();
     if size == 0.0 {
@@ -36,8 +36,8 @@ pub fn significant(x: f64, digits: usize) -> String {
     format!("{x:.decimals$}")
 }
 
-/// A number for sentences and tables of words: at most so many significant digits, no needless zeros, and its exponent, if it has one,
-/// as a power of ten.
+/// A number for sentences and text tables: at most `digits` significant digits, no trailing zeros, and any exponent as a power of
+/// ten.
 pub fn in_sentence(x: f64, digits: usize) -> String {
     let text = significant(x, digits);
     let (digits, power) = text.split_once('e').unwrap_or((&text, ""));
@@ -51,8 +51,8 @@ const UNITS: [&str; 21] = [
     "N·m", "kg/m³", "px",
 ];
 
-/// A text as pages show it: exponents as powers of ten, real minus signs, and no line break between a number and its unit. What follows
-/// an equals sign stays as it is written in a scene.
+/// Typesets a text for pages: exponents as powers of ten, true minus signs, and no line break between a number and its unit. What
+/// follows an equals sign stays as written in a scene.
 pub fn typeset(text: &str) -> String {
     let mut out = String::with_capacity(text.len() + 8);
     let (mut measured, mut assigned) = (false, false);
@@ -72,14 +72,14 @@ pub fn typeset(text: &str) -> String {
         } else {
             out += word;
         }
-        // Of N m the second, too, belongs to the number.
+        // In N m, the second unit also belongs to the number.
         measured = bare.len() == word.len() && (is_number || measured && is_unit);
         assigned = word == "=" || assigned && word.is_empty();
     }
     out
 }
 
-/// A number with a power of ten for its exponent and a real minus sign.
+/// A number with its exponent as a power of ten and a true minus sign.
 fn typeset_number(text: &str) -> String {
     let power = text.split_once('e').and_then(|(digits, power)| Some((digits, power.parse().ok()?)));
     let text = match power {
@@ -89,7 +89,7 @@ fn typeset_number(text: &str) -> String {
     text.strip_prefix('-').map_or(text.clone(), |size| format!("−{size}"))
 }
 
-/// An integer in superscript digits.
+/// An integer as superscript digits.
 pub fn superscript(power: i32) -> String {
     let raised = |c: char| match c.to_digit(10) {
         Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],
@@ -98,7 +98,7 @@ pub fn superscript(power: i32) -> String {
     power.to_string().chars().map(raised).collect()
 }
 
-/// A number with its sign and so many decimals; what rounds to zero has none.
+/// A number with sign and `decimals` decimals; a value that rounds to zero has no sign.
 pub fn signed(x: f64, decimals: usize) -> String {
     let text = format!("{x:+.decimals$}");
     if text.bytes().any(|digit| (b'1'..=b'9').contains(&digit)) || !x.is_finite() {

@@ -1,17 +1,17 @@
-//! Phrases that each front end of the program says in its own way: what is an option of the command is an argument in Python.
+//! Phrases that depend on the front end of the program: an option of the command is an argument in Python.
 //!
-//! A message is composed with a `Phrase`, which is written as the front end of this program says it. No finished text is searched, so the
-//! names of a user's files stay as they are.
+//! Messages are composed from `Phrase`s, which are written for the front end in use. Finished texts are not searched and replaced,
+//! so names of a user's files stay as they are.
 
 use std::fmt;
 #[cfg(feature = "report")]
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What a user speaks to.
+/// The interface that a user works with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frontend {
-    /// The command, and hosts without words of their own.
+    /// The command, and hosts without phrases of their own.
     Command,
     /// The Python package.
     Python,
@@ -20,22 +20,22 @@ pub enum Frontend {
 /// True where this program is the Python package.
 static IS_PYTHON: AtomicBool = AtomicBool::new(false);
 
-/// From now on all messages of this program are in the words of `frontend`; they are the command's at first.
+/// Selects the front end for all further messages of this program; the default is the command.
 pub fn set_frontend(frontend: Frontend) {
     IS_PYTHON.store(frontend == Frontend::Python, Ordering::Relaxed);
 }
 
-/// What front ends say differently.
+/// Phrases that differ between front ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(not(feature = "cli"), allow(dead_code, reason = "the parts that say some of them are left out"))]
 pub(crate) enum Phrase {
     /// Choose another folder.
     OtherFolder,
-    /// Replace what is there.
+    /// Replace existing results.
     Replace,
-    /// Begin anew.
+    /// Start from scratch.
     Restart,
-    /// Take so many threads; a number follows.
+    /// Use this many threads; a number follows.
     Jobs,
     /// Before an override of a key.
     Override,
@@ -45,19 +45,19 @@ pub(crate) enum Phrase {
     RunsSweep,
     /// What runs a scene.
     RunsScene,
-    /// What makes the folder of a run.
+    /// What creates the folder of a run.
     MakesFolder,
-    /// What leaves figures.
+    /// What produces figures.
     LeavesFigures,
     /// What lists the variables of a scene.
     ListsVariables,
-    /// Where the shared library of an FMU is given.
+    /// How the shared library of an FMU is given.
     Library,
     /// The steps of a study.
     Steps,
-    /// What has derivatives of sums over times and nodes.
+    /// What provides derivatives of sums over times and nodes.
     PullsBack,
-    /// What tells the natural modes of a scene.
+    /// What reports the natural modes of a scene.
     TellsModes,
 }
 
@@ -71,7 +71,7 @@ impl Phrase {
         }
     }
 
-    /// As a front end says it.
+    /// The phrase for a front end.
     fn said_by(self, frontend: Frontend) -> &'static str {
         let [command, python] = match self {
             Self::OtherFolder => ["choose another folder with --out", "choose another folder"],

@@ -1,4 +1,4 @@
-//! Numerical methods, which know no rod: linear solvers, Newton's method, time integration.
+//! Numerical methods, independent of the rod: linear solvers, Newton's method, time integration.
 
 pub mod linear;
 

@@ -7,43 +7,43 @@ use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, ChainMatrix, Direction, FallbackSolver, Riccati, Solution, SolverChoice};
 use crate::system::{Form, Linearisation, MAX_RANK, RankOne, State, System};
 
-/// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
-/// `models/` is 9.
+/// Iterations after which a step is given up. Quadratic convergence needs 3–8; the measured maximum on the scenes in `models/` is
+/// 9.
 pub(crate) const MAX_ITERATIONS: u32 = 30;
 
-/// From this rate on, increment over increment before, the next iteration is taken to gain the square root of it at least
-/// and is spared if that meets the tolerance. Quadratic convergence would gain the rate's square, but rates alternate: a
-/// transverse error leaves a stretch that is EA/EI times as stiff. Measured on the scenes of `models/` and
-/// `tests/reference`, 9–1001 nodes, steps of 1e-5 … 2e-2 s, tolerances of 1e-7 … 1e-12: the next increment is at most 0.43
-/// of the tolerance; with 1e-3 it is up to twice the tolerance, with the rate itself instead of its root 73 times.
+/// If the ratio of the last two increments is at most this, the next iteration is assumed to gain at least its square root and is
+/// skipped if that meets the tolerance. Quadratic convergence would gain the ratio's square, but ratios alternate: a transverse
+/// error leaves a stretch that is EA/EI times as stiff. Measured on the scenes of `models/` and `tests/reference`, 9–1001 nodes,
+/// steps of 1e-5 … 2e-2 s, tolerances of 1e-7 … 1e-12: the next increment is at most 0.43 of the tolerance; with 1e-3 it is up to
+/// twice the tolerance, with the ratio itself instead of its root 73 times.
 const FAST_CONVERGENCE_RATE: f64 = 3e-4;
 
-/// An iteration that has stalled at the residual's rounding floor is accepted if its increment, over the length, is
-/// not above this; beyond it the answer itself would be noise.
+/// An iteration that has stalled at the residual's rounding floor is accepted if its increment, relative to the length, is at most
+/// this; above it the solution itself would be noise.
 const FLOOR_INCREMENT: f64 = 1e-6;
 
-/// In the chain form the floor is the rounding of the positions themselves: this part of how far they reach.
+/// In the chain form the floor is the rounding error of the positions themselves: this fraction of the largest coordinate.
 const CHAIN_FLOOR: f64 = 64.0 * f64::EPSILON;
 
-/// C L in e₂ = C e₁², for the first two increments of a solve, L the length, is at most this times (N λ)², N the number of nodes and λ the
-/// [slenderness](crate::rod::Rod::slenderness_squared): a change δ across an edge leaves a stretch (δ/ℓ)²/2, which takes EA ℓ²/EI times
-/// the force that bends the rod.
+/// Bound of C L in e₂ = C e₁², for the first two increments of a solve, where L is the length: this times (N λ)², where N is the
+/// number of nodes and λ the [slenderness](crate::rod::Rod::slenderness_squared). A change δ across an edge leaves a stretch
+/// (δ/ℓ)²/2, which produces EA ℓ²/EI times the force that bends the rod.
 const LARGEST_QUADRATIC_CONSTANT: f64 = 0.1;
 
-/// A foreseen increment counts as this many times as large.
+/// A predicted increment is multiplied by this.
 const SAFETY_FACTOR: f64 = 4.0;
 
-/// The axial force EA e/ℓ that a spared increment e leaves is at most this many tolerances, times EI/L².
+/// The axial force EA e/ℓ that a skipped increment e leaves is at most this many tolerances, times EI/L².
 const SKIPPED_INCREMENT_FORCE: f64 = 1e5;
 
-/// The same for the smallest tolerances: no smaller force than this part of EI/L² is asked for.
+/// The same for the smallest tolerances: no force below this fraction of EI/L² is required.
 const MIN_SKIPPED_INCREMENT_FORCE: f64 = 1e-4;
 
-/// How the solves of one step converge: e₂ = C e₁² for the first two increments of each. Once it is measured, the second increment of the
-/// next solve is foreseen from its first.
+/// The convergence of the solves of one step: e₂ = C e₁² for the first two increments of each. Once C is measured, the second
+/// increment of the next solve is predicted from its first.
 #[derive(Debug, Clone, Copy)]
 pub struct ConvergenceRate {
-    /// The largest C so far, 1/m; infinite before there is one.
+    /// The largest C so far, 1/m; infinite before the first measurement.
     constant: f64,
 }
 
@@ -54,7 +54,7 @@ impl Default for ConvergenceRate {
 }
 
 impl ConvergenceRate {
-    /// Takes in the `increments` of a solve.
+    /// Updates C from the `increments` of a solve.
     fn learn(&mut self, increments: &Increments) {
         if let [first, second, ..] = *increments.as_slice() {
             let (constant, known) = (second / (first * first), self.constant.is_finite());
@@ -62,20 +62,20 @@ impl ConvergenceRate {
         }
     }
 
-    /// The second increment (m) of a solve whose first is `first`; infinite where none was measured.
+    /// The predicted second increment (m) of a solve whose first is `first`; infinite if C was not measured.
     fn foreseen(self, first: f64) -> f64 {
         SAFETY_FACTOR * self.constant * first * first
     }
 }
 
-/// What Newton's method has done so far.
+/// Work counters of Newton's method.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SolverWork {
     /// Iterations; each assembles, factors and solves once.
     pub newton_iterations: u64,
     /// Numeric factorisations.
     pub factorisations: u64,
-    /// Systems that the fast linear solver failed on, so that the pivoted one solved them.
+    /// Systems on which the fast linear solver failed, so that the pivoting one solved them.
     pub linear_fallbacks: u64,
     /// Solves that ended at the rounding floor of the residual instead of at the tolerance.
     pub floor_stops: u64,
@@ -85,14 +85,14 @@ pub struct SolverWork {
 #[derive(Debug)]
 pub struct Newton {
     tolerance: f64,
-    /// The largest increment, over the length, that may be spared.
+    /// The largest increment, relative to the length, that may be skipped.
     spared: f64,
-    /// The largest first increment, over the length, that needs no second one; zero where none is foreseen.
+    /// The largest first increment, relative to the length, that needs no second one; zero if none is predicted.
     sufficient_first_increment: f64,
     nodes: usize,
     equations: EquationSolver,
     increment: Vec<f64>,
-    /// Room for the solutions of parts of rank one, and the node of the largest residual beside them.
+    /// Buffers for the solutions of rank-one parts, and the node of their largest residual.
     columns: Vec<Vec<f64>>,
     worst_coupled: usize,
     /// Work done since the start.
@@ -106,7 +106,7 @@ enum EquationSolver {
         jacobian: BandMatrix,
         solver: Box<FallbackSolver>,
     },
-    /// With the residual and the node where it is largest.
+    /// The chain form, with the residual and the node where it is largest.
     Chain {
         matrix: ChainMatrix,
         solver: Riccati,
@@ -116,21 +116,21 @@ enum EquationSolver {
 }
 
 impl Newton {
-    /// Prepares for systems of `nodes` nodes. `tolerance` bounds the largest displacement increment, over the system's
-    /// length, of the last iteration or of the next one that its rate of convergence spares.
+    /// Prepares for systems of `nodes` nodes. `tolerance` bounds the largest displacement increment, relative to the system's
+    /// length, of the last iteration, or of the next one that is skipped because of the convergence rate.
     ///
     /// # Errors
-    /// Those of [`FallbackSolver::new`].
+    /// Errors of [`FallbackSolver::new`].
     pub fn new(nodes: usize, tolerance: f64) -> Result<Self> {
         Self::with(Form::Positions, SolverChoice::default(), nodes, tolerance)
     }
 
-    /// Prepares as [`new`](Self::new) does, for systems in `form`; their states must be in the same form. `linear` chooses
-    /// the linear solver of the positions; the chain form has its own. In the chain form the increment of the edges'
-    /// directions (rad) counts as well, times the length.
+    /// Prepares as [`new`](Self::new) does, for systems in `form`; their states must be in the same form. `linear` chooses the
+    /// linear solver of the positions; the chain form has its own. In the chain form the increment of the edges' directions (rad),
+    /// times the length, counts as well.
     ///
     /// # Errors
-    /// Those of [`FallbackSolver::new`].
+    /// Errors of [`FallbackSolver::new`].
     pub fn with(form: Form, linear: SolverChoice, nodes: usize, tolerance: f64) -> Result<Self> {
         let (equations, unknowns) = match form {
             Form::Positions => {
@@ -169,16 +169,16 @@ impl Newton {
         Self { spared, sufficient_first_increment: enough, ..self }
     }
 
-    /// The same for a rod whose head is held, by adaptive steps: what the last increment e leaves, a stretch (e/ℓ)²/2 of an edge, is in the
-    /// force on the head, so that its tension may be `part` of EI/L². It spares no iteration: the mean force on the head of a gentle
-    /// motion goes with the square of its amplitude, as what is left does.
+    /// The same for a rod with a held head and adaptive steps: the stretch (e/ℓ)²/2 of an edge that the last increment e leaves
+    /// enters the force on the head, so its tension must not exceed `part` of EI/L². No iteration is skipped: in gentle motions the
+    /// mean force on the head is quadratic in the amplitude, as this error is.
     pub fn exact_in_force(self, slenderness: f64, part: f64) -> Self {
         let most = (2.0 * part / slenderness).sqrt() / self.nodes as f64;
         let tolerance = self.tolerance.min(most);
         Self { tolerance, spared: tolerance, ..self }
     }
 
-    /// The form that it solves.
+    /// The form of the system that it solves.
     pub fn form(&self) -> Form {
         match self.equations {
             EquationSolver::Positions { .. } => Form::Positions,
@@ -189,15 +189,15 @@ impl Newton {
     /// Moves `state` along `direction` until f = 0; returns the displacement increments (m) of the iterations made.
     ///
     /// # Errors
-    /// [`Error::NotConverged`], or whatever the system finds wrong with an iterate.
+    /// [`Error::NotConverged`], or the system's error for an iterate.
     pub fn solve(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
         self.solve_with(ConvergencePolicy::AllIterations, &mut ConvergenceRate::default(), system, state, direction)
     }
 
-    /// Solves as [`solve`](Self::solve) does, with `patience`, and with what is `known` from the solves before in the same step.
+    /// Solves as [`solve`](Self::solve) does, with `patience`, and with `known`, the convergence of earlier solves in the same step.
     ///
     /// # Errors
-    /// Those of [`solve`](Self::solve).
+    /// Errors of [`solve`](Self::solve).
     pub fn solve_with(
         &mut self,
         patience: ConvergencePolicy,
@@ -238,7 +238,7 @@ impl Newton {
         }
         Err(Error::NotConverged {
             time_s: state.t,
-            step_s: f64::NAN, // known to the caller only
+            step_s: f64::NAN, // only the caller knows it
             iterations: increments.count,
             increment_m: increments.last(),
             residual_n: residual,
@@ -258,12 +258,12 @@ impl Newton {
         }
     }
 
-    /// True where it solves for positions, by [`BlockBand`](crate::linear::BlockBand) first.
+    /// True if it solves for positions, by [`BlockBand`](crate::linear::BlockBand) first.
     pub fn is_by_blocks(&self) -> bool {
         matches!(&self.equations, EquationSolver::Positions { solver, .. } if solver.is_by_blocks())
     }
 
-    /// The node of the `residual` (N) that was the largest one of the last iteration.
+    /// The node of the largest `residual` (N) of the last iteration.
     fn worst(&self, residual: f64) -> usize {
         match &self.equations {
             EquationSolver::Positions { solver, .. } => {
@@ -276,7 +276,7 @@ impl Newton {
     /// One iteration: assemble, factor, solve, move.
     ///
     /// # Errors
-    /// Whatever the system finds wrong with the state, or [`Error::NotFinite`] for a singular matrix.
+    /// The system's error for the state, or [`Error::NotFinite`] for a singular matrix.
     pub fn iterate(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Iteration> {
         self.work.newton_iterations += 1;
         let length = system.length();
@@ -340,8 +340,8 @@ impl Newton {
     }
 }
 
-/// Makes of the solution `x` of a system that of the same with its parts of rank one U Vᵀ: x − Z (1 + Vᵀ Z)⁻¹ Vᵀ x (Woodbury), where `solve`
-/// replaces the columns of U by those of Z = A⁻¹ U, in `columns`. A sum that is singular leaves values that are not finite.
+/// Corrects the solution `x` of a system for its rank-one parts U Vᵀ: x − Z (1 + Vᵀ Z)⁻¹ Vᵀ x (Woodbury). `solve` replaces the
+/// columns of U by those of Z = A⁻¹ U, in `columns`. A singular sum gives non-finite values.
 fn add_rank_ones(
     rank_ones: &[RankOne],
     x: &mut [f64],
@@ -359,7 +359,7 @@ fn add_rank_ones(
     Ok(())
 }
 
-/// The same with the columns of Z as they were found.
+/// The same with the columns of Z given.
 pub(crate) fn woodbury(rank_ones: &[RankOne], columns: &[Vec<f64>], x: &mut [f64]) {
     if rank_ones.is_empty() {
         return;
@@ -385,13 +385,13 @@ pub(crate) fn woodbury(rank_ones: &[RankOne], columns: &[Vec<f64>], x: &mut [f64
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SolveProgress {
     length: f64,
-    /// m.
+    /// Tolerance of an increment, m.
     tolerance: f64,
-    /// Of an increment that is not made, m.
+    /// Tolerance of a skipped increment, m.
     spared: f64,
-    /// Of the first increment, m.
+    /// Tolerance of the first increment, m.
     enough: f64,
-    /// The last increment but one, and the last one, m.
+    /// The last two increments, m.
     last: [f64; 2],
 }
 
@@ -402,14 +402,14 @@ pub(crate) enum Convergence {
     Continue,
     /// The tolerance is met.
     Converged,
-    /// Increments no longer shrink, and are small enough for rounding to be why.
+    /// Increments no longer shrink, and are small enough to be rounding errors.
     Stalled,
     /// The increment has grown twice in a row.
     Diverges,
 }
 
 impl SolveProgress {
-    /// Takes in an iteration.
+    /// Updates the progress with an iteration.
     pub(crate) fn judge(&mut self, step: Iteration) -> Convergence {
         let [before, previous] = self.last;
         self.last = [previous, step.increment];
@@ -433,9 +433,9 @@ impl SolveProgress {
 /// When a solve that does not converge is given up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConvergencePolicy {
-    /// After the largest number of iterations: a diverging iterate usually reveals what is wrong.
+    /// After the maximum number of iterations: a diverging iterate usually shows the cause.
     AllIterations,
-    /// When the increment has grown twice in a row: for a guess to which there is an alternative.
+    /// When the increment has grown twice in a row: for a guess that has an alternative.
     WhileShrinking,
 }
 
@@ -465,23 +465,23 @@ impl Increments {
         self.as_slice().last().copied().unwrap_or(f64::INFINITY)
     }
 
-    /// One value an iteration.
+    /// The increments, one per iteration.
     pub fn as_slice(&self) -> &[f64] {
         &self.values[..self.count as usize]
     }
 }
 
-/// Largest coordinate of `state`, or the length where that is larger, m.
+/// Largest coordinate of `state`, or the length if that is larger, m.
 fn reach(state: &State, length: f64) -> f64 {
     state.q.iter().fold(length, |max, x| max.max(x.abs()))
 }
 
-/// Node and size of the value of largest modulus, of `a_node` values for each node; refuses values that are not finite.
+/// Node and modulus of the largest value, with `a_node` values per node; an error if a value is not finite.
 fn largest(values: &[f64], a_node: usize, time_s: f64, what: &'static str) -> Result<(usize, f64)> {
     const BLOCK: usize = 64;
     let (mut first, mut max) = (0, 0.0);
     for (i, block) in values.chunks(BLOCK).enumerate() {
-        // In lanes: the modulus, and zero unless a value is not finite.
+        // In lanes: the largest modulus, and a sum that is zero unless a value is not finite.
         let (mut sizes, mut zeros) = ([0.0_f64; 4], [0.0; 4]);
         let (lanes, rest) = block.as_chunks::<4>();
         for four in lanes {

@@ -1,35 +1,35 @@
-//! What an integrator sees of a model: a second-order system f(t, q, v, a) = 0 and its linearisation.
+//! A model as integrators see it: a second-order system f(t, q, v, a) = 0 and its linearisation.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, ChainMatrix, Coupling, Direction};
 
-/// What Newton's method takes as unknowns. Both forms are the same discrete rod.
+/// The unknowns of Newton's method. Both forms describe the same discrete rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Form {
-    /// The nodes' positions: fast, but its rounding error grows as (L/ΔL)⁴.
+    /// The nodes' positions: fast, but the rounding error grows as (L/ΔL)⁴.
     Positions,
-    /// Positions, moments, forces and directions, see [`chain`](crate::model::chain): as accurate on any mesh.
+    /// Positions, moments, forces and directions, see [`chain`](crate::model::chain): equally accurate on any mesh.
     Chain,
 }
 
-/// The chain form's share of a node: its joint, and the edge that starts there.
+/// The chain form's unknowns of a node: its joint, and the edge that starts there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Link {
-    /// Direction θ_k of the edge from +x, rad; it goes on beyond ±π. Zero where no edge starts.
+    /// Direction θ_k of the edge from +x, rad; not wrapped at ±π. Zero if no edge starts here.
     pub angle: f64,
-    /// Force F_k (N) that the edge carries: it pulls node k by F_k and node k+1 by −F_k. Zero where no edge starts.
+    /// Force F_k (N) in the edge: it pulls node k by F_k and node k+1 by −F_k. Zero if no edge starts here.
     pub force: [f64; 2],
-    /// Moment M_k (N m) of the joint, conjugate to its turning θ_k − θ_{k−1}; zero where there is no joint.
+    /// Moment M_k (N m) of the joint, conjugate to its turning angle θ_k − θ_{k−1}; zero without a joint.
     pub moment: f64,
-    /// Curvature κ_k of the joint, read from its moment; dimensionless.
+    /// Curvature κ_k of the joint, computed from its moment; dimensionless.
     pub curvature: f64,
 }
 
-/// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries per node: x₀, y₀, x₁, y₁, …, and one more for the arc of a
-/// [hinge](crate::head::Hinge).
+/// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries per node: x₀, y₀, x₁, y₁, …, and one more for the
+/// arc length of a [hinge](crate::head::Hinge).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Time, s.
@@ -40,11 +40,10 @@ pub struct State {
     pub v: Vec<f64>,
     /// Accelerations, m/s².
     pub a: Vec<f64>,
-    /// One a node in the chain form, where they are unknowns of their own and more accurate than what the positions say
-    /// of them; none where positions are the only unknowns.
+    /// One per node in the chain form, where they are unknowns in their own right and more accurate than values computed from
+    /// positions; empty if positions are the only unknowns.
     pub links: Vec<Link>,
-    /// What a method remembers of earlier accelerations, m/s², or the unknowns of a reduced model; none of a method that
-    /// remembers nothing.
+    /// A method's memory of earlier accelerations, m/s², or the unknowns of a reduced model; empty for a method without memory.
     pub memory: Vec<f64>,
 }
 
@@ -55,7 +54,7 @@ impl State {
         Self { q: zeros(), v: zeros(), a: zeros(), ..Self::default() }
     }
 
-    /// Copies `other`, without allocating where there is room.
+    /// Copies `other`, without allocating if the capacity suffices.
     pub fn copy_from(&mut self, other: &Self) {
         self.t = other.t;
         self.q.clone_from(&other.q);
@@ -65,7 +64,7 @@ impl State {
         self.memory.clone_from(&other.memory);
     }
 
-    /// Moves every unknown back by its part of `increment` along `direction`.
+    /// Moves every unknown back by its entry of `increment` along `direction`.
     pub(crate) fn move_all_back(&mut self, direction: Direction, increment: &[f64]) {
         let moved = self.q.iter_mut().zip(&mut self.v).zip(&mut self.a).zip(increment);
         for (((q, v), a), d) in moved {
@@ -75,13 +74,13 @@ impl State {
         }
     }
 
-    /// Positions, velocities and accelerations, node by node.
+    /// Positions, velocities and accelerations, by node.
     pub(crate) fn nodes_mut(&mut self) -> [&mut [[f64; 2]]; 3] {
         [&mut self.q, &mut self.v, &mut self.a].map(|values| values.as_chunks_mut().0)
     }
 
-    /// Guesses the links from those of `from`: forces and moments stay, every edge turns as its nodes do on their way
-    /// from there.
+    /// Guesses the links from those of `from`: forces and moments are kept, and every edge turns with the motion of its nodes since
+    /// then.
     pub fn guess_links(&mut self, from: &Self) {
         self.links.clone_from(&from.links);
         let edges = self.links.len().saturating_sub(1);
@@ -96,7 +95,7 @@ impl State {
     }
 }
 
-/// The matrix q ∂f/∂q + v ∂f/∂v + a ∂f/∂a to be written.
+/// The matrix q ∂f/∂q + v ∂f/∂v + a ∂f/∂a, to be assembled.
 #[derive(Debug)]
 pub struct Linearisation<'a> {
     /// The matrix.
@@ -105,15 +104,15 @@ pub struct Linearisation<'a> {
     pub direction: Direction,
 }
 
-/// The largest number of parts of rank one.
+/// The largest number of rank-one parts.
 pub const MAX_RANK: usize = 4;
 
-/// A part `column` · `row`ᵀ of the matrix of a system that couples any of its unknowns, in the order and units of a form.
+/// A rank-one part `column` · `row`ᵀ of a system's matrix, which may couple any unknowns, in the order and units of a form.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RankOne {
-    /// What the residual changes by.
+    /// The direction of the change of the residual.
     pub column: Vec<f64>,
-    /// By what it changes.
+    /// The linear form of the unknowns that scales this change.
     pub row: Vec<f64>,
 }
 
@@ -122,27 +121,27 @@ pub trait System {
     /// Number of nodes; there are two unknowns per node.
     fn nodes(&self) -> usize;
 
-    /// The mass of each node, kg, where that is all of the inertia.
+    /// The mass of each node, kg, if that is all of the inertia.
     fn lumped_masses(&self) -> Option<&[f64]>;
 
-    /// The length that displacements are measured against, m.
+    /// The reference length of displacements, m.
     fn length(&self) -> f64;
 
-    /// Moves to time `t`: evaluates all that depends on time alone and writes prescribed unknowns into `state`.
+    /// Moves to time `t`: evaluates everything that depends on time alone and writes prescribed unknowns into `state`.
     fn move_to(&mut self, t: f64, state: &mut State);
 
-    /// Writes the residual f (N) at `state` to `residual` and its linearisation, if asked for, to that matrix; the time
-    /// of `state` is the one last moved to.
+    /// Writes the residual f (N) at `state` to `residual` and, if requested, its linearisation to that matrix.
+    /// [`move_to`](Self::move_to) must have been called with the time of `state`.
     ///
     /// # Errors
-    /// Where the state has no meaning: an edge without length, a fold-over, a number that is not finite.
+    /// For an invalid state: an edge without length, a fold-over, a value that is not finite.
     fn assemble(&mut self, state: &State, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) -> Result<()>;
 
-    /// Writes the chain form at `state`: its residual, each row as a force (N), and its matrix along `direction`, whose
-    /// first two unknowns per node are the δ of the direction. The time of `state` is the one last moved to.
+    /// Writes the chain form at `state`: its residual, each row as a force (N), and its matrix along `direction`, whose first two
+    /// unknowns per node are the δ of the direction. [`move_to`](Self::move_to) must have been called with the time of `state`.
     ///
     /// # Errors
-    /// Those of [`assemble`](Self::assemble), and [`Error::Linear`] for a system without chain form.
+    /// Errors of [`assemble`](Self::assemble), and [`Error::Linear`] for a system without chain form.
     fn assemble_chain(
         &mut self,
         _state: &State,
@@ -153,19 +152,19 @@ pub trait System {
         Err(Error::Linear { unknowns: residual.len(), reason: "the system has no chain form".to_string() })
     }
 
-    /// What [`assemble`](Self::assemble) left out of the matrix because it couples every node with every other, for the state
-    /// that was assembled last.
+    /// The nonlocal part that [`assemble`](Self::assemble) left out of the matrix, for the state assembled last.
     fn coupling(&self) -> Option<&dyn Coupling> {
         None
     }
 
-    /// What the matrix assembled last, in either form, lacks beside [`coupling`](Self::coupling): at most [`MAX_RANK`] parts of rank one.
+    /// The rank-one parts, at most [`MAX_RANK`], that the matrix assembled last, in either form, lacks in addition to
+    /// [`coupling`](Self::coupling).
     fn rank_ones(&self) -> &[RankOne] {
         &[]
     }
 
-    /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments. Returns by how much
-    /// an unknown beside nodes and links was moved, m.
+    /// Moves the links of `state` back by Newton's increment of the chain form, and computes curvature from the moments. Returns
+    /// the largest motion of an unknown other than nodes and links, m.
     fn move_links(&self, _increment: &[f64], _state: &mut State) -> f64 {
         0.0
     }
@@ -175,12 +174,12 @@ pub trait System {
         state.move_all_back(direction, increment);
     }
 
-    /// Betters the guess `to` of the state that follows `from`; what moves, moves along `direction`.
+    /// Improves the guess `to` of the state that follows `from`; moving unknowns move along `direction`.
     fn better_guess(&self, from: &State, _direction: Direction, to: &mut State) {
         to.guess_links(from);
     }
 
-    /// Refuses a step from `before` to `after` that went through a state without meaning.
+    /// Rejects a step from `before` to `after` that passed through an invalid state.
     ///
     /// # Errors
     /// [`FoldOver`](crate::Error::FoldOver), [`EdgeCollapse`](crate::Error::EdgeCollapse).

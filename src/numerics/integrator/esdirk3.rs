@@ -1,5 +1,5 @@
-//! ESDIRK3(2): three implicit stages with one matrix, the last of which is the step's end; an embedded method of order 2
-//! estimates the error.
+//! ESDIRK3(2): three implicit stages with one matrix, the last at the end of the step; an embedded method of order 2 estimates the
+//! error.
 //!
 //! For q' = v, v' = a a stage is v_i = v* + hγ a_i and q_i = q* + (hγ)² a_i with v* = vⁿ + h Σ_{j<i} a_ij a_j and
 //! q* = qⁿ + h Σ_{j<i} a_ij v_j + hγ v*.
@@ -26,11 +26,11 @@ pub static METHOD: Method = Method {
 /// γ, the root of γ³ − 3γ² + 3γ/2 − 1/6 that makes the method L-stable.
 pub(crate) const G: f64 = 0.435_866_521_508_459;
 
-/// Times of the stages in steps.
+/// Times of the stages, in units of the step.
 pub(crate) const TIMES: [f64; STAGES] = [0.0, 2.0 * G, 1.0, 1.0];
 
-/// Weights a_ij, j < i, of the implicit stages; every a_ii is γ. The last stage is the step, the one before the embedded
-/// step.
+/// Weights a_ij, j < i, of the implicit stages; every a_ii is γ. The last stage is the result of the step, the one before it that
+/// of the embedded method.
 pub(crate) const WEIGHTS: [[f64; STAGES - 1]; STAGES] = {
     let embedded = [(-4.0 * G * G + 6.0 * G - 1.0) / (4.0 * G), (1.0 - 2.0 * G) / (4.0 * G), 0.0];
     let last = [
@@ -55,8 +55,8 @@ impl Integrator for Esdirk3 {
         3
     }
 
-    // |R(z)| at both z of the oscillator: the one function of order 3 with the triple pole 1/γ that vanishes at infinity, in powers of
-    // 1/(1 − γz), as z may be large.
+    // |R(z)| at the two eigenvalues z of the oscillator: the only function of order 3 with a triple pole at 1/γ that vanishes at
+    // infinity, in powers of 1/(1 − γz), because z may be large.
     fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
         let part = Complex::new(damping * damping - 1.0, 0.0).sqrt();
         let amplification = |sign: f64| {
@@ -135,13 +135,13 @@ impl Integrator for Esdirk3 {
     }
 }
 
-/// How every implicit stage of a step of `h` (s) moves the state.
+/// The direction in which every implicit stage of a step of `h` (s) moves the state.
 fn direction(h: f64) -> Direction {
     Direction { q: (h * G).powi(2), v: h * G, a: 1.0 }
 }
 
-/// The explicit part of stage `i` of a step of `h` (s) for one unknown, from its velocity and acceleration at the beginning and in the
-/// stages before.
+/// The explicit part of stage `i` of a step of `h` (s) for one unknown, from its velocity and acceleration at the beginning and in
+/// the previous stages.
 #[inline(always)]
 fn explicit_part(i: usize, h: f64, before: impl Fn(usize) -> [f64; 2]) -> ExplicitPart {
     let sum = |of: usize| -> f64 { (0..i).map(|j| h * WEIGHTS[i][j] * before(j)[of]).sum() };
@@ -149,8 +149,8 @@ fn explicit_part(i: usize, h: f64, before: impl Fn(usize) -> [f64; 2]) -> Explic
     ExplicitPart { dq: sum(0) + h * G * v_star, v: v_star, guess: before(i - 1)[1] }
 }
 
-/// The largest difference between the method and its embedded one after a step of `h` (s), from the rates of the first
-/// stages and of the last.
+/// The largest difference between the method and its embedded method after a step of `h` (s), from the rates at the first stages
+/// and at the last.
 pub(crate) fn error(h: f64, of: &[Vec<f64>; STAGES - 1], last: &[f64]) -> f64 {
     let weights: [f64; STAGES - 1] = std::array::from_fn(|j| WEIGHTS[3][j] - if j == 2 { G } else { WEIGHTS[2][j] });
     let [first, second, third] = of.each_ref().map(|rates| &rates[..last.len()]);

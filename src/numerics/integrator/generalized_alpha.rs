@@ -42,7 +42,7 @@ impl OneStage for GeneralizedAlpha {
         2
     }
 
-    // The step of (q, hv, h²w) by the equations of Chung and Hulbert, with their own balance at the points between.
+    // The step of (q, hv, h²w) by the equations of Chung and Hulbert, which balance forces at intermediate times.
     fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
         let Self { alpha_m, alpha_f, beta, gamma } = *self;
         let (square, lost, new) = (omega * omega, 2.0 * damping * omega, 1.0 - alpha_f);

@@ -11,7 +11,7 @@ use crate::linear::{Direction, Number, Real};
 use crate::newton::{ConvergencePolicy, ConvergenceRate, Newton};
 use crate::system::{State, System};
 
-/// All methods; adding one is its file and its line here.
+/// All methods. To add one, write its file and list it here.
 pub static METHODS: &[&Method] = &[
     &implicit_euler::METHOD,
     &newmark::METHOD,
@@ -20,31 +20,31 @@ pub static METHODS: &[&Method] = &[
     &symplectic_euler::METHOD,
 ];
 
-/// What is known of a method, and how to make it.
+/// A method's properties and its constructor.
 #[derive(Debug)]
 pub struct Method {
     /// Name in a scene.
     pub name: &'static str,
-    /// Stability in words.
+    /// Description of its stability.
     pub stability: &'static str,
-    /// Where it comes from.
+    /// Reference in the literature.
     pub source: &'static str,
     /// Its parameters, each a key of a scene's `[solver]`.
     pub parameters: &'static [MethodParameter],
-    /// True if it estimates the error of its steps, so that a tolerance can choose them.
+    /// True if it estimates the error of its steps, so that a tolerance can control the step size.
     pub adaptive: bool,
-    /// False if it solves nothing, and so fails where a step does not resolve the fastest mode.
+    /// False if it is explicit, and so fails where a step does not resolve the fastest mode.
     pub implicit: bool,
-    /// The method with values for its parameters, in their order.
+    /// Builds the method with values for its parameters, in their order.
     pub build: fn(&[f64]) -> Box<dyn Integrator>,
 }
 
 /// How internal steps are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StepControl {
-    /// As long as this, s, or shorter.
+    /// At most this long, s.
     Fixed(f64),
-    /// So that the estimated error of each is at most this: of positions over the length, of velocities over the largest.
+    /// The estimated error of each step is at most this: of positions relative to the length, of velocities relative to the largest.
     Adaptive(f64),
 }
 
@@ -63,7 +63,7 @@ pub struct MethodParameter {
     pub default: f64,
     /// Smallest and largest value allowed.
     pub range: [f64; 2],
-    /// The range in words.
+    /// Description of the range.
     pub allowed: &'static str,
 }
 
@@ -79,23 +79,23 @@ impl Method {
     }
 }
 
-/// A method with its parameters: makes one step.
+/// A method with its parameters, which advances a state by one step.
 pub trait Integrator: std::fmt::Debug + Send + Sync {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 
-    /// Theory's spectral radius of one step on the oscillator q'' = −2ζω q' − ω² q, with `omega` = ωh and the damping ratio
+    /// Theoretical spectral radius of one step on the oscillator q'' = −2ζω q' − ω² q, with `omega` = ωh and the damping ratio
     /// `damping` = ζ: above 1 the step amplifies.
     fn spectral_radius(&self, omega: f64, damping: f64) -> f64;
 
-    /// Prepares for a run from `state`, whose accelerations fulfil the equation of motion.
+    /// Prepares for a run from `state`, whose accelerations satisfy the equation of motion.
     fn begin(&mut self, _state: &mut State) {}
 
-    /// Steps from `from` by `h` (s) to time `to.t`, which is set; the rest of `to` is written. Returns the estimated
-    /// error of the step, zero from a method that has no estimate.
+    /// Steps from `from` by `h` (s) to time `to.t`, set by the caller; the rest of `to` is written. Returns the estimated error of
+    /// the step, or zero from a method without an estimate.
     ///
     /// # Errors
-    /// Those of [`Newton::solve`] and [`System::check_step`].
+    /// Errors of [`Newton::solve`] and [`System::check_step`].
     fn step(
         &mut self,
         system: &mut dyn System,
@@ -105,29 +105,29 @@ pub trait Integrator: std::fmt::Debug + Send + Sync {
         to: &mut State,
     ) -> Result<StepError>;
 
-    /// The rule of its steps of `h` (s), if it is a method of one stage.
+    /// The weights of a step of `h` (s), if this is a one-stage method.
     fn rule(&self, _h: f64) -> Option<StepWeights> {
         None
     }
 
-    /// The implicit stages of a step of `h` (s); `None` of a method whose steps are not linearised.
+    /// The implicit stages of a step of `h` (s); `None` if steps of this method cannot be linearised.
     fn stages(&self, _h: f64) -> Option<Stages> {
         None
     }
 
-    /// Writes the states of the stages of the last step, which led from `from` by `h` (s) to `to`, to `states`, one for each of
-    /// its [`stages`](Self::stages).
+    /// Writes the states at the stages of the last step, from `from` by `h` (s) to `to`, to `states`, one per stage in
+    /// [`stages`](Self::stages).
     fn write_stages(&self, _from: &State, _h: f64, to: &State, states: &mut [State]) {
         states.iter_mut().for_each(|state| state.copy_from(to));
     }
 
-    /// The step of `h` (s) of a linear system from `from`, for one of each of its [`stages`](Self::stages) in `states`. `solve` is called
-    /// in their order: it gets the stage with its explicit part, q = q* and v = v*, and makes positions, velocities and accelerations
-    /// fulfil the equation of motion. The last stage is then the end of the step.
+    /// Makes a step of `h` (s) of a linear system from `from`; `states` has one state per stage in [`stages`](Self::stages).
+    /// `solve` is called in their order: it gets the stage with its explicit part, q = q* and v = v*, and makes positions,
+    /// velocities and accelerations satisfy the equation of motion. The last stage is then the end of the step.
     fn step_linear(&self, _from: &State, _h: f64, _states: &mut [State], _solve: &mut dyn FnMut(usize, &mut State)) {}
 }
 
-/// The implicit stages of a step: how many, and how each moves the state along its new accelerations.
+/// The implicit stages of a step: their number, and how new accelerations move the state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stages {
     /// Their number.
@@ -142,15 +142,15 @@ fn largest_root(trace: f64, determinant: f64) -> f64 {
     if discriminant < 0.0 { determinant.sqrt() } else { 0.5 * (trace.abs() + discriminant.sqrt()) }
 }
 
-/// The largest ωh up to which `method` does not amplify an oscillator of damping ratio `damping`, by theory; `None` where that is
-/// without limit, and 0 where it amplifies all, by however little.
+/// The largest ωh up to which `method`, in theory, does not amplify an oscillator of damping ratio `damping`; `None` if unlimited,
+/// and 0 if it amplifies at any step.
 pub fn stability_limit(method: &dyn Integrator, damping: f64) -> Option<f64> {
     const ROUNDING: f64 = 1e-9;
     let amplifies = |omega: f64| method.spectral_radius(omega, damping) > 1.0 + ROUNDING;
     let grid = |i: i32| 10.0_f64.powf(-3.0 + f64::from(i) / 100.0);
     let first = (0..=900).find(|i| amplifies(grid(*i)))?;
     if first == 0 && damping == 0.0 {
-        return Some(0.0); // below the grid growth is hidden by rounding
+        return Some(0.0); // below the grid, rounding hides the growth
     }
     let (mut low, mut high) = (if first == 0 { 0.0 } else { grid(first - 1) }, grid(first));
     while high - low > 1e-12 * high {
@@ -184,7 +184,7 @@ pub trait OneStage: std::fmt::Debug + Send + Sync {
     /// See [`Integrator::spectral_radius`].
     fn spectral_radius(&self, omega: f64, damping: f64) -> f64;
 
-    /// The rule of its steps of `h` (s).
+    /// The weights of a step of `h` (s).
     fn rule(&self, h: f64) -> StepWeights;
 }
 
@@ -234,9 +234,8 @@ impl<T: OneStage> Integrator for T {
     }
 }
 
-/// The step of a method of one stage: q = q* + A a and v = v* + B a with the new acceleration a, where
-/// q* = qⁿ + h vⁿ + q_a aⁿ + q_w wⁿ and v* = vⁿ + v_a aⁿ + v_w wⁿ; w is what the method remembers of the accelerations, if
-/// it does.
+/// The step of a one-stage method: q = q* + A a and v = v* + B a with the new acceleration a, where q* = qⁿ + h vⁿ + q_a aⁿ + q_w
+/// wⁿ and v* = vⁿ + v_a aⁿ + v_w wⁿ; w is the method's memory of earlier accelerations, if it has one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepWeights {
     /// Weight q_a of the old acceleration in q*, s².
@@ -247,7 +246,7 @@ pub struct StepWeights {
     pub q_new: f64,
     /// Weight B of the new acceleration in v, s.
     pub v_new: f64,
-    /// The weights of w, if the method remembers it.
+    /// The weights of w, if the method has a memory.
     pub memory: Option<MemoryWeights>,
 }
 
@@ -274,7 +273,7 @@ impl StepWeights {
         Ok(())
     }
 
-    /// The direction in which its new acceleration moves the state.
+    /// The direction in which the new acceleration moves the state.
     pub fn direction(self) -> Direction {
         Direction { q: self.q_new, v: self.v_new, a: 1.0 }
     }
@@ -308,8 +307,8 @@ impl StepWeights {
     }
 }
 
-/// One implicit stage: the equation of motion at `to.t` with q = q* + A u, v = v* + B u and a = C u, where u is what the
-/// method solves for: the acceleration (C = 1), or the velocity of a motion without inertia (B = 1, C = 0).
+/// One implicit stage: the equation of motion at `to.t` with q = q* + A u, v = v* + B u and a = C u. The method solves for u: the
+/// acceleration (C = 1), or the velocity of a motion without inertia (B = 1, C = 0).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Stage {
     /// A, B and C.
@@ -321,7 +320,7 @@ pub(crate) struct Stage {
 /// The explicit part of a stage for one unknown.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ExplicitPart<T = f64> {
-    /// q* less the old position, m.
+    /// q* minus the old position, m.
     pub dq: T,
     /// v*, m/s.
     pub v: T,
@@ -330,13 +329,13 @@ pub(crate) struct ExplicitPart<T = f64> {
 }
 
 impl<T: Number> ExplicitPart<T> {
-    /// The u that leaves positions as they are.
+    /// The u that leaves positions unchanged.
     #[inline(always)]
     pub fn staying(&self, new: Direction) -> T {
         -self.dq / self.dq.like(new.q)
     }
 
-    /// Position, velocity and acceleration with u, where the old position is `q`.
+    /// Position, velocity and acceleration for a given u; `q` is the old position.
     #[inline(always)]
     pub fn with(&self, new: Direction, q: T, u: T) -> [T; 3] {
         [q + self.dq + u.like(new.q) * u, self.v + u.like(new.v) * u, u.like(new.a) * u]
@@ -346,16 +345,17 @@ impl<T: Number> ExplicitPart<T> {
 /// The initial guess of Newton's method.
 #[derive(Debug, Clone, Copy)]
 enum Guess {
-    /// At the u guessed by the method.
+    /// At the method's guess of u.
     Method,
     /// At the old positions.
     Positions,
 }
 
 impl Guess {
-    /// Which to try first: accelerations that change the velocities by more than this part of them in one step are
-    /// not those of the next step. Measured on the scenes of `models/` at steps of 1–20 ms with three methods: 0.5–3 differ by
-    /// 2 %, 0.15 costs up to twice the iterations on smooth motions, accelerations always up to three times on ringing ones.
+    /// Chooses the first guess: accelerations that change the velocities by more than this fraction in one step do not predict
+    /// those of the next step. Measured on the scenes of `models/` at steps of 1–20 ms with three methods: values of 0.5–3 differ
+    /// by 2 %, 0.15 costs up to twice the iterations on smooth motions, and always using accelerations up to three times on ringing
+    /// ones.
     const FAST: f64 = 1.0;
 
     fn order(from: &State, h: f64) -> [Self; 2] {
@@ -364,8 +364,8 @@ impl Guess {
     }
 }
 
-/// How much the accelerations `a` change the velocities `v` in a step of `h` (s), and up to where they are those of the next step, in
-/// numbers like `zero`, see [`Guess::FAST`].
+/// How much the accelerations `a` change the velocities `v` in a step of `h` (s), and the limit up to which they predict the next
+/// step, see [`Guess::FAST`]. `zero` selects the number type.
 #[inline(always)]
 pub(crate) fn changes<T: Real>(h: f64, v: &[[T; 2]], a: &[[T; 2]], zero: T) -> [T; 2] {
     let (mut of_v, mut of_a) = (zero, zero);
@@ -377,8 +377,8 @@ pub(crate) fn changes<T: Real>(h: f64, v: &[[T; 2]], a: &[[T; 2]], zero: T) -> [
 }
 
 impl Stage {
-    /// Solves for the state at `to.t`, from the better guess first and then from the other; the stages of a step share what is `known` of
-    /// their convergence.
+    /// Solves for the state at `to.t`, from the better guess first and then from the other; the stages of a step share `known`,
+    /// their measured convergence.
     #[inline]
     pub fn solve(
         self,
@@ -407,7 +407,7 @@ impl Stage {
         }
     }
 
-    /// Makes the `guess` of the state at `to.t`.
+    /// Writes the `guess` of the state at `to.t`.
     #[inline]
     fn guess(
         self,

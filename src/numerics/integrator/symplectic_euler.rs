@@ -1,5 +1,5 @@
-//! Symplectic Euler: vⁿ⁺¹ = vⁿ + h aⁿ, qⁿ⁺¹ = qⁿ + h vⁿ⁺¹. It solves nothing, and a rod's modes are so fast that it fails at
-//! any step worth taking: the contrast to the implicit methods.
+//! Symplectic Euler: vⁿ⁺¹ = vⁿ + h aⁿ, qⁿ⁺¹ = qⁿ + h vⁿ⁺¹. An explicit method for contrast: a rod's modes are so fast that it fails
+//! at any practical step.
 
 use super::{Integrator, Method, StepError, largest_root};
 use crate::error::Result;
@@ -28,7 +28,7 @@ impl Integrator for SymplecticEuler {
         1
     }
 
-    // The rate of the step before is all that the force knows.
+    // The force sees only the velocity of the previous step.
     fn spectral_radius(&self, omega: f64, damping: f64) -> f64 {
         let lost = 2.0 * damping * omega;
         largest_root(2.0 - lost - omega * omega, 1.0 - lost)

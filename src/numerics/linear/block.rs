@@ -1,4 +1,4 @@
-//! A 2×2 block of pairs, for assembly.
+//! A 2×2 block as pairs of numbers, for assembly.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
@@ -7,8 +7,8 @@ use wide::f64x2;
 
 use super::real::{Pair, Real};
 
-/// A 2×2 block, each row a pair. nalgebra's matrices are stored by columns and this one by rows, as the blocks of a
-/// [`BandMatrix`](super::BandMatrix) are: what is computed here is stored as it stands.
+/// A 2×2 block, each row a pair. nalgebra stores matrices by columns; this one is stored by rows, like the blocks of a
+/// [`BandMatrix`](super::BandMatrix), so that results are stored without transposition.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Block<T: Real = f64>([T::Pair; 2]);
 

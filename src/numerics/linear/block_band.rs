@@ -5,8 +5,8 @@ use wide::f64x2;
 use super::{BandMatrix, BlockRow, LinearSolver, Number, Pair, Real};
 use crate::error::Result;
 
-/// LU by 2×2 blocks, without pivoting between them: the fastest for the Jacobian of a rod, wrong for some other
-/// matrices, so that its solutions have to be checked ([`BandMatrix::backward_error`]).
+/// LU by 2×2 blocks, without pivoting between them: the fastest for the Jacobian of a rod, but inaccurate for some other matrices,
+/// so solutions have to be checked ([`BandMatrix::backward_error`]).
 ///
 /// Row k reads E xₖ₋₂ + C xₖ₋₁ + D xₖ + F xₖ₊₁ + G xₖ₊₂ = b. With the two rows before it in the form
 /// xⱼ = b̂ⱼ − F̂ⱼ xⱼ₊₁ − Ĝⱼ xⱼ₊₂ it becomes, in this order,
@@ -14,16 +14,16 @@ use crate::error::Result;
 /// - C' = C − E F̂ₖ₋₂, D' = D − E Ĝₖ₋₂ − C' F̂ₖ₋₁, F' = F − C' Ĝₖ₋₁, b' = b − E b̂ₖ₋₂ − C' b̂ₖ₋₁,
 /// - F̂ = D'⁻¹ F', Ĝ = D'⁻¹ G, b̂ = D'⁻¹ b',
 ///
-/// where D'⁻¹ is applied by the LU factors of D'; its inverse is never formed, which would not be backward stable. The
-/// last rows do the same from the other end, up to two or three rows in the middle. The two eliminations do not meet
-/// before that, so they are one in two lanes (twisted factorisation: van der Vorst, Parallel Computing 5, 1987).
+/// where D'⁻¹ is applied by the LU factors of D'; its inverse is never formed, which would not be backward stable. The last rows
+/// are eliminated likewise from the other end, up to two or three rows in the middle. The two eliminations are independent until
+/// then, so they run in two SIMD lanes (twisted factorisation: van der Vorst, Parallel Computing 5, 1987).
 ///
-/// [`factor_and_solve`](LinearSolver::factor_and_solve) keeps only what the solve needs and goes through memory once;
-/// after it there are no factors to solve with again.
+/// [`factor_and_solve`](LinearSolver::factor_and_solve) stores only what the solve needs and passes through memory once; it leaves
+/// no factors for further solves.
 #[derive(Debug)]
 pub struct BlockBand<T: Real = f64> {
-    /// E, C' and D' of the rows, first and last, second and last but one, …; empty until factors are asked for. The first of a
-    /// pair goes from the first row on, the second from the last one back.
+    /// E, C' and D' of pairs of rows, first and last, second and last but one, …; empty until factors are requested. The first of a
+    /// pair counts from the first row forwards, the second from the last row backwards.
     lower: Vec<Lower<T::Pair>>,
     /// F̂ and Ĝ of the same rows.
     upper: Vec<Upper<T::Pair>>,
@@ -34,7 +34,7 @@ pub struct BlockBand<T: Real = f64> {
 /// [a₀₀, a₀₁, a₁₀, a₁₁].
 type RowMajorBlock<T> = [T; 4];
 
-/// c − A x. The product that is known last is subtracted last: that of x₀.
+/// c − A x. The product that becomes available last, with x₀, is subtracted last.
 #[inline(always)]
 fn less<T: Number>(c: [T; 2], a: RowMajorBlock<T>, x: [T; 2]) -> [T; 2] {
     [(c[0] - a[1] * x[1]) - a[0] * x[0], (c[1] - a[3] * x[1]) - a[2] * x[0]]
@@ -68,7 +68,7 @@ struct Pivot<T> {
 }
 
 impl<T: Number> Pivot<T> {
-    /// The two divisions do not wait for each other: u₁₁ is not d₁₁ − d₁₀ w, which has the same rounding error.
+    /// The two divisions are independent: u₁₁ is not d₁₁ − d₁₀ w, which has the same rounding error.
     #[inline(always)]
     fn new([d00, d01, d10, d11]: RowMajorBlock<T>) -> Self {
         let first = d00.like(1.0) / d00;
@@ -98,7 +98,7 @@ impl<T: Number> Pivot<T> {
     }
 }
 
-/// The lower triangular factor's row of blocks.
+/// A row of blocks of the lower triangular factor.
 #[derive(Debug, Clone, Copy)]
 struct Lower<T> {
     e: RowMajorBlock<T>,
@@ -119,7 +119,7 @@ impl<T: Number> Lower<T> {
     }
 }
 
-/// The unit upper triangular factor's row of blocks, F̂ and Ĝ.
+/// A row of blocks of the unit upper triangular factor, F̂ and Ĝ.
 #[derive(Debug, Clone, Copy)]
 struct Upper<T> {
     f: RowMajorBlock<T>,
@@ -139,7 +139,7 @@ impl<T: Number> Upper<T> {
     }
 }
 
-/// Those of one end of the band.
+/// The rows of one end of the band.
 #[inline(always)]
 fn end<T: Real>(rows: &Upper<T::Pair>, end: usize) -> Upper<T> {
     Upper { f: part_block(rows.f, end), g: part_block(rows.g, end) }
@@ -151,7 +151,7 @@ fn part_block<T: Real>([a, b, c, d]: RowMajorBlock<T::Pair>, end: usize) -> RowM
     [a.to_array()[end], b.to_array()[end], c.to_array()[end], d.to_array()[end]]
 }
 
-/// One row of the elimination, from the rows before it.
+/// Eliminates one row, using the two rows before it.
 #[inline(always)]
 fn eliminate<T: Number>(
     [e, c, d, f, g]: [RowMajorBlock<T>; 5],
@@ -165,13 +165,13 @@ fn eliminate<T: Number>(
     (Lower { e, c, pivot }, Upper { f: pivot.solve_block(f), g: pivot.solve_block(g) })
 }
 
-/// The two or three rows that both ends leave over (one for a single node).
+/// The two or three rows left between both eliminations (one for a single node).
 #[derive(Debug)]
 struct Middle<T> {
     lower: [Lower<T>; 3],
     upper: [Upper<T>; 3],
-    /// What ties the last of them to the last rows eliminated from below, the nearest and the one after, and then the
-    /// last but one of them to the nearest.
+    /// The blocks that couple the last middle row to the last two rows eliminated from below, the nearest and the next, and the
+    /// last but one middle row to the nearest.
     below: [RowMajorBlock<T>; 3],
 }
 
@@ -205,7 +205,7 @@ impl<T: Real> Middle<T> {
         }
     }
 
-    /// Solves for the middle; returns its unknowns nearest to and second from the outer rows.
+    /// Solves for the middle; returns its unknowns in the nearest and second nearest rows to each end.
     #[inline(always)]
     fn solve(&self, b: &mut [[T; 2]], near: [T::Pair; 2], far: [T::Pair; 2]) -> [[T::Pair; 2]; 2] {
         let (last, other) = (b.len() - 1, b.len().saturating_sub(2));
@@ -225,8 +225,8 @@ impl<T: Real> Middle<T> {
         [pair(b[0], b[last]), pair(b[1.min(last)], b[other])]
     }
 
-    /// The same with the transpose; `near` and `far` are what the outer rows leave to subtract: from the middle's rows
-    /// nearest to them, and from those second from them.
+    /// The same with the transpose; `near` and `far` are what the outer rows subtract: from the middle rows nearest to them, and
+    /// from the second nearest.
     fn solve_transposed(&self, b: &mut [[T; 2]], near: [T::Pair; 2], far: [T::Pair; 2]) -> [[T::Pair; 2]; 2] {
         let (first, last, other) = (0, b.len() - 1, b.len().saturating_sub(2));
         let subtract = |b: &mut [T; 2], x: [T; 2]| *b = [b[0] - x[0], b[1] - x[1]];
@@ -259,7 +259,7 @@ impl<T: Real> Middle<T> {
     }
 }
 
-/// Two numbers of a top row and two of a bottom one, in lanes.
+/// Packs two numbers of a top row and two of a bottom row into lanes.
 #[inline(always)]
 fn pair<T: Real>(top: [T; 2], bottom: [T; 2]) -> [T::Pair; 2] {
     [T::Pair::new([top[0], bottom[0]]), T::Pair::new([top[1], bottom[1]])]
@@ -272,7 +272,7 @@ fn part<T: Real>([first, second]: [T::Pair; 2]) -> [[T; 2]; 2] {
     [[t0, t1], [b0, b1]]
 }
 
-/// A top row and a bottom one, the latter back to front, in lanes.
+/// A top row and a bottom row, the latter in reverse order, in lanes.
 #[inline(always)]
 fn pair_rows<T: Real>(top: &BlockRow<T>, bottom: &BlockRow<T>) -> [RowMajorBlock<T::Pair>; 5] {
     let ([e, c, d, f, g], [below_g, below_f, below_d, below_c, below_e]) = (top, bottom);
@@ -285,14 +285,14 @@ fn pair_rows<T: Real>(top: &BlockRow<T>, bottom: &BlockRow<T>) -> [RowMajorBlock
     ]
 }
 
-/// A block of a top row and one of a bottom row.
+/// Packs a block of a top row and one of a bottom row into lanes.
 #[inline(always)]
 fn pair_block<T: Real>(top: &RowMajorBlock<T>, bottom: &RowMajorBlock<T>) -> RowMajorBlock<T::Pair> {
     let ([a, b, c, d], [e, f, g, h]) = (*top, *bottom);
     [T::Pair::new([a, e]), T::Pair::new([b, f]), T::Pair::new([c, g]), T::Pair::new([d, h])]
 }
 
-/// Pairs of rows that are eliminated from both ends of `nodes` rows.
+/// Number of pairs of rows that are eliminated from both ends of `nodes` rows.
 fn pairs(nodes: usize) -> usize {
     nodes.saturating_sub(2) / 2
 }
@@ -304,14 +304,14 @@ fn ends<T>(all: &[T], pairs: usize) -> [&[T]; 3] {
     [top, middle, bottom]
 }
 
-/// The same, to be written.
+/// The same, mutable.
 fn ends_mut<T>(values: &mut [T], pairs: usize) -> [&mut [T]; 3] {
     let (top, rest) = values.split_at_mut(pairs);
     let (middle, bottom) = rest.split_at_mut(rest.len() - pairs);
     [top, middle, bottom]
 }
 
-/// The rows of both axes of node `k` of `width` vectors side by side, and those of the nodes near and far from it, if they are there.
+/// The rows of both axes of node `k` in `width` vectors stored side by side, and those of the nodes near and far from it, if they exist.
 type Rows<'a> = ([&'a mut [f64]; 2], [Option<[&'a [f64]; 2]>; 2]);
 
 /// Rows `k`, and `near` and `far`, of `width` vectors side by side.
@@ -329,7 +329,7 @@ fn rows_of_many(x: &mut [f64], k: usize, others: [Option<usize>; 2], width: usiz
     ([first, second], others.map(|other| other.map(row)))
 }
 
-/// Subtracts a block times `x` from `y`, of many vectors side by side.
+/// Subtracts a block times `x` from `y`, for many vectors side by side.
 #[inline(always)]
 fn subtract_many([y0, y1]: [&mut [f64]; 2], [a, b, c, d]: RowMajorBlock<f64>, x: [&[f64]; 2]) {
     let width = y0.len();
@@ -380,7 +380,7 @@ impl BlockBand {
                 pivot.solve_many([y0, y1]);
             }
         }
-        // The middle, from above, with what ties its last rows to those from below.
+        // The middle, from above, with the blocks that couple its last rows to those eliminated from below.
         let below = |k: usize| (k < pairs).then(|| nodes - pairs + k);
         let ties = [
             (middle - 1, &self.middle.below[1], below(1)),
@@ -434,13 +434,13 @@ impl BlockBand {
 type Passed<T> = [T; 2];
 
 impl<T: Real> BlockBand<T> {
-    /// For rows of `nodes` nodes in the lanes of `zero`.
+    /// For `nodes` rows; `zero` selects the number type.
     pub fn of(nodes: usize, zero: T) -> Self {
         let upper = vec![Upper::of(T::Pair::new([zero; 2])); pairs(nodes)];
         Self { lower: Vec::new(), upper, middle: Middle::of(zero), factored: false }
     }
 
-    /// Replaces `rhs` by the solution for the matrix of `rows`, whose factors are not kept.
+    /// Replaces `rhs` by the solution for the matrix of `rows`; the factors are not stored.
     #[inline(always)]
     pub fn eliminate(&mut self, rows: &[BlockRow<T>], rhs: &mut [[T; 2]]) {
         self.factored = false;
@@ -470,7 +470,7 @@ impl<T: Real> BlockBand<T> {
         self.outwards(x_top, x_bottom, inner);
     }
 
-    /// Back substitution from the middle outwards; `near` and `far` are the middle's two rows next to the ends.
+    /// Back substitution from the middle outwards; `near` and `far` are the two middle rows next to the ends.
     #[inline(always)]
     fn outwards(&self, top: &mut [[T; 2]], bottom: &mut [[T; 2]], [mut near, mut far]: Passed<[T::Pair; 2]>) {
         for ((upper, t), b) in self.upper.iter().zip(top).zip(bottom.iter_mut().rev()).rev() {
@@ -528,7 +528,7 @@ impl LinearSolver for BlockBand {
         }
         let zero = [f64x2::default(); 2];
         let [top, middle, bottom] = ends_mut(rhs.as_chunks_mut().0, self.upper.len());
-        // What the rows passed take from the next row and from the one after it.
+        // What the eliminated rows subtract from the next row and from the one after it.
         let (mut next, mut after) = (zero, zero);
         for ((t, b), upper) in top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.upper) {
             let x = pair(*t, *b);
@@ -540,7 +540,7 @@ impl LinearSolver for BlockBand {
         }
         let (count, below) = (middle.len(), self.middle.below);
         let [mut near, mut far] = self.middle.solve_transposed(middle, next, after);
-        // The blocks C' and E that tie the rows passed to the next row: those of the middle, to begin with.
+        // The blocks C' and E that couple the eliminated rows to the next row, starting with the middle.
         let lanes = |top: RowMajorBlock<f64>, bottom: RowMajorBlock<f64>| {
             std::array::from_fn(|i| f64x2::new([top[i], bottom[i]]))
         };

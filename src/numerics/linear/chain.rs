@@ -9,33 +9,33 @@ use super::PivotedBand;
 /// Unknowns of a node and of the edge that starts there: x, y, M, F_x, F_y, θ; the last node has the first three.
 pub const UNKNOWNS_PER_NODE: usize = 6;
 
-/// Largest backward error that a solution by elimination may have: Newton's method then gains six digits an iteration at least,
-/// and what is wrong with its last increment, 1e-10 of the length or so, is below rounding. Measured on the scenes of `models/` and
-/// `tests/reference`: 2e-13 up to 129 nodes, 7e-12 at 513, 4e-11 at 4097, 5e-10 at 65 537, the largest where what is solved for is
-/// rounding already; no iteration more than with the band LU.
+/// Largest backward error allowed in a solution by elimination: Newton's method then gains at least six digits per iteration, and
+/// the error of its last increment, about 1e-10 of the length, is below rounding. Measured on the scenes of `models/` and
+/// `tests/reference`: 2e-13 up to 129 nodes, 7e-12 at 513, 4e-11 at 4097, 5e-10 at 65 537, the largest where the solution itself is
+/// rounding noise; no more iterations than with the band LU.
 const BACKWARD_ERROR: f64 = 1e-6;
 
-/// Node k with its joint, and the edge from there to node k+1: what its six equations have that is not 0 or 1, see
+/// Node k with its joint, and the edge from there to node k+1: the entries of its six equations that are not 0 or 1, see
 /// [`ChainMatrix`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ChainRow {
-    /// A: how the force on node k changes with its position, [xx, xy, yx, yy], N/m.
+    /// A: change of the force on node k with its position, [xx, xy, yx, yy], N/m.
     pub own: [f64; 4],
-    /// p: how it changes with the direction θ_{k−1} of the edge before, N.
+    /// p: change of that force with the direction θ_{k−1} of the previous edge, N.
     pub before: [f64; 2],
-    /// s: how it changes with the direction θ_k of the edge, N.
+    /// s: change of that force with the direction θ_k of the edge, N.
     pub after: [f64; 2],
-    /// dκ'/dθ of the joint, κ' the part of its curvature that bears the moment; zero where there is no joint.
+    /// dκ'/dθ of the joint, where κ' is the part of its curvature that carries the moment; zero without a joint.
     pub slope: f64,
-    /// dκ'/dM of the joint, 1/(N m); where there is none, minus what makes M a row of its own.
+    /// dκ'/dM of the joint, 1/(N m); without a joint, the factor, negated, of the equation M = 0.
     pub flexibility: f64,
     /// Unit tangent t of the edge.
     pub t: [f64; 2],
     /// dℓ/d(F·t) of the edge, m/N.
     pub compliance: f64,
-    /// g, along the edge and across: how the edge vector changes with θ_k, and how the moment changes along the edge with F, m.
+    /// g, along the edge and across: change of the edge vector with θ_k, and of the moment along the edge with F, m.
     pub lever: [f64; 2],
-    /// h: how the moment changes along the edge with θ_k, N m.
+    /// h: change of the moment along the edge with θ_k, N m.
     pub by_angle: f64,
 }
 
@@ -53,15 +53,15 @@ impl ChainRow {
     }
 }
 
-/// The matrix of the chain form, six equations a node in six unknowns, where c is what a position moves by:
+/// The matrix of the chain form, six equations per node in six unknowns, where c is the factor of positions in the direction:
 ///
 /// - node: A x_k + p θ_{k−1} + s θ_k + F_{k−1} − F_k, N,
 /// - joint: `slope` (θ_k − θ_{k−1}) − `flexibility` M_k, dimensionless,
 /// - along the edge: `compliance` t tᵀ F_k + g θ_k − c (x_{k+1} − x_k), m,
 /// - around it: M_{k+1} − M_k + g·F_k + h θ_k, N m.
 ///
-/// The equations of joints and edges are multiplied by factors that make forces of them. Where c is zero, those along the
-/// edge are t·F_k and θ_k. A held node 0 has A x_0 alone, and its joint no edge before it.
+/// The equations of joints and edges are scaled to forces. If c is zero, those along the edge are t·F_k and θ_k. A held node 0 has
+/// A x_0 alone, and its joint no edge before it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChainMatrix {
     rows: Vec<ChainRow>,
@@ -72,15 +72,15 @@ pub struct ChainMatrix {
 /// The terms of a [`ChainMatrix`] that are constant along the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainTerms {
-    /// c, what a position moves by.
+    /// c, the factor of positions in the direction.
     pub moves: f64,
-    /// The factors (N, N/m, 1/m) of the equations of joints, along edges and around them.
+    /// The factors (N, N/m, 1/m) of the equations of joints, of edge vectors and of moments.
     pub scale: [f64; 3],
     /// Node 0 is held.
     pub held: bool,
 }
 
-/// The same matrix, with diagonals, for a band LU.
+/// The same matrix, stored by diagonals, for a band LU.
 type Band = PivotedBand<3, 9>;
 
 impl ChainMatrix {
@@ -89,12 +89,12 @@ impl ChainMatrix {
         Self { rows: vec![ChainRow::default(); nodes], terms: ChainTerms { moves: 0.0, scale: [1.0; 3], held: false } }
     }
 
-    /// Number of rows: six a node, three for the last.
+    /// Number of rows: six per node, three for the last.
     pub fn unknowns(&self) -> usize {
         UNKNOWNS_PER_NODE * self.rows.len() - 3
     }
 
-    /// One a node, to be written; the last one has no edge.
+    /// The rows, one per node, mutable; the last one has no edge.
     pub fn rows_mut(&mut self) -> &mut [ChainRow] {
         &mut self.rows
     }
@@ -105,13 +105,13 @@ impl ChainMatrix {
         (j + 3).checked_sub(i).and_then(|j| row.get(j)).copied().unwrap_or(0.0)
     }
 
-    /// The equations of node `k` by diagonals, the fourth of them the main one; those of the last node's edge are zero.
+    /// The equations of node `k` by diagonals; the fourth diagonal is the main one. Those of the last node's edge are zero.
     fn diagonals(&self, k: usize) -> [[f64; 9]; UNKNOWNS_PER_NODE] {
         let ChainRow { own, before: p, after: s, slope, flexibility, t, compliance, by_angle, .. } = self.rows[k];
         let lever = self.rows[k].lever();
         let ChainTerms { moves, scale: [joint, along, around], held } = self.terms;
         let prescribed = k == 0 && held;
-        let starts = f64::from(k > 0); // an edge ends at the node, or starts there
+        let starts = f64::from(k > 0); // 1 if an edge ends at the node
         let ends = f64::from(k + 1 < self.rows.len());
         let (f_before, f_after) = if prescribed { (0.0, 0.0) } else { (starts, -ends) };
         let [xx, xy, yx, yy] = own;
@@ -149,7 +149,7 @@ impl ChainMatrix {
     }
 }
 
-/// x·(v₀, v₁) + v₂ θ + v₃ of the motion (x, θ) of a node and an edge there.
+/// An affine function x·(v₀, v₁) + v₂ θ + v₃ of the motion (x, θ) of a node and an edge there.
 #[derive(Debug, Clone, Copy, Default)]
 struct Affine([f64; 4]);
 
@@ -188,27 +188,27 @@ impl Affine {
         (vx * x.x + vy * x.y) + (vt * theta + v)
     }
 
-    /// Its change with x along `direction`.
+    /// Its derivative with respect to x along `direction`.
     #[inline(always)]
     fn along(self, direction: Vector2<f64>) -> f64 {
         self.0[0] * direction.x + self.0[1] * direction.y
     }
 
-    /// The same of the start of an edge that is rigid: its end moves by the lever times θ, less the gap.
+    /// The same function in terms of the start of a rigid edge, whose end moves by the lever times θ, minus the gap.
     #[inline(always)]
     fn at_rigid_start(self, edge: &ChainEdge) -> Self {
         self + Self([0.0, 0.0, self.along(edge.lever), -self.along(edge.gap)])
     }
 }
 
-/// What the part of the rod beyond a cut opposes its motion (x, θ) there with: −F_x, −F_y, −M.
+/// The reaction −F_x, −F_y, −M of the rod beyond a cut to its motion (x, θ) there.
 #[derive(Debug, Clone, Copy, Default)]
 struct CondensedRod {
     force: [Affine; 2],
     moment: Affine,
 }
 
-/// The same of the start of an edge, its force along it and across.
+/// The same at the start of an edge, with the force along the edge and across.
 #[derive(Debug, Clone, Copy, Default)]
 struct CondensedEdge {
     along: Affine,
@@ -216,8 +216,8 @@ struct CondensedEdge {
     moment: Affine,
 }
 
-/// An edge for one elimination: x_{k+1} = x_k + `lever` θ_k + `compliance` t tᵀ F_k − `gap` and
-/// M_{k+1} = M_k − g·F_k − h θ_k + `couple`.
+/// The equations of an edge for one elimination: x_{k+1} = x_k + `lever` θ_k + `compliance` t tᵀ F_k − `gap` and M_{k+1} = M_k −
+/// g·F_k − h θ_k + `couple`.
 struct ChainEdge {
     t: Vector2<f64>,
     lever: Vector2<f64>,
@@ -226,7 +226,7 @@ struct ChainEdge {
     couple: f64,
 }
 
-/// A joint for one elimination: θ_k = θ_{k−1} + `flexibility` M_k + `turn`.
+/// The equation of a joint for one elimination: θ_k = θ_{k−1} + `flexibility` M_k + `turn`.
 struct ChainJoint {
     flexibility: f64,
     turn: f64,
@@ -263,14 +263,14 @@ impl RowCoefficients {
         ChainJoint { flexibility: row.flexibility * per_slope, turn: rhs[2] * (self.joint * per_slope) }
     }
 
-    /// The moment where there is no joint.
+    /// The moment if there is no joint.
     #[inline(always)]
     fn moment(self, row: &ChainRow, rhs: &[f64]) -> f64 {
         -rhs[2] * self.joint / row.flexibility
     }
 }
 
-/// The first two of `rhs`.
+/// The first two entries of `rhs`.
 #[inline(always)]
 fn on_node(rhs: &[f64]) -> Vector2<f64> {
     Vector2::new(rhs[0], rhs[1])
@@ -282,7 +282,7 @@ fn block([xx, xy, yx, yy]: [f64; 4]) -> Matrix2<f64> {
 }
 
 impl CondensedRod {
-    /// The last node, seen from the end of the edge before it.
+    /// The last node, as seen from the end of the previous edge.
     fn tip(row: &ChainRow, rhs: &[f64], plain: RowCoefficients) -> Self {
         let [xx, xy, yx, yy] = row.own;
         let [x, y] = row.before;
@@ -292,13 +292,13 @@ impl CondensedRod {
         }
     }
 
-    /// Carried over an edge, from its end to its start.
+    /// Transfers the reaction over an edge, from its end to its start.
     #[inline(always)]
     fn condense_edge(&self, row: &ChainRow, edge: &ChainEdge) -> CondensedEdge {
         let (t, [slip, length]) = (edge.t, row.lever);
         let [x, y] = self.force;
         let [along, across] = [x * t.x + y * t.y, y * t.x - x * t.y].map(|force| force.at_rigid_start(edge));
-        // Under the force along it the edge gives way.
+        // The edge stretches under the force along it.
         let along = along * (1.0 / (1.0 + edge.compliance * along.along(t)));
         let across = across - along * (edge.compliance * across.along(t));
         let moment = self.moment.at_rigid_start(edge) - along * (edge.compliance * self.moment.along(t));
@@ -308,18 +308,18 @@ impl CondensedRod {
 }
 
 impl CondensedEdge {
-    /// The moment with the joint before it.
+    /// Eliminates the moment with the joint before it.
     #[inline(always)]
     fn jointed(&self, joint: &ChainJoint) -> Affine {
         let tt = self.moment.0[2];
         (self.moment + Affine([0.0, 0.0, 0.0, tt * joint.turn])) * (1.0 / (1.0 + joint.flexibility * tt))
     }
 
-    /// With its first node, and the joint there.
+    /// Adds its first node and the joint there.
     #[inline(always)]
     fn joined(&self, row: &ChainRow, joint: &ChainJoint, rhs: &[f64; UNKNOWNS_PER_NODE]) -> CondensedRod {
         let moment = self.jointed(joint);
-        let theta = Affine([0.0, 0.0, 1.0, joint.turn]) - moment * joint.flexibility; // of the edge beyond
+        let theta = Affine([0.0, 0.0, 1.0, joint.turn]) - moment * joint.flexibility; // direction of the edge beyond
         let [tx, ty] = row.t;
         let [xx, xy, yx, yy] = row.own;
         let force = [
@@ -333,20 +333,20 @@ impl CondensedEdge {
     }
 }
 
-/// The elimination of a [`ChainMatrix`] from the tip to the head, and a band LU with partial pivoting for what it does not solve.
+/// Eliminates a [`ChainMatrix`] from the tip to the head, and falls back to a band LU with partial pivoting if that fails.
 ///
-/// The part of the rod beyond a cut opposes its motion there with a force and a moment, −(F, M) = R (x, θ) + r, where R is its
-/// dynamic stiffness, 3×3. Link by link that part grows: an edge carries R over to its start, a node adds inertia and drag, and
-/// a compliance C, of an edge to its tension or of a joint to its moment, takes R to (R⁻¹ + C)⁻¹, which changes it by a column
-/// times a row. So EI/ΔL³ is never formed, and as long as R is positive nothing is divided by less than 1. From the head on
-/// the motions follow. This is the Riccati transfer matrix method (Horner & Pilkey, J. Mech. Des. 100, 1978, 297–302).
-/// Solutions are as accurate as by the band LU, those of a static cantilever too (measured: `tests/mechanics/chain.rs`). An iterate far
-/// from a solution may have an R that is not positive, so every solution is checked.
+/// The rod beyond a cut reacts to the motion there with a force and a moment, −(F, M) = R (x, θ) + r, where R is its 3×3 dynamic
+/// stiffness. Each link extends that part: an edge transfers R to its start, a node adds inertia and drag, and a compliance C, of
+/// an edge to its tension or of a joint to its moment, takes R to (R⁻¹ + C)⁻¹, a rank-one update. So EI/ΔL³ is never formed, and
+/// while R is positive definite no divisor is below 1. The motions then follow from the head. This is the Riccati transfer matrix
+/// method (Horner & Pilkey, J. Mech. Des. 100, 1978, 297–302). Solutions are as accurate as by the band LU, also for a static
+/// cantilever (measured: `tests/mechanics/chain.rs`). An iterate far from a solution may have an indefinite R, so every solution is
+/// checked.
 #[derive(Debug)]
 pub struct Riccati {
-    /// One an edge: of its start the force, of its end the moment.
+    /// One per edge: the force at its start, the moment at its end.
     beyond: Vec<CondensedEdge>,
-    /// The band LU, made when it is first needed.
+    /// The band LU, created on first use.
     lu: Option<Box<Band>>,
 }
 
@@ -356,7 +356,7 @@ impl Riccati {
         Self { beyond: vec![CondensedEdge::default(); nodes - 1], lu: None }
     }
 
-    /// Writes A⁻¹ `rhs` to `x`, values that are not finite where A is singular; true if that took the band LU.
+    /// Writes A⁻¹ `rhs` to `x`, non-finite values if A is singular; returns true if the band LU was needed.
     pub fn solve(&mut self, matrix: &ChainMatrix, rhs: &[f64], x: &mut [f64]) -> bool {
         if matrix.terms.moves == 0.0 {
             still(matrix, rhs, x);
@@ -372,7 +372,7 @@ impl Riccati {
         true
     }
 
-    /// Returns the backward error, NaN where anything is not finite.
+    /// Returns the backward error, NaN if anything is not finite.
     fn eliminate(&mut self, matrix: &ChainMatrix, rhs: &[f64], x: &mut [f64]) -> f64 {
         let plain = RowCoefficients::new(matrix.terms);
         let ([rows @ .., tip], (rhs, rhs_tip)) = (&matrix.rows[..], rhs.as_chunks::<UNKNOWNS_PER_NODE>()) else {
@@ -394,7 +394,7 @@ impl Riccati {
             theta = joint.turn + joint.flexibility * moment;
         } else {
             moment = plain.moment(head, rhs_head);
-            // A joint that lets the moment through, and no edge before it.
+            // A joint that transmits the moment, without an edge before it.
             let through = ChainJoint { flexibility: 0.0, turn: 0.0 };
             let CondensedRod { force: [Affine(x), Affine(y)], moment: Affine(m) } =
                 first.joined(head, &through, rhs_head);
@@ -402,9 +402,9 @@ impl Riccati {
             let Some(motion) = whole.lu().solve(&-Vector3::new(x[3], y[3], m[3] + moment)) else { return f64::NAN };
             (at, theta) = (motion.xy(), motion.z);
         }
-        // From the head on; `next` is the row of the node where an edge ends.
+        // Back substitution from the head; `next` is the row of the node where an edge ends.
         let mut checked = RowSizes::default();
-        let mut free = f64::from(!matrix.terms.held); // what holds the head balances all
+        let mut free = f64::from(!matrix.terms.held); // a clamp balances any force
         let (mut force_before, mut theta_before) = (Vector2::zeros(), 0.0);
         let (x, x_tip) = x.as_chunks_mut::<UNKNOWNS_PER_NODE>();
         let ends = rows.iter().skip(1).zip(rhs.iter().skip(1)).map(Some).chain(std::iter::once(None));
@@ -415,12 +415,12 @@ impl Riccati {
             *x = [at.x, at.y, moment, -opposed.x, -opposed.y, theta];
             let (rigid, stretch) = (at + edge.lever * theta - edge.gap, edge.compliance * along);
             let end = rigid - edge.t * stretch;
-            // Not as the moment at the end, which would wait for it.
+            // Not taken from the moment at the end, whose result would have to be awaited.
             let moment_after = beyond.moment.along(edge.t) * stretch - beyond.moment.at(rigid, theta);
             let own = block(row.own) * at;
             let turned = Vector2::from(row.before) * theta_before + Vector2::from(row.after) * theta;
             let left = own + turned + force_before + opposed - on_node(rhs);
-            // The gap: positions are sums of it.
+            // Checks the gap: positions are sums of it.
             checked.node([own, block(row.own) * edge.gap, opposed, on_node(rhs)], left * free);
             free = 1.0;
             let turning = row.lever[0] * along + row.lever[1] * across;
@@ -441,15 +441,15 @@ impl Riccati {
     }
 }
 
-/// Largest moduli of what two kinds of equations leave, and of their terms; those of joints and along edges hold as they were
-/// used to find the unknowns.
+/// Largest moduli of the residuals of two kinds of equations, and of their terms. The other two kinds, joints and edge vectors,
+/// hold exactly because they were used to find the unknowns.
 #[derive(Debug, Default)]
 struct RowSizes {
     node: [f64; 2],
     around: [f64; 2],
-    /// Of the levers that make moments of forces: what is rounded in those, is rounded in these.
+    /// Largest lever that makes a moment of a force: rounding errors of forces enter moments through it.
     lever: f64,
-    /// Not finite where anything is not.
+    /// Not finite if any value is not.
     sum: f64,
 }
 
@@ -489,7 +489,7 @@ impl RowSizes {
     }
 }
 
-/// The solution where no position moves: the edges keep direction and stretch, so everything follows link by link.
+/// The solution if no position moves: edges keep direction and stretch, so everything follows link by link.
 fn still(matrix: &ChainMatrix, rhs: &[f64], x: &mut [f64]) {
     let ChainTerms { scale: [joint, _, around], held, .. } = matrix.terms;
     let (mut force_before, mut theta_before) = (Vector2::zeros(), 0.0);

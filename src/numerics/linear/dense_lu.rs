@@ -7,10 +7,10 @@ use faer::mat::{MatMut, MatRef};
 use faer::perm::PermRef;
 use faer::prelude::default;
 
-/// A square matrix and, once [factored](Self::factor), its LU in its place; allocates once.
+/// A square matrix, replaced by its LU once [factored](Self::factor); allocates once.
 pub struct DenseLu {
     size: usize,
-    /// By columns.
+    /// Entries, by columns.
     values: Vec<f64>,
     forward: Vec<usize>,
     backward: Vec<usize>,
@@ -24,7 +24,7 @@ impl std::fmt::Debug for DenseLu {
 }
 
 impl DenseLu {
-    /// Room for `size` unknowns.
+    /// Allocates for `size` unknowns.
     pub fn new(size: usize) -> Self {
         let scratch = StackReq::any_of(&[
             solve::solve_transpose_in_place_scratch::<usize, f64>(size, 1, Par::Seq),
@@ -41,7 +41,7 @@ impl DenseLu {
         }
     }
 
-    /// The entries, by columns, to be written.
+    /// The entries, by columns, mutable.
     pub fn values_mut(&mut self) -> &mut [f64] {
         &mut self.values
     }

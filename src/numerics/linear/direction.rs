@@ -1,4 +1,4 @@
-//! The direction along which a Jacobian is taken: the factors that a method gives to ∂f/∂q, ∂f/∂v and ∂f/∂a.
+//! The direction along which a Jacobian is taken: a method's factors of ∂f/∂q, ∂f/∂v and ∂f/∂a.
 
 use super::Number;
 
@@ -17,7 +17,7 @@ pub struct Direction {
 }
 
 impl Direction {
-    /// Moves a node, given by position, velocity and acceleration, by `d`.
+    /// Moves a node, given by its position, velocity and acceleration, by `d`.
     #[inline(always)]
     pub(crate) fn move_node<T: Number>(self, [q, v, a]: [&mut [T; 2]; 3], d: [T; 2]) {
         for i in 0..2 {

@@ -1,4 +1,4 @@
-//! faer's sparse LU with partial pivoting: any pattern, indefinite and nearly singular matrices too.
+//! faer's sparse LU with partial pivoting, for any pattern, including indefinite and nearly singular matrices.
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::mat::MatMut;
@@ -12,8 +12,8 @@ use crate::error::{Error, Result};
 
 /// Sparse LU: one symbolic analysis, then numeric refactorisations that allocate nothing after the first.
 ///
-/// The column-by-column (simplicial) variant is always taken: with a half-bandwidth of 5 there are no dense parts for
-/// the supernodal one to use, and that one allocates at every call.
+/// Always uses the simplicial (column-by-column) variant: with a half-bandwidth of 5 the supernodal one finds no dense parts, and
+/// it allocates at every call.
 pub struct FaerLu {
     pattern: SymbolicSparseColMat<u32>,
     values: Vec<f64>,
@@ -32,7 +32,7 @@ impl std::fmt::Debug for FaerLu {
 impl FaerLu {
     fn solve_with(&mut self, rhs: &mut [f64], transposed: bool) {
         if !self.factored {
-            rhs.fill(f64::NAN); // as a singular matrix would
+            rhs.fill(f64::NAN); // as for a singular matrix
             return;
         }
         let lu = LuRef::new_unchecked(&self.symbolic, &self.numeric);

@@ -1,4 +1,4 @@
-//! Which solver a run takes, and what happens where the fast one fails.
+//! The linear solver of a run, and the fallback if the fast solver fails.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,39 +7,39 @@ use super::FaerLu;
 use super::{BandMatrix, BlockBand, Coupling, Direction, LinearSolver, PivotedLu};
 use crate::error::Result;
 
-/// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have: a few thousand
-/// roundings. Measured: below 1e-14 on the iterates of the scenes in `models/` with their own meshes; above it only where
-/// the matrix is indefinite, far from a solution, or where double precision hardly resolves the mesh.
+/// Largest [backward error](BandMatrix::backward_error) allowed in a solution by [`BlockBand`]: a few thousand rounding units.
+/// Measured: below 1e-14 on the iterates of the scenes in `models/` with their own meshes; above it only if the matrix is
+/// indefinite, far from a solution, or if double precision hardly resolves the mesh.
 pub(super) const BACKWARD_ERROR: f64 = 1e-12;
 
-/// Choice of the linear solver; adding one is its file and its line here.
+/// Choice of the linear solver. To add one, write its file and list it here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverChoice {
-    /// [`BlockBand`], its solution checked; [`PivotedLu`] for every system that it does not solve to rounding.
+    /// [`BlockBand`] with a check of the solution; [`PivotedLu`] for every system that it does not solve to rounding accuracy.
     #[default]
     Auto,
     /// See [`FaerLu`].
     #[cfg(feature = "faer")]
     FaerLu,
-    /// [`BlockBand`] alone: a solution that fails the check is one of NaN.
+    /// [`BlockBand`] alone: a solution that fails the check is replaced by NaN.
     BlockBand,
 }
 
 impl SolverChoice {
-    /// True where it solves by [`BlockBand`] first.
+    /// True if it solves by [`BlockBand`] first.
     fn is_by_blocks(self) -> bool {
         matches!(self, Self::Auto | Self::BlockBand)
     }
 }
 
-/// What is known of a solution.
+/// Properties of a solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Solution {
-    /// True if the fast solver failed the check, so that there was a second factorisation.
+    /// True if the fast solver failed the check and a second factorisation was needed.
     pub fallback: bool,
-    /// The largest moduli of the solution and of the right-hand side, from the check: all their values are finite then.
+    /// The largest moduli of the solution and of the right-hand side, from the check, if it ran: all their values are then finite.
     pub sizes: Option<[f64; 2]>,
 }
 
@@ -48,7 +48,7 @@ pub struct Solution {
 pub struct FallbackSolver {
     choice: SolverChoice,
     band: BlockBand,
-    /// The one that pivots; analysed when it is first needed.
+    /// The pivoting solver, analysed on first use.
     lu: Option<Box<dyn LinearSolver>>,
     rhs: Vec<f64>,
 }
@@ -57,7 +57,7 @@ impl FallbackSolver {
     /// Prepares for every matrix with the pattern of `matrix`.
     ///
     /// # Errors
-    /// Those of [`LinearSolver::analyse`].
+    /// Errors of [`LinearSolver::analyse`].
     pub fn new(choice: SolverChoice, matrix: &BandMatrix) -> Result<Self> {
         let lu: Option<Box<dyn LinearSolver>> = match choice {
             #[cfg(feature = "faer")]
@@ -67,10 +67,10 @@ impl FallbackSolver {
         Ok(Self { choice, band: BlockBand::analyse(matrix)?, lu, rhs: vec![0.0; matrix.unknowns()] })
     }
 
-    /// Replaces `rhs` by A⁻¹ rhs, values that are not finite where A is singular.
+    /// Replaces `rhs` by A⁻¹ rhs, by non-finite values if A is singular.
     ///
     /// # Errors
-    /// Those of [`LinearSolver::analyse`] and [`LinearSolver::factor`].
+    /// Errors of [`LinearSolver::analyse`] and [`LinearSolver::factor`].
     pub fn solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<Solution> {
         self.rhs.copy_from_slice(rhs);
         if self.choice.is_by_blocks() {
@@ -97,8 +97,7 @@ impl FallbackSolver {
         Ok(Solution { fallback: self.choice == SolverChoice::Auto, sizes: None })
     }
 
-    /// Replaces `rhs` by the solution of the sum of `matrix` and what couples every node with every other, see
-    /// [`Coupling::solve`].
+    /// Replaces `rhs` by the solution with the sum of `matrix` and the nonlocal part, see [`Coupling::solve`].
     pub fn solve_coupled(
         &mut self,
         matrix: &BandMatrix,
@@ -111,7 +110,7 @@ impl FallbackSolver {
         Solution { fallback: false, sizes: None }
     }
 
-    /// True where it tries [`BlockBand`] first.
+    /// True if it tries [`BlockBand`] first.
     pub fn is_by_blocks(&self) -> bool {
         self.choice.is_by_blocks()
     }

@@ -1,4 +1,4 @@
-//! The linear seam: one matrix with a fixed band pattern, and the solvers that take it.
+//! Linear systems: a matrix with a fixed band pattern, and its solvers.
 
 mod block;
 mod block_band;
@@ -28,13 +28,13 @@ pub use fallback::{FallbackSolver, Solution, SolverChoice};
 pub use pivoted_band::{PivotedBand, PivotedLu};
 pub use real::{Number, Pair, Real};
 
-/// Nodes on either side that a node is coupled to: bending reaches two.
+/// Number of nodes on either side that a node is coupled to; bending couples two.
 pub(crate) const HALF_BANDWIDTH: usize = 2;
 
-/// The five blocks of a row of blocks, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
+/// The five blocks of a block row, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
 pub type BlockRow<T = f64> = [[T; 4]; 2 * HALF_BANDWIDTH + 1];
 
-/// Square matrix of 2×2 blocks, one row of blocks per node, in which node k meets nodes k−2 … k+2 (half-bandwidth 5).
+/// Square matrix of 2×2 blocks, one block row per node, that couples node k to nodes k−2 … k+2 (half-bandwidth 5).
 ///
 /// Its pattern never changes; blocks are added in place. Blocks that would lie outside the matrix stay zero.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,17 +48,17 @@ impl BandMatrix {
         Self { rows: vec![BlockRow::default(); nodes] }
     }
 
-    /// Nodes that node `k` is coupled to.
+    /// Indices of the nodes that node `k` is coupled to.
     pub fn coupled(&self, k: usize) -> std::ops::Range<usize> {
         k.saturating_sub(HALF_BANDWIDTH)..(k + HALF_BANDWIDTH + 1).min(self.rows.len())
     }
 
-    /// The rows of blocks, one a node.
+    /// The block rows, one per node.
     pub fn rows(&self) -> &[BlockRow] {
         &self.rows
     }
 
-    /// The rows of blocks, to be written.
+    /// The block rows, mutable.
     pub fn rows_mut(&mut self) -> &mut [BlockRow] {
         &mut self.rows
     }
@@ -79,23 +79,23 @@ impl BandMatrix {
         *d += block[(1, 1)];
     }
 
-    /// Makes the rows and columns of node `k` those of the identity: its unknowns are prescribed.
+    /// Replaces the rows and columns of node `k` by those of the identity: its unknowns are prescribed.
     pub fn prescribe(&mut self, k: usize) {
         prescribe(&mut self.rows, k);
     }
 
-    /// True where the unknowns of node `k` are [prescribed](Self::prescribe).
+    /// True if the unknowns of node `k` are [prescribed](Self::prescribe).
     pub fn is_prescribed(&self, k: usize) -> bool {
         let row = &self.rows[k];
         row[HALF_BANDWIDTH] == [1.0, 0.0, 0.0, 1.0] && (0..row.len()).all(|j| j == HALF_BANDWIDTH || row[j] == [0.0; 4])
     }
 
-    /// Number of nodes, and of rows of blocks.
+    /// Number of nodes, and of block rows.
     pub fn nodes(&self) -> usize {
         self.rows.len()
     }
 
-    /// Number of unknowns, two a node.
+    /// Number of unknowns, two per node.
     pub fn unknowns(&self) -> usize {
         2 * self.rows.len()
     }
@@ -123,19 +123,19 @@ impl BandMatrix {
         }
     }
 
-    /// ‖A x − b‖∞ / (max |aₖₖ| ‖x‖∞ + ‖b‖∞), NaN where anything is not finite: at least the normwise backward error of
-    /// x as a solution of A x = b (Rigal and Gaches, J. ACM 14, 1967), as the largest |aₖₖ| is at most ‖A‖∞.
+    /// ‖A x − b‖∞ / (max |aₖₖ| ‖x‖∞ + ‖b‖∞), NaN if anything is not finite: an upper bound of the normwise backward error of x as a
+    /// solution of A x = b (Rigal and Gaches, J. ACM 14, 1967), because the largest |aₖₖ| is at most ‖A‖∞.
     pub fn backward_error(&self, x: &[f64], b: &[f64]) -> f64 {
         self.checked(x, b).error
     }
 
-    /// The [backward error](Self::backward_error), with the largest moduli of x and b, which are right where it is a number.
+    /// The [backward error](Self::backward_error) with the largest moduli of x and b, which are valid unless the error is NaN.
     pub(crate) fn checked(&self, x: &[f64], b: &[f64]) -> ResidualCheck {
         ResidualSizes::of(&self.rows, x.as_chunks().0, b.as_chunks().0).checked()
     }
 }
 
-/// Makes `rows` and columns of node `k` those of the identity.
+/// Replaces the rows and columns of node `k` in `rows` by those of the identity.
 #[inline(always)]
 pub(crate) fn prescribe<T: Real>(rows: &mut [BlockRow<T>], k: usize) {
     let zero = rows[k][0][0].like(0.0);
@@ -146,7 +146,7 @@ pub(crate) fn prescribe<T: Real>(rows: &mut [BlockRow<T>], k: usize) {
     rows[k][HALF_BANDWIDTH] = [zero.like(1.0), zero, zero, zero.like(1.0)];
 }
 
-/// A solution of A x = b, checked.
+/// The check of a solution of A x = b.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ResidualCheck {
     /// Its backward error.
@@ -158,13 +158,13 @@ pub(crate) struct ResidualCheck {
 }
 
 impl ResidualCheck {
-    /// True where the system is solved to rounding.
+    /// True if the system is solved to rounding accuracy.
     pub fn is_solved(&self) -> bool {
         self.error <= fallback::BACKWARD_ERROR
     }
 }
 
-/// Largest moduli of parts of A x − b, and a sum that is not finite where anything in A x − b is not.
+/// Largest moduli of parts of A x − b, and a sum that is not finite if any value in A x − b is not.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ResidualSizes<P> {
     residual: P,
@@ -175,7 +175,7 @@ pub(crate) struct ResidualSizes<P> {
 }
 
 impl<P: Number> ResidualSizes<P> {
-    /// Of the solution `x` of the system of `rows` and the right-hand side `b`.
+    /// For the solution `x` of the system of `rows` with right-hand side `b`.
     #[inline(always)]
     pub(crate) fn of<T: Real<Pair = P>>(rows: &[BlockRow<T>], x: &[[T; 2]], b: &[[T; 2]]) -> Self
     where
@@ -186,7 +186,7 @@ impl<P: Number> ResidualSizes<P> {
         let mut sizes = Self { residual: none, diagonal: none, x: none, b: none, sum: none };
         let inner = rows.len().saturating_sub(2 * HALF_BANDWIDTH);
         let outer = 2.min(rows.len())..;
-        // The first and the last rows meet nodes that there are not.
+        // The first and the last rows would couple to nodes that do not exist.
         for k in (0..rows.len()).filter(|k| !(HALF_BANDWIDTH..HALF_BANDWIDTH + inner).contains(k)) {
             let mut near = [[zero; 2]; 5];
             for (j, near) in near.iter_mut().enumerate() {
@@ -204,7 +204,7 @@ impl<P: Number> ResidualSizes<P> {
         sizes
     }
 
-    /// Takes in the row of blocks `row` with the solution `near` it and the right-hand side.
+    /// Accumulates the block row `row` with the solution `near` it and the right-hand side.
     #[inline(always)]
     fn add<T: Real<Pair = P>>(&mut self, row: &BlockRow<T>, near: &[[T; 2]; 5], b: [T; 2])
     where
@@ -229,7 +229,7 @@ impl<P: Number> ResidualSizes<P> {
 }
 
 impl<P: Copy> ResidualSizes<P> {
-    /// Those of each of several cases, of which `of` knows the numbers.
+    /// The sizes for each of several cases, whose numbers are in `of`.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     pub(crate) fn in_lanes<T: Real<Pair = P>, const N: usize>(
         &self,
@@ -249,7 +249,7 @@ impl<P: Copy> ResidualSizes<P> {
 }
 
 impl ResidualSizes<f64x2> {
-    /// What they say of the solution.
+    /// The check that they amount to.
     pub(crate) fn checked(&self) -> ResidualCheck {
         let [residual, diagonal, x, b] = [self.residual, self.diagonal, self.x, self.b].map(|sizes| {
             let [a, b] = sizes.to_array();
@@ -266,19 +266,19 @@ impl ResidualSizes<f64x2> {
     }
 }
 
-/// A part of a Jacobian that couples every node with every other.
+/// A part of a Jacobian that couples every node to every other.
 pub trait Coupling {
-    /// Replaces `rhs` by the solution of (B + K) x = rhs, K the part along the direction `along`, B the rest, `band`; values that
-    /// are not finite where the sum is singular. Rows that `band` prescribes stay so.
+    /// Replaces `rhs` by the solution of (B + K) x = rhs, where K is the coupling along the direction `along` and B is `band`; by
+    /// non-finite values if the sum is singular. Rows prescribed in `band` stay prescribed.
     fn solve(&self, band: &BandMatrix, along: Direction, rhs: &mut [f64]);
 }
 
-/// A direct solver: the pattern is analysed once a run, values are factored once an iteration.
+/// A direct solver: analyses the pattern once per run and factors values once per iteration.
 pub trait LinearSolver: std::fmt::Debug + Send + Sync {
-    /// Prepares for every matrix with the pattern of `matrix`.
+    /// Prepares for all matrices with the pattern of `matrix`.
     ///
     /// # Errors
-    /// [`Error::Linear`](crate::Error::Linear) where memory or indices do not suffice.
+    /// [`Error::Linear`](crate::Error::Linear) if memory or indices are insufficient.
     fn analyse(matrix: &BandMatrix) -> Result<Self>
     where
         Self: Sized;
@@ -286,22 +286,22 @@ pub trait LinearSolver: std::fmt::Debug + Send + Sync {
     /// Factors the values; a singular matrix shows as non-finite values in the solution.
     ///
     /// # Errors
-    /// [`Error::Linear`](crate::Error::Linear) where memory does not suffice or a pivot is missing.
+    /// [`Error::Linear`](crate::Error::Linear) if memory is insufficient or a pivot is missing.
     fn factor(&mut self, matrix: &BandMatrix) -> Result<()>;
 
-    /// Replaces `rhs` by A⁻¹ rhs; [`factor`](Self::factor) comes first.
+    /// Replaces `rhs` by A⁻¹ rhs; [`factor`](Self::factor) must have been called.
     fn solve(&mut self, rhs: &mut [f64]);
 
-    /// Factors the values and replaces `rhs` by A⁻¹ rhs; the factors need not be there afterwards.
+    /// Factors the values and replaces `rhs` by A⁻¹ rhs; need not keep the factors.
     ///
     /// # Errors
-    /// Those of [`factor`](Self::factor).
+    /// Errors of [`factor`](Self::factor).
     fn factor_and_solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<()> {
         self.factor(matrix)?;
         self.solve(rhs);
         Ok(())
     }
 
-    /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
+    /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) must have been called.
     fn solve_transposed(&mut self, rhs: &mut [f64]);
 }

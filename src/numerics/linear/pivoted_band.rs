@@ -1,33 +1,33 @@
-//! Band LU with partial pivoting: matrices that are indefinite or have zeros on the diagonal.
+//! Band LU with partial pivoting, for matrices that are indefinite or have zeros on the diagonal.
 //!
-//! Source: R. S. Martin & J. H. Wilkinson, Numer. Math. 9 (1967) 279–301, the procedure `bandet1`; LAPACK's dgbtrf does the
-//! same by blocks. Rows are kept flush with the column that is eliminated, so the fill-in of pivoting lands where the
-//! eliminated column was, and U needs no more room than the matrix.
+//! Source: R. S. Martin & J. H. Wilkinson, Numer. Math. 9 (1967) 279–301, the procedure `bandet1`; LAPACK's dgbtrf does the same by
+//! blocks. Rows are shifted to start at the column that is eliminated, so the fill-in of pivoting goes where the eliminated column
+//! was, and U needs no more memory than the matrix.
 
 use super::{BandMatrix, HALF_BANDWIDTH, LinearSolver};
 use crate::error::Result;
 
 /// A square matrix with `LOWER` diagonals below the main one and `WIDTH` − 1 − `LOWER` above it, and its factors.
 ///
-/// P A = L U takes the matrix's place: fill it, [`factor`](Self::factor) it, solve, and [`clear`](Self::clear) it for the
-/// next. Nothing is allocated after [`new`](Self::new). `LOWER`·(2 `WIDTH`) flops an unknown; backward stable up to the
-/// growth of partial pivoting, which for bands is bounded and in practice near 1.
+/// P A = L U overwrites the matrix: fill it, [`factor`](Self::factor) it, solve, and [`clear`](Self::clear) it for the next.
+/// Nothing is allocated after [`new`](Self::new). Costs `LOWER`·(2 `WIDTH`) flops per unknown. Backward stable up to the growth of
+/// partial pivoting, which is bounded for bands and near 1 in practice.
 #[derive(Debug, Clone)]
 pub struct PivotedBand<const LOWER: usize, const WIDTH: usize> {
     unknowns: usize,
-    /// Row i from column i − `LOWER` on; once factored, row i of U from the diagonal on, the diagonal as its inverse.
+    /// Row i, starting at column i − `LOWER`; once factored, row i of U, starting at the diagonal, which is stored inverted.
     /// `LOWER` rows of zeros follow, so that every column has as many rows below it.
     rows: Vec<[f64; WIDTH]>,
     /// Column k of L below the diagonal.
     multipliers: Vec<[f64; LOWER]>,
-    /// Column k took its pivot from this many rows below.
+    /// Number of rows below the diagonal from which column k took its pivot.
     pivots: Vec<u8>,
-    /// The right-hand side of a solve and `WIDTH` zeros.
+    /// The right-hand side of a solve, followed by `WIDTH` zeros.
     rhs: Vec<f64>,
 }
 
 impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
-    /// The zero matrix of `unknowns` rows.
+    /// The zero matrix with `unknowns` rows.
     pub fn new(unknowns: usize) -> Self {
         const { assert!(LOWER < WIDTH && LOWER < 256) };
         Self {
@@ -49,24 +49,24 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
         self.rows.fill([0.0; WIDTH]);
     }
 
-    /// The rows of the matrix, to fill: row i holds columns i − `LOWER` … i + `WIDTH` − 1 − `LOWER`. What lies outside the
-    /// matrix must stay zero.
+    /// The rows of the matrix, to fill: row i holds columns i − `LOWER` … i + `WIDTH` − 1 − `LOWER`. Entries outside the matrix
+    /// must stay zero.
     pub fn rows_mut(&mut self) -> &mut [[f64; WIDTH]] {
         &mut self.rows[..self.unknowns]
     }
 
-    /// The entry at row `i`, column `j` of a matrix that is not factored yet; zero outside the band.
+    /// The entry at row `i`, column `j` of an unfactored matrix; zero outside the band.
     pub fn entry(&self, i: usize, j: usize) -> f64 {
         (j + LOWER).checked_sub(i).and_then(|offset| self.rows[i].get(offset)).copied().unwrap_or(0.0)
     }
 
-    /// Replaces the matrix by its factors. A singular matrix shows as solutions that are not finite.
+    /// Replaces the matrix by its factors. A singular matrix shows as non-finite values in solutions.
     pub fn factor(&mut self) {
         self.eliminate(|_, _, _| {});
     }
 
-    /// Replaces the matrix by its factors and `rhs` by A⁻¹ rhs. Eliminating in `rhs` along with the matrix is nearly free:
-    /// alone it waits for its own last result.
+    /// Replaces the matrix by its factors and `rhs` by A⁻¹ rhs. Eliminating `rhs` along with the matrix is nearly free; alone it is
+    /// limited by latency.
     pub fn factor_and_solve(&mut self, rhs: &mut [f64]) {
         let mut x = std::mem::take(&mut self.rhs);
         x[..self.unknowns].copy_from_slice(rhs);
@@ -76,7 +76,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
         self.finish(rhs);
     }
 
-    /// Replaces the matrix by its factors; `also` sees each column of L with its number and its pivot.
+    /// Replaces the matrix by its factors; `also` receives each column of L with its index and its pivot.
     #[inline]
     fn eliminate(&mut self, mut also: impl FnMut(usize, usize, &[f64; LOWER])) {
         for (i, row) in self.rows.iter_mut().enumerate().take(LOWER) {
@@ -84,7 +84,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
             row.copy_within(LOWER - i.., 0);
             row[WIDTH - (LOWER - i)..].fill(0.0);
         }
-        self.rows[self.unknowns..].fill([0.0; WIDTH]); // a singular matrix leaves NaN here
+        self.rows[self.unknowns..].fill([0.0; WIDTH]); // a singular matrix left NaN here
         for (k, (multipliers, pivot)) in self.multipliers.iter_mut().zip(&mut self.pivots).enumerate() {
             let Some((top, below)) = self.rows[k..].split_first_mut() else { return };
             let Some(below) = below.first_chunk_mut::<LOWER>() else { return };
@@ -127,7 +127,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     fn substitute_back(&mut self) {
         for (i, row) in self.rows[..self.unknowns].iter().enumerate().rev() {
             let Some(window) = self.rhs[i..].first_chunk_mut::<WIDTH>() else { return };
-            // From the far end, so that only the last product waits for the unknown before.
+            // In descending order, so that only the last product waits for the previous unknown.
             let mut sum = 0.0;
             for j in (1..WIDTH).rev() {
                 sum += window[j] * row[j];
@@ -154,7 +154,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
         self.finish(rhs);
     }
 
-    /// Hands the solution over; of a singular matrix nothing that is not finite stays behind.
+    /// Hands the solution over; non-finite values of a singular matrix are removed from the buffer.
     fn finish(&mut self, rhs: &mut [f64]) {
         rhs.copy_from_slice(&self.rhs[..self.unknowns]);
         self.rhs[self.unknowns..].fill(0.0);
@@ -175,8 +175,7 @@ impl LinearSolver for PivotedLu {
     }
 
     fn factor(&mut self, matrix: &BandMatrix) -> Result<()> {
-        // A row of blocks has ten entries a row; the band starts one before them in the upper row and ends one after them in
-        // the lower.
+        // A block row has ten entries per row; the band starts one entry earlier in the upper row and ends one later in the lower.
         for ([upper, lower], blocks) in self.rows.as_chunks_mut().0.iter_mut().zip(matrix.rows()) {
             for (j, [a, b, c, d]) in blocks.iter().enumerate() {
                 [upper[2 * j + 1], upper[2 * j + 2]] = [*a, *b];

@@ -1,7 +1,7 @@
 //! The number type of the equations of motion: one number, or the numbers of several cases in SIMD lanes.
 //!
-//! The step of one case and that of several have one source: edges, joints, drag, assembly and elimination are generic
-//! over [`Real`]. Multiplications and additions are not fused, so a case is bit-identical alone and in a batch.
+//! The steps of one case and of several share one source: edges, joints, drag, assembly and elimination are generic over [`Real`].
+//! Multiplications and additions are not fused, so a case is bit-identical alone and in a batch.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
@@ -9,7 +9,7 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 use nalgebra::Scalar;
 use wide::f64x2;
 
-/// The arithmetic that a [`Real`] and a [`Pair`] of them have in common.
+/// The arithmetic shared by a [`Real`] and a [`Pair`] of them.
 pub trait Number:
     Copy
     + Debug
@@ -21,13 +21,13 @@ pub trait Number:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// `x` in every lane; `self` only says in which lanes.
+    /// `x` in every lane; `self` only selects the number type.
     fn like(self, x: f64) -> Self;
 
-    /// The modulus.
+    /// The absolute value.
     fn abs(self) -> Self;
 
-    /// The larger one, of numbers.
+    /// The larger of two numbers.
     fn larger(self, other: Self) -> Self;
 
     /// The square root.
@@ -36,27 +36,26 @@ pub trait Number:
     /// The natural logarithm.
     fn ln(self) -> Self;
 
-    /// `then` where `x` is at most `limit`, `otherwise` where it is not.
+    /// `then` where `x` is at most `limit`, otherwise `otherwise`.
     fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self;
 }
 
-/// A real number of one case, `f64`, or of several in lanes.
+/// The real number of one case, `f64`, or of several cases in lanes.
 pub trait Real: Number + Scalar {
     /// Two of them.
     type Pair: Pair<Self>;
 
-    /// Runs `work` outside of a loop, whose registers it would occupy (a tenth of the instructions of an elimination).
-    /// In lanes everything has to be in one function, the one that is compiled for them.
+    /// Runs `work` outside of a loop, whose registers it would occupy (a tenth of the instructions of an elimination). In lanes it
+    /// is inlined, because the whole function is compiled for their instruction set.
     #[inline(always)]
     fn out_of_line<R>(work: impl FnOnce() -> R) -> R {
         work()
     }
 }
 
-/// Two numbers: the components of a vector, or what belongs to both ends of an edge or of the rod. Of one case they are two
-/// lanes.
+/// Two numbers: the components of a vector, or values at both ends of an edge or of the rod. For one case they are two SIMD lanes.
 pub trait Pair<T>: Number + Mul<T, Output = Self> {
-    /// Both in their order.
+    /// The pair of both, in order.
     fn new(both: [T; 2]) -> Self;
 
     /// The inverse of [`new`](Self::new).
@@ -72,7 +71,7 @@ pub trait Pair<T>: Number + Mul<T, Output = Self> {
         first + second
     }
 
-    /// The first ones of two pairs, and the second ones.
+    /// The first components of two pairs, and the second components.
     fn transpose(pairs: [Self; 2]) -> [Self; 2];
 }
 
@@ -138,7 +137,7 @@ impl Number for f64x2 {
         self.sqrt()
     }
 
-    /// Digit by digit that of one number.
+    /// Operation by operation the same as for one number.
     #[inline(always)]
     fn ln(self) -> Self {
         let [first, second] = self.to_array();
