@@ -563,13 +563,26 @@ fn the_delays_of_a_gif_do_not_add_up_their_rounding() {
 
 #[cfg(feature = "pictures")]
 #[test]
-fn a_run_of_another_scene_is_told_with_the_file_of_the_scene() {
+fn a_film_of_a_run_has_its_overrides_and_a_run_of_another_scene_is_told_with_the_file_of_the_scene() {
     let folder = tempfile::tempdir().unwrap();
     let (out, scene) = (folder.path().join("out"), folder.path().join("scene.toml"));
     std::fs::copy("models/baseline.toml", &scene).unwrap();
     let [out, scene] = [&out, &scene].map(|path| path.to_str().unwrap());
     let made = caudal(&["run", scene, "--set", "solver.duration_s=0.01", "--out", out]);
     assert!(made.status.success(), "{}", text(&made.stderr));
+    // One picture at 0 s and one at 0.01 s: a film of the 20 s of the file has 500.
+    let made = caudal(&["export", out, "--gif"]);
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let file = std::fs::File::open(Path::new(out).join("baseline.gif")).unwrap();
+    let mut decoder = gif::DecodeOptions::new().read_info(file).unwrap();
+    assert_eq!(std::iter::from_fn(|| decoder.read_next_frame().unwrap().map(|_| ())).count(), 2);
+    let changed = std::fs::read_to_string(scene).unwrap().replace("duration_s = ", "duration_s = 1");
+    std::fs::write(scene, changed + "# overridden: rod.nodes=5\n").unwrap();
+    let edited = caudal(&["run", scene, "--set", "rod.nodes=7", "--set", "solver.duration_s=0.01", "--out", out]);
+    assert!(edited.status.success(), "{}", text(&edited.stderr));
+    let made = caudal(&["export", out, "--gif", "--force"]);
+    assert!(made.status.success(), "a comment is no override: {}", text(&made.stderr));
+    std::fs::copy("models/eel.toml", scene).unwrap();
     let refused = caudal(&["export", out, "--gif"]);
     let words = format!("{out}: the run is of another scene than {scene} is now");
     assert!(refused.status.code() == Some(2) && text(&refused.stderr).contains(&words), "{}", text(&refused.stderr));

@@ -448,6 +448,10 @@ fn the_film_shows_all_rods_at_the_same_times_where_their_tables_have_them() {
     let names: Vec<&str> = beside.iter().map(|rod| rod["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["b", "c", "d"]);
     assert_eq!(beside[1]["points"], beside[2]["points"], "Parquet and CSV hold the same positions");
+    // The body has the widths of the scene at the nodes that are drawn.
+    let widths = [&film["half_widths"], &beside[0]["half_widths"]].map(numbers);
+    assert_eq!(widths[1], [0, 2, 4].map(|node| widths[0][node]), "widths of nodes 0, 2 and 4");
+    assert!(widths[0].iter().all(|width| *width > 0.0), "{widths:?}");
     let [a, b] = ["a", "b"].map(|name| columns(at(name).join("nodes.csv")));
     let (first, second) = (positions(&film, &film["points"]), positions(&film, &beside[0]["points"]));
     for (k, time) in times.iter().enumerate() {
@@ -527,6 +531,7 @@ fn the_page_plays_eight_rods_in_a_browser_and_fits_a_telephone() {
         const lines = [...document.querySelectorAll("#beside polyline")];
         const seen = (line) => [getComputedStyle(line).stroke, getComputedStyle(line).strokeDasharray].join(" ");
         document.body.dataset.lines = lines.length;
+        document.body.dataset.outlines = [...document.querySelectorAll("#beside polygon")].map((outline) => outline.getAttribute("points").split(" ").length).join(" ");
         document.body.dataset.nodes = lines.map((line) => line.getAttribute("points").trim().split(" ").length).join(" ");
         document.body.dataset.colours = new Set([...lines.map(seen), getComputedStyle(part("rod")).stroke]).size;
         document.body.dataset.swatches = [...document.querySelectorAll("#runs .swatch")].map((swatch) => getComputedStyle(swatch).backgroundColor).slice(0, 7).join("|");
@@ -540,6 +545,7 @@ fn the_page_plays_eight_rods_in_a_browser_and_fits_a_telephone() {
     let of_body = |name: &str| body.split(&format!("data-{name}=\"")).nth(1).unwrap().split('"').next().unwrap();
     assert_eq!(of_body("lines"), "7");
     assert_eq!(of_body("nodes"), "5 5 5 5 5 5 5");
+    assert_eq!(of_body("outlines"), "10 10 10 10 10 10 10", "both sides of each body");
     assert_eq!(of_body("colours"), "8", "no two rods look the same");
     assert_eq!(of_body("swatches"), of_body("strokes"), "the legend has the colours of the rods");
     assert!(of_body("meaning").contains("velocity"), "{}", of_body("meaning"));

@@ -393,8 +393,10 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
         part("together").checked = true;
         click(0, 1); document.body.dataset.second = part("what").textContent;
         document.body.dataset.beside = part("beside").children.length + " " + part("legend").textContent.trim();
+        const corners = (outline) => outline.getAttribute("points").split(" ").length;
+        document.body.dataset.bodies = corners(part("outline")) + " " + corners(part("beside").querySelector("polygon"));
     "##;
-    let found = after(&browser, &out.join("report.html"), script, &["first", "second", "beside"]);
+    let found = after(&browser, &out.join("report.html"), script, &["first", "second", "beside", "bodies"]);
     // Cases are numbered by the first axis, then the second.
     assert_eq!(found[0].1, "4 Case 4: actuation.frequency_hz = 3.0, actuation.kappa_amp = 0.5");
     assert_eq!(
@@ -403,6 +405,8 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
          actuation.kappa_amp = 0.5"
     );
     assert_eq!(found[2].1, "1 Beside it, from above:case&nbsp;4");
+    // Both sides of the body at each of 9 nodes.
+    assert_eq!(found[3].1, "18 18");
 
     let out = folder.path().join("study");
     let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
