@@ -1,7 +1,7 @@
 //! Distributed work: jobs whose parts run on workers (Dask, from Python) that share no disk.
 //!
-//! A worker is sent a [`Bundle`]: the scene or sweep, all files that it names, and the task, as bytes. It returns lines with checksums,
-//! which only the program that sent the bundle writes to disk.
+//! A worker receives a [`Bundle`]: the scene or sweep, all files that it names, and the task, as bytes. It returns lines with
+//! checksums; only the program that sent the bundle writes them to disk.
 
 use std::path::PathBuf;
 
@@ -18,13 +18,13 @@ pub trait DistributableJob: Send {
     /// The number of parts.
     fn count(&self) -> usize;
 
-    /// The parts that have no result yet.
+    /// The parts without a result.
     fn pending(&self) -> Vec<usize>;
 
     /// A description of part `index` for users.
     fn describe(&self, index: usize) -> String;
 
-    /// All that a worker needs to run any part, see [`Bundle`].
+    /// All data that a worker needs to run any part, see [`Bundle`].
     ///
     /// # Errors
     /// [`Error::Read`] for a file that no longer exists.
@@ -37,8 +37,8 @@ pub trait DistributableJob: Send {
     fn store(&mut self, line: &[u8]) -> Result<bool>;
 }
 
-/// What a worker is sent: a scene or a sweep with its overrides, all files that it names, and a task, serialised for the same build of
-/// the program.
+/// The data sent to a worker: a scene or a sweep with its overrides, all files that it names, and a task, serialised for the same
+/// build of the program.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Bundle<T = ()> {
     caudal_version: String,
@@ -101,7 +101,7 @@ impl<T: DeserializeOwned> Bundle<T> {
     /// [`Error::Bundle`] for another build, or damaged bytes.
     pub fn read(bytes: &[u8]) -> Result<Self> {
         let failed = |e: postcard::Error| Error::Bundle { problem: e.to_string() };
-        let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // what follows may be others'
+        let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // the rest may be of another version
         let own = BUILD;
         if version != own {
             return Err(Error::Bundle { problem: format!("it comes from caudal {version}, and this is caudal {own}") });

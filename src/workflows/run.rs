@@ -35,8 +35,8 @@ pub struct Outcome {
     pub wall: Duration,
 }
 
-/// Drives `stepper` through the steps of `scene`; `observe` sees the state after every step, and may stop the run. A step
-/// that fails, and an observer that does, is an [`Ending`], so that what came before is kept.
+/// Drives `stepper` through the steps of `scene`; `observe` receives the state after every step, and may stop the run. If a step or
+/// the observer fails, this is returned as an [`Ending`], so that earlier results remain.
 pub fn run(
     scene: &Scene,
     stepper: &mut Stepper,

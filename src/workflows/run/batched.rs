@@ -30,7 +30,7 @@ pub fn run_batched(
         let alone = |(i, run): (usize, &mut BatchedRun<'_>)| super::run(run.scene, &mut run.stepper, |s| observe(i, s));
         return runs.iter_mut().enumerate().map(alone).collect();
     };
-    // What is left of each: its steps one by one, and a shorter last one.
+    // The remaining steps of each run: single steps, and a shorter last one.
     let mut left: Vec<_> = runs.iter().map(|run| run.scene.single_steps()).collect();
     let mut endings: Vec<Option<Ending>> = runs.iter().map(|_| None).collect();
     while endings.iter().any(Option::is_none) {

@@ -12,7 +12,7 @@ use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
 
-/// A net displacement below this fraction of the length counts as zero: cost of transport and efficiency are undefined then.
+/// A net displacement below this fraction of the length counts as zero; cost of transport and efficiency are then undefined.
 const MIN_DISPLACEMENT: f64 = 1e-9;
 
 impl Summary {

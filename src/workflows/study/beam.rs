@@ -1,10 +1,10 @@
 //! Theory of flutter: a uniform cantilever beam in axial flow, clamped at the upstream end, by the Galerkin method.
 //!
-//! EI(y⁗ + τ ẏ⁗) + m_a U² y″ + 2 m_a U ẏ′ + (m + m_a) ÿ = 0, which is also that of a pipe that conveys fluid, τ the damping time of
-//! the material; of the force that the water loses with its tip, m_a U(ẏ + U y′), the wake takes the share χ. In lengths L and times
-//! L²√((m + m_a)/EI), with u = U L √(m_a/EI), β = m_a/(m + m_a) and α the damping time, Galerkin's method with the modes φ_i of the
-//! clamped beam, λ_i their wave numbers: ÿ_i + αλ_i⁴ ẏ_i + 2u√β Σ(∫φ_i φ_j′ − ½fφ_i(1)φ_j(1)) ẏ_j + λ_i⁴ y_i +
-//! u² Σ(∫φ_i φ_j″ − fφ_i(1)φ_j′(1)) y_j = 0, f = 1 − χ.
+//! EI(y⁗ + τ ẏ⁗) + m_a U² y″ + 2 m_a U ẏ′ + (m + m_a) ÿ = 0, which also describes a pipe that conveys fluid; τ is the damping time
+//! of the material. The wake takes the share χ of the force m_a U(ẏ + U y′) that the water exerts when it leaves the tip. In units
+//! of length L and time L²√((m + m_a)/EI), with u = U L √(m_a/EI), β = m_a/(m + m_a) and the damping time α, the Galerkin method
+//! with the modes φ_i of the clamped beam and their wave numbers λ_i gives ÿ_i + αλ_i⁴ ẏ_i + 2u√β Σ(∫φ_i φ_j′ − ½fφ_i(1)φ_j(1)) ẏ_j
+//! + λ_i⁴ y_i + u² Σ(∫φ_i φ_j″ − fφ_i(1)φ_j′(1)) y_j = 0, f = 1 − χ.
 //! Sources: R. W. Gregory & M. P. Païdoussis, Proc. R. Soc. A 293 (1966); M. P. Païdoussis, Fluid-Structure Interactions (1998).
 
 use faer::{Mat, c64};
@@ -29,7 +29,7 @@ pub(super) struct Beam {
 
 /// φ, φ′, φ″ at `x` of the mode with this wave number.
 fn mode(wave: f64, x: f64) -> [f64; 3] {
-    // φ = cosh − cos − s(sinh − sin), without the difference of large numbers.
+    // φ = cosh − cos − s(sinh − sin), without subtracting large numbers.
     let (sin, cos) = wave.sin_cos();
     let below = (sin - cos - (-wave).exp()) / (wave.sinh() + sin); // 1 − s
     let ratio = 1.0 - below;
@@ -75,10 +75,10 @@ impl Beam {
         Self { wave_numbers, integrals, tip }
     }
 
-    /// Growth rate σ and frequency ω of the fastest growing motion at the speed `u`, in units of time; `None` if the iteration fails.
+    /// Growth rate σ and frequency ω of the fastest growing mode at the speed `u`, in units of time; `None` if the iteration fails.
     fn leading(&self, flow: &BeamInFlow, u: f64) -> Option<[f64; 2]> {
         let kept = 1.0 - flow.shedding;
-        // Times of the highest mode, so that both halves of the matrix are of one size.
+        // In the time unit of the highest mode, so that both halves of the matrix are of similar size.
         let scale = self.wave_numbers[MODES - 1].powi(2);
         let beam = |i: usize, j: usize| if i == j { self.wave_numbers[i].powi(4) } else { 0.0 };
         let matrix = Mat::from_fn(2 * MODES, 2 * MODES, |row, column| match (row.checked_sub(MODES), column) {
@@ -98,14 +98,14 @@ impl Beam {
         Some([leading.re * scale, leading.im.abs() * scale])
     }
 
-    /// The least u, up to `most`, at which the straight beam is unstable.
+    /// The smallest u, up to `most`, at which the straight beam is unstable.
     pub(super) fn critical(&self, flow: &BeamInFlow, most: f64) -> Option<f64> {
         let growth = |u: f64| self.leading(flow, u).map_or(f64::NEG_INFINITY, |[growth, _]| growth - GROWS);
         first_crossing(0.0, most, growth)
     }
 }
 
-/// What the speed from which a beam flutters depends on.
+/// Parameters that determine the flutter speed of a beam.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BeamInFlow {
     /// β.
@@ -133,8 +133,8 @@ mod tests {
             // Measured: at most 4.5e-4, at 0.8.
             assert!((found / published - 1.0).abs() < 1e-3, "{beta}: {found}");
         }
-        // Where the second mode's flutter ends soon and the third's begins, a narrow window lies between the looks: beside a scan of
-        // 4000 speeds.
+        // Where the flutter of the second mode soon ends and that of the third begins, a narrow window lies between the samples.
+        // Compared with a scan of 4000 speeds.
         for beta in [0.2935, 0.2945, 0.2955, 0.2965] {
             let speeds = (0..4000).map(|i| 20.0 * f64::from(i) / 4000.0);
             let grows = |u: &f64| beam.leading(&sharp(beta), *u).is_some_and(|[growth, _]| growth > GROWS);

@@ -1,6 +1,5 @@
-//! `caudal study stability --vary load`: flutter and divergence of a held tail under its point loads, over their size
-//! and the damping of its material. A small damping may reduce the critical follower load of an undamped tail
-//! considerably.
+//! `caudal study stability --vary load`: flutter and divergence of a held tail under its point loads, over the factor on the loads
+//! and the damping of the material. Small damping may reduce the critical follower load of an undamped tail considerably.
 //!
 //! Source: H. Ziegler, Ingenieur-Archiv 20 (1952) 49–56.
 
@@ -30,7 +29,7 @@ const TRACKING_REFINEMENT: usize = 4;
 /// A scan over factors.
 #[derive(Debug)]
 struct LoadScan {
-    /// True with the scene's own damping; else with the time that the scan is at.
+    /// True for the scene's own damping; otherwise the damping time of the scan's column is used.
     own: bool,
     scan: Scan,
 }
@@ -52,7 +51,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
     let coarse = if nodes > MAX_NODES { scene.with_nodes(MAX_NODES as u64) } else { scene.clone() };
     let model = coarse.model()?;
     let unit = model.rod.bending_time();
-    // Of a profile, the mean: it has no place of its own in the map.
+    // A damping profile is shown at its mean, since it has no position of its own in the map.
     let damping = model.rod.damping.as_ref();
     let uniform = damping.and_then(|damping| damping.uniform(&model.rod));
     let own_time = damping.map(|damping| uniform.unwrap_or(0.5 * damping.range(&model.rod).iter().sum::<f64>()));

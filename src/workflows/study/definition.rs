@@ -25,7 +25,7 @@ use crate::scene::{Document, NODES, Scene, rephrase};
 pub enum Study {
     /// Natural frequencies and mode shapes.
     Modes(ModesOptions),
-    /// Time, memory and error of a step over the mesh.
+    /// Time, memory and error of a step as functions of the mesh.
     Scaling(ScalingOptions),
     /// Error against cost of methods, steps and meshes.
     Accuracy(AccuracyOptions),
@@ -35,7 +35,8 @@ pub enum Study {
     Fluid(FluidOptions),
 }
 
-/// Options whose empty list stands for their default, so that a caller who gives an empty list would get what was not asked for.
+/// Options for which an empty list stands for the default: an explicitly empty list is refused, because it would not give what was
+/// asked for.
 const MEANS_DEFAULT: [&str; 3] = ["nodes", "steps", "tolerances"];
 
 impl Study {
@@ -57,7 +58,7 @@ impl Study {
             serde_json::from_value(Value::Object([(name.into(), options.into())].into_iter().collect()))
         };
         read(options.clone()).map_err(|error: serde_json::Error| {
-            // Each option by itself shows which is wrong.
+            // Parses each option alone to find the wrong one.
             let wrong = options.iter().find_map(|(option, value)| {
                 let alone: serde_json::Error = read([(option.clone(), value.clone())].into_iter().collect()).err()?;
                 (!alone.to_string().starts_with("missing field"))

@@ -1,7 +1,7 @@
 //! Distributed studies: workers execute the runs of a study, whose results are stored in the study's folder.
 //!
-//! A study requests the same runs each time. A worker therefore starts the same study, takes the results of earlier
-//! runs from its bundle, and executes the requested ones.
+//! A study requests the same runs each time. A worker therefore starts the same study, takes the results of earlier runs from its
+//! bundle, and executes the requested runs.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -14,14 +14,14 @@ use crate::error::{Error, Result};
 use crate::report::{Claim, Folder};
 use crate::scene::Document;
 
-/// The runs that a study needs next, and the results of those that its folder has.
+/// The runs that a study needs next, and the stored results of earlier ones.
 #[derive(Debug)]
 pub struct DistributedStudy {
     study: Study,
     document: Document,
     known: CachedResults,
     next: PendingRuns,
-    _folder: Folder, // the last one to be dropped: it goes where nothing came into it
+    _folder: Folder, // dropped last: it is removed if it is empty
 }
 
 impl DistributedStudy {

@@ -1,5 +1,5 @@
 //! `caudal study stability --vary flow`: flutter and divergence of a held tail in a flow, over the flow speed and the mass of the
-//! tail, from the eigenvalues of small motions about its equilibrium; compared with beam theory.
+//! tail. They follow from the eigenvalues of small motions about the equilibrium, and are compared with beam theory.
 
 use std::f64::consts::TAU;
 
@@ -23,7 +23,7 @@ const MASS_RATIO_RANGE: [f64; 2] = [0.05, 0.95];
 /// Default range of the flow speed, in units of √(EI/m_a)/L.
 const DEFAULT_SPEED_RANGE: [f64; 2] = [1.0, 20.0];
 
-/// An equilibrium is straight, a load along it zero (over EI/L²), and edges are equally long, up to this fraction.
+/// Up to this relative deviation an equilibrium counts as straight, a load along it as zero (over EI/L²), and edges as equally long.
 const MAX_DEVIATION: f64 = 1e-2;
 
 /// Speeds of the tracked modes per speed of the map.
@@ -102,7 +102,7 @@ pub(super) fn flutter(scene: &Scene, asked: &StabilityOptions, runner: StudyRunn
         let problem = "the head is free, and the rod goes with the flow; allowed: a held head".to_string();
         return Err(refused(NoSteadyState { key: "head.kind", problem }));
     }
-    // Which speed needs the water is what the study asks: a scene that leaves the water to the program has it at all of them.
+    // The study asks which speed makes the water matter: with `reactive = "auto"` the scene has the reactive force at all speeds.
     let left = scene.reactive.as_ref().is_some_and(|reactive| reactive.auto);
     let own = if left { scene.with_reactive(true) } else { scene.clone() };
     let nodes = scene.rod.nodes.get();

@@ -43,10 +43,10 @@ impl Default for ModesOptions {
     }
 }
 
-/// A motion with at least this damping ratio hardly resonates: its largest amplitude is 15 % above that of a slow drive.
+/// A mode with at least this damping ratio hardly resonates: its largest amplitude is 15 % above the quasi-static one.
 const STRONGLY_DAMPED: f64 = 0.5;
 
-/// Fraction of the density that stands for no fluid, since drag laws may divide by it.
+/// Factor on the density that stands for no fluid, since drag laws may divide by the density.
 const VACUUM: f64 = 1e-12;
 
 /// The `count` lowest modes of `scene`.
@@ -79,7 +79,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         first.frequency / TAU,
         first.axis.name()
     ));
-    // What is not the fluid's, as the inertia of a body at the head, stays.
+    // Inertia that is not the fluid's, such as that of a body at the head, remains.
     let mut dry = scene.model()?;
     (dry.fluid.density, dry.layers) = (VACUUM * dry.fluid.density, None);
     if wet && let Some(dry) = lowest_of_model(dry, 1)?.first() {
@@ -182,8 +182,8 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     Ok(findings)
 }
 
-/// The modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates. With the damping ratio
-/// of the one next to a `natural` frequency (rad/s), if it is known.
+/// The modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates. Also the damping
+/// ratio of the mode closest to the `natural` frequency (rad/s), if it is known.
 fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Option<f64>)> {
     let mut findings = Findings::default();
     let model = scene.model()?;
@@ -314,13 +314,13 @@ fn shapes_table(found: &[Mode], rod: &Rod) -> Table {
     }
 }
 
-/// The nodes of a mode shape that are shown, among them head and tip.
+/// The nodes of a mode shape that are shown, including head and tip.
 fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
     let (last, shown) = (shape.len() - 1, shape.len().min(MAX_SHAPE_POINTS) - 1);
     (0..=shown).map(move |i| i * last / shown)
 }
 
-/// Frequencies (Hz) by mode number, with lines for the drive and for the highest that the step resolves.
+/// Frequencies (Hz) by mode number, with lines for the drive and for the highest frequency that the step resolves.
 fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Option<f64>) -> Vec<Series> {
     let curve = |axis: ModeKind| -> Vec<f64> {
         match (all, axis) {

@@ -15,16 +15,16 @@ use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Figure, Findings, Table};
 use crate::scene::{HeadKind, Scene};
 
-/// Most nodes for which eigenvalues are computed: the cost grows as N³, and the error with this many is 0.1 %.
+/// Maximum number of nodes for eigenvalues: the cost grows as N³, and the error with this many is 0.1 %.
 pub(super) const MAX_NODES: usize = 65;
 
 /// Number of modes that are tracked.
 const TRACKED_MODES: usize = 5;
 
-/// Relative width of the interval that a critical value is known to.
+/// Relative width of the interval to which a critical value is bisected.
 const CRITICAL: f64 = 1e-5;
 
-/// What happens to the equilibrium.
+/// Stability of the equilibrium.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum RestStability {
     Stable,
@@ -37,7 +37,7 @@ impl RestStability {
     const ALL: [Self; 4] = [Self::Stable, Self::Flutter, Self::Divergence, Self::NoRest];
 
     pub fn category(self) -> Category {
-        // Of different lightness, so that they differ in grey print too.
+        // With different lightness, so that they can be distinguished in greyscale prints, too.
         let (label, colour) = match self {
             Self::Stable => ("stays at rest", [158, 218, 190]),
             Self::Flutter => ("flutter", [235, 125, 40]),
@@ -48,20 +48,20 @@ impl RestStability {
     }
 }
 
-/// The motions about the rest of one scene.
+/// The small motions about the equilibrium of one scene.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct RestPoint {
     pub outcome: RestStability,
-    /// σ (1/s) and ω (rad/s) of the fastest growing motion; where none grows, of the one of the slowest that decays least.
+    /// σ (1/s) and ω (rad/s) of the fastest growing mode; if none grows, those of the least damped of the slowest modes.
     pub leading: [f64; 2],
-    /// σ and ω of the slowest motions.
+    /// σ and ω of the slowest modes.
     pub slowest: Vec<[f64; 2]>,
 }
 
 impl RestPoint {
     const NONE: Self = Self { outcome: RestStability::NoRest, leading: [0.0; 2], slowest: Vec::new() };
 
-    /// That of `scene`, next to the positions of another rest where one is given, and its own positions.
+    /// The result for `scene`, next to the positions of another equilibrium if given; also returns its own positions.
     pub fn of(scene: &Scene, near: Option<&[f64]>) -> (Self, Vec<f64>) {
         let none = (Self::NONE, Vec::new());
         let find = |model| match near {
@@ -101,7 +101,7 @@ impl RestPoint {
 /// The critical point at which the equilibrium loses its stability.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Critical {
-    /// The value there; zero where it does not stay at rest at zero either.
+    /// The critical value; zero if the equilibrium is already unstable at zero.
     pub value: f64,
     /// The instability beyond it.
     pub outcome: RestStability,
@@ -110,7 +110,7 @@ pub(super) struct Critical {
 }
 
 impl Critical {
-    /// In words: what happens there.
+    /// Describes what happens there.
     pub fn in_words(&self) -> String {
         match self.outcome {
             RestStability::Divergence => "there small motions about that rest first diverge".to_string(),
@@ -120,7 +120,7 @@ impl Critical {
     }
 }
 
-/// The motions at `values`, rising, of the one parameter, at one `place` of the other.
+/// The evaluation of increasing `values` of one parameter at one `place` of the other.
 #[derive(Debug)]
 pub(super) struct Scan {
     pub place: f64,
@@ -135,9 +135,9 @@ pub(super) struct Scanned {
 }
 
 impl Scan {
-    /// Evaluates every value, and finds the critical one. Between distant values it evaluates further ones, up to the
-    /// first at which stability is lost. Each rest is sought next to the stable one known at the largest value before
-    /// it, so that it is that of a rod to which the value has grown, and not another one.
+    /// Evaluates every value, and finds the critical one. Between distant values it evaluates additional ones, up to the first at
+    /// which stability is lost. Each equilibrium is searched next to the stable one at the largest value before it, so that it is
+    /// the equilibrium reached by increasing the value, and not another one.
     pub fn run(&self, find: impl Fn(f64, Option<&[f64]>) -> (RestPoint, Vec<f64>)) -> Scanned {
         let known: RefCell<Vec<(f64, Vec<f64>)>> = RefCell::default();
         let at = |value: f64| {
@@ -189,8 +189,8 @@ impl Scan {
 }
 
 impl Scanned {
-    /// The first and the last of `values`, at which it was evaluated, of each window beyond the critical one in which the rest is
-    /// stable again.
+    /// The first and the last of the evaluated `values` of each window beyond the critical one in which the equilibrium is stable
+    /// again.
     pub fn calm_again(&self, values: &[f64]) -> Vec<[f64; 2]> {
         let critical = self.critical.map_or(f64::INFINITY, |critical| critical.value);
         let beyond: Vec<_> = values.iter().zip(&self.points).filter(|(value, _)| **value > critical).collect();
@@ -200,7 +200,7 @@ impl Scanned {
     }
 }
 
-/// The windows of [`Scanned::calm_again`] in words, with the unit of their ends; empty if there are none.
+/// Describes the windows of [`Scanned::calm_again`], with the unit of their ends; empty if there are none.
 pub(super) fn calm_again_in_words(windows: &[[f64; 2]], unit: &str) -> String {
     let window = |[from, to]: &[f64; 2]| match from == to {
         true => format!("at {from:.4}{unit}"),
@@ -220,7 +220,7 @@ pub(super) fn even([low, high]: [f64; 2], count: usize) -> impl Iterator<Item = 
     (0..=last).map(move |i| low + (high - low) * i as f64 / last as f64)
 }
 
-/// Warns of effects that are left out of the stability of the equilibrium of `scene`, computed on `nodes` nodes.
+/// Warns of effects that the stability analysis of the equilibrium of `scene` on `nodes` nodes leaves out.
 pub(super) fn left_out(scene: &Scene, nodes: usize, findings: &mut Findings) {
     if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
         findings
@@ -240,31 +240,31 @@ pub(super) fn left_out(scene: &Scene, nodes: usize, findings: &mut Findings) {
     }
 }
 
-/// A column of a table beside those that every map has: its name, and its entry at a place and a value.
+/// An additional column of a table: its name, and its entry at a place and a value.
 pub(super) type ExtraColumn<'a> = (&'a str, &'a dyn Fn(f64, f64) -> Value);
 
 /// The map of a scene, ready to be drawn.
 pub(super) struct RestMap<'a> {
     /// Name of the scene.
     pub name: &'a str,
-    /// What acts on the tail, as in "what the flow does to the tail".
+    /// The cause that acts on the tail, as in "what the flow does to the tail".
     pub cause: &'a str,
-    /// The parameter that the map is drawn over: label of its axis, column of its table, and whether the axis is linear.
+    /// The parameter on the first axis of the map: label of its axis, column of its table, and whether the axis is linear.
     pub place: (&'a str, &'a str, bool),
-    /// The parameter that the tail loses its stability along: label and column.
+    /// The parameter along which the tail loses its stability: label and column.
     pub value: (&'a str, &'a str),
     /// The columns of the map.
     pub columns: Vec<(&'a Scan, &'a Scanned)>,
-    /// That of the scene itself.
+    /// The column of the scene itself.
     pub own: (&'a Scan, &'a Scanned),
-    /// Where the scene is, if it is on the map.
+    /// Position of the scene, if it is on the map.
     pub here: Option<(f64, f64)>,
-    /// A line to compare the critical values with, and its label.
+    /// A theoretical line to compare the critical values with, and its label.
     pub line: (&'a str, Vec<(f64, f64)>),
 }
 
 impl RestMap<'_> {
-    /// Adds figures and tables to `findings`; the tables of the map and of the critical values have the `extra` columns too.
+    /// Adds figures and tables to `findings`; the tables of the map and of the critical values also have the `extra` columns.
     pub fn add(&self, findings: &mut Findings, extra: [&[ExtraColumn<'_>]; 2]) {
         let Self { columns, line, .. } = self;
         let index =
@@ -288,7 +288,7 @@ impl RestMap<'_> {
         findings.tables.push(self.motions_table());
     }
 
-    /// The critical values; `None` where there are none to show.
+    /// The critical values; `None` if there are none to show.
     fn critical_figure(&self) -> Option<Figure> {
         let of = |outcome: RestStability| {
             let critical = self.columns.iter().filter_map(|(scan, found)| Some((scan.place, found.critical?)));
@@ -433,7 +433,7 @@ mod tests {
             leading: [0.0; 2],
             slowest: slowest.to_vec(),
         };
-        // x″ + 2ζΩ x′ + Ω² x = 0 has the values −ζΩ ± iΩ√(1 − ζ²), as slow as it may be.
+        // x″ + 2ζΩ x′ + Ω² x = 0 has the eigenvalues −ζΩ ± iΩ√(1 − ζ²), however slow it is.
         for (unit, zeta) in
             [1e-3, 1.0, 1e3].into_iter().flat_map(|unit| [0.0, 1e-6, 0.03, 0.6].map(|zeta| (unit, zeta)))
         {
@@ -442,7 +442,7 @@ mod tests {
             let rise = point(&others).rise();
             assert!((rise + zeta).abs() < 1e-15 && rise < 0.0, "{unit} {zeta}: {rise}");
         }
-        assert_eq!(point(&[[-1.0, 0.0]]).rise(), -1.0); // nothing swings
+        assert_eq!(point(&[[-1.0, 0.0]]).rise(), -1.0); // nothing oscillates
         for outcome in RestStability::ALL.into_iter().filter(|outcome| *outcome != RestStability::Stable) {
             assert_eq!(RestPoint { outcome, ..point(&[[0.1, 1.0]]) }.rise(), 1.0);
         }

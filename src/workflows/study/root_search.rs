@@ -26,7 +26,7 @@ pub(super) fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) 
         if after > 0.0 || here <= before || here < after {
             continue;
         }
-        // The golden section: the inner one of two places that is higher stays inside.
+        // Golden-section search: the higher one of the two inner points stays inside.
         let (mut low, mut high) = (from, to);
         let mut places = [high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low)];
         let mut heights = places.map(&mut f);
@@ -48,11 +48,11 @@ pub(super) fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) 
     None
 }
 
-/// The least x between `low` and `high` at which `f` becomes positive.
+/// The smallest x between `low` and `high` at which `f` becomes positive.
 pub(super) fn first_crossing(low: f64, high: f64, mut f: impl FnMut(f64) -> f64) -> Option<f64> {
     let at = |i: usize| low + (high - low) * i as f64 / SAMPLES as f64;
     let mut samples = Vec::with_capacity(SAMPLES);
-    // Beyond the first place that is above it there is nothing to look for.
+    // Samples beyond the first positive one are not needed.
     for x in (1..=SAMPLES).map(at) {
         let here = f(x);
         samples.push((x, here));
@@ -81,12 +81,12 @@ mod tests {
         for place in (1..400).map(|i| f64::from(i) / 400.0) {
             let found = first_crossing(0.0, 1.0, |x| x - place).unwrap();
             assert!((found - place).abs() < 1e-9, "{found} for {place}");
-            // A peak that is above between x = place ± width alone, narrower than the samples are apart.
+            // A peak that is positive only between x = place ± width, which is narrower than the sample spacing.
             let spacing = 1.0 / SAMPLES as f64;
             for width in [0.3 * spacing, 1e-2 * spacing, 1e-3 * spacing] {
                 let first = place - width;
                 if !(2.0 * spacing..=1.0 - spacing).contains(&place) {
-                    continue; // at the ends there is no sample beyond it
+                    continue; // the ends have no sample beyond them
                 }
                 let lopsided = |x: f64| {
                     let off = (x - place) / width;

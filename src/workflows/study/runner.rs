@@ -1,4 +1,4 @@
-//! Executes the runs of a study, on threads or for another program as a worker, and caches their results in the study's journal.
+//! Executes the runs of a study, on threads or as a worker of another program, and caches their results in the study's journal.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -20,7 +20,7 @@ use crate::scene::Scene;
 pub enum StudyOutcome {
     /// All runs are evaluated.
     Complete(Findings),
-    /// Interrupted, with this many runs of so many stored.
+    /// Interrupted; the numbers of stored and of all runs.
     Interrupted(usize, usize),
 }
 
@@ -45,7 +45,7 @@ enum Executor<'a> {
     Worker(&'a RunRequest),
 }
 
-/// How far a study gets with the cached runs.
+/// The cached results of a study, and the runs that are still missing.
 #[derive(Debug, Default)]
 pub(super) struct Plan {
     /// The results of earlier runs.
@@ -57,27 +57,27 @@ pub(super) struct Plan {
 /// Results of a study's earlier runs as JSON, by the name of each list of runs.
 pub(super) type CachedResults = BTreeMap<String, String>;
 
-/// A list of runs of which some are missing.
+/// A list of runs, some of which are missing.
 #[derive(Debug)]
 pub(super) struct PendingRuns {
     pub journal: Journal,
-    /// A description of each.
+    /// A description of each run.
     pub descriptions: Vec<String>,
 }
 
-/// The runs of a study that a worker is to execute.
+/// The runs of a study that a worker executes.
 #[derive(Debug, Default)]
 pub(super) struct RunRequest {
     /// The results of earlier runs.
     pub known: CachedResults,
     pub indices: Vec<usize>,
-    /// Their journal lines, and the wall-clock time of each, s.
+    /// The journal lines of the executed runs, and the wall-clock time of each, s.
     pub made: Mutex<Vec<(Vec<u8>, f64)>>,
 }
 
 impl<'a> StudyRunner<'a> {
-    /// A runner for a study's folder ([`Study::claim`](super::definition::Study::claim)). Setting `interrupted` interrupts it; `progress` receives
-    /// the numbers of finished and of all runs.
+    /// A runner for a study's folder ([`Study::claim`](super::definition::Study::claim)). Setting `interrupted` interrupts it;
+    /// `progress` receives the numbers of finished and of all runs.
     pub fn new(
         folder: &'a Mutex<Folder>,
         interrupted: &'a AtomicBool,
@@ -86,7 +86,7 @@ impl<'a> StudyRunner<'a> {
         Self { folder: Some(folder), interrupted, progress, executor: Executor::Threads }
     }
 
-    /// The same runner, which leaves missing runs to workers.
+    /// The same runner, but missing runs are left to workers.
     pub(super) fn deferred(self, plan: &'a Mutex<Plan>) -> Self {
         Self { executor: Executor::Deferred(plan), ..self }
     }
@@ -123,7 +123,7 @@ impl<'a> StudyRunner<'a> {
         let failed = |e: std::io::Error| Error::Write { path: path.clone(), reason: e.to_string() };
         let job = Job::new(name, format!("{scene:?} {runs:?}").as_bytes(), runs.len());
         if Journal::read(&path).is_ok_and(|journal| job.difference(journal.job()).is_some()) {
-            std::fs::remove_file(&path).map_err(failed)?; // of a study that asked for something else
+            std::fs::remove_file(&path).map_err(failed)?; // of a study with other runs
         }
         let mut journal = Journal::open(&path, &job)?;
         let todo: Vec<usize> = (0..runs.len()).filter(|index| !journal.has(*index)).collect();
@@ -167,7 +167,7 @@ impl<'a> StudyRunner<'a> {
 }
 
 impl RunRequest {
-    /// The cached results of `runs`; otherwise executes the requested ones and ends the study.
+    /// The cached results of `runs`; if some are missing, executes the requested ones and ends the study.
     fn run_all<R, T: Serialize + DeserializeOwned>(
         &self,
         name: &str,

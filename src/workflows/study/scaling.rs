@@ -1,4 +1,4 @@
-//! `caudal study scaling`: time, memory and error of a step, from coarse to the finest meshes.
+//! `caudal study scaling`: time, memory and error of a step, from coarse to very fine meshes.
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ use crate::system::Form;
 const MIN_MEASURED_TIME: Duration = Duration::from_millis(300);
 /// Exponents are fitted to meshes with at least this many nodes; below, constant costs dominate.
 const MIN_FITTED_NODES: u64 = 129;
-/// Memory is measured on meshes with at least this many nodes; below, reserves of the allocator dominate.
+/// Memory is measured on meshes with at least this many nodes; below, the allocator's reserves dominate.
 const MIN_WEIGHED_NODES: u64 = 100_000;
 /// Number of equal parts of the rod between which curvatures are compared.
 const COMPARED_POINTS: usize = 16;
@@ -56,14 +56,14 @@ struct MeshRun {
 struct MeshResult {
     /// The error, if it failed.
     failure: Option<String>,
-    /// Mean time per step, s: the number of iterations times the time per iteration in the fastest step, which other processes
-    /// disturbed least.
+    /// Mean time per step, s: the number of iterations times the time per iteration in the fastest step, which is least disturbed
+    /// by other processes.
     #[serde(deserialize_with = "or_nan")]
     step_s: f64,
     iterations: u64,
     halvings: u64,
     fallbacks: u64,
-    /// Peak memory beyond that before the run, bytes.
+    /// Peak memory in addition to that before the run, bytes.
     memory: Option<u64>,
     #[serde(deserialize_with = "both_or_nan")]
     tip: [f64; 2],
@@ -102,7 +102,7 @@ pub(super) fn scaling(scene: &Scene, asked: &ScalingOptions, runner: StudyRunner
         if contracts(&rod, step) {
             cases.push(MeshRun { nodes, form: Form::Positions, step, steps });
         } else if nodes >= MIN_WEIGHED_NODES {
-            // A step takes the same memory whatever its size.
+            // A step needs the same memory for any step size.
             let mut short = step;
             while !contracts(&rod, short) {
                 short *= 0.5;
@@ -111,7 +111,7 @@ pub(super) fn scaling(scene: &Scene, asked: &ScalingOptions, runner: StudyRunner
         }
         cases.push(MeshRun { nodes, form: Form::Chain, step, steps });
     }
-    // One after the other: they share the memory's speed, and memory is counted for the whole program.
+    // One after the other, because runs share the memory bandwidth and memory is measured for the whole process.
     let runs = match runner.run_all("scaling", scene, &cases, 1, |case| run(scene, case, runner))? {
         Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
@@ -146,7 +146,7 @@ fn run(scene: &Scene, case: &MeshRun, runner: StudyRunner<'_>) -> Option<MeshRes
     let (mut fastest, mut total, mut peak) = (f64::INFINITY, Duration::ZERO, None);
     while total < MIN_MEASURED_TIME {
         if total > Duration::ZERO {
-            stepper.restore(&start).ok()?; // its own: it fits
+            stepper.restore(&start).ok()?; // its own state is compatible
         }
         for _ in 0..case.steps {
             if runner.interrupted() {
@@ -167,7 +167,7 @@ fn run(scene: &Scene, case: &MeshRun, runner: StudyRunner<'_>) -> Option<MeshRes
     let (kappa, last) = (&stepper.metrics().now.kappa, rod.nodes - 1);
     let at = |s: f64| {
         let along = rod.front as f64 + s * (last - rod.front) as f64;
-        let place = along.clamp(rod.front as f64 + 1.0, last as f64 - 1.0); // ends have no whole joint
+        let place = along.clamp(rod.front as f64 + 1.0, last as f64 - 1.0); // the ends have no full joint
         let (k, part) = (place.floor() as usize, place.fract());
         (kappa[k] + part * (kappa[(k + 1).min(last - 1)] - kappa[k])) / rod.spacing
     };
@@ -203,7 +203,7 @@ fn difference(a: &[f64], b: &[f64]) -> f64 {
 fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshResult)]) -> Result<Findings> {
     let mut findings = Findings { subject: "scaling with the mesh", ..Findings::default() };
     let good = || made.iter().filter(|(_, run)| run.failure.is_none());
-    // What is only weighed is neither timed nor compared.
+    // Runs that only measure memory are neither timed nor compared.
     let timed = |case: &MeshRun| case.step == scene.typical_step();
     let finest = good().filter(|(case, _)| case.form == Form::Chain).max_by_key(|(case, _)| case.nodes);
     let length = scene.rod.length_m.get();
@@ -275,7 +275,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
         let each = |run: &MeshResult, case: &MeshRun| run.iterations.max(1) as f64 / case.steps as f64;
         let steps = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s)));
         let single = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s) / each(run, case)));
-        // Beyond the meshes that take positions by themselves rounding costs iterations: there the chain form is the cure.
+        // On finer meshes than `auto` solves in positions, rounding costs iterations; the chain form avoids this.
         let is_fitted = |n: f64| {
             let takes = |(nodes, used): (&u64, &Form)| *nodes as f64 == n && (*used == form || form == Form::Chain);
             n >= MIN_FITTED_NODES as f64 && nodes.iter().zip(used).any(takes)
@@ -449,7 +449,7 @@ mod tests {
             assert!((p - exponent).abs() < 1e-13 && (c / factor - 1.0).abs() < 1e-12, "{c} x^{p}");
         }
         assert!(power_law(&[(9.0, 1.0)]).is_none() && power_law(&[(9.0, 1.0), (9.0, 2.0), (0.0, 1.0)]).is_none());
-        // Of points about a line the least squares: slope and height by hand.
+        // The least-squares line through these points: slope and height computed by hand.
         let [p, c] = power_law(&[(1.0, 1.0), (std::f64::consts::E, 1.0), (1.0, std::f64::consts::E)]).unwrap();
         assert!((p + 0.5).abs() < 1e-15 && (c - 0.5_f64.exp()).abs() < 1e-15, "{c} x^{p}");
     }

@@ -1,5 +1,5 @@
-//! `caudal study stability`: a map per method of its outcome over the time step and a parameter of the scene. Over the speed of a
-//! flow, see [`flutter`](super::flutter).
+//! `caudal study stability`: for each method, a map of outcomes over the time step and a parameter of the scene. For stability over
+//! the speed of a flow, see [`flutter`](super::flutter).
 
 use std::collections::BTreeMap;
 
@@ -61,7 +61,7 @@ impl Vary {
         ("load", Self::Load),
     ];
 
-    /// True where small motions of the rod itself are looked at, without a run.
+    /// True if the study analyses small motions of the rod itself, without runs.
     pub fn is_of_rest(self) -> bool {
         matches!(self, Self::Flow | Self::Load)
     }
@@ -99,7 +99,7 @@ impl Vary {
         }
     }
 
-    /// Why it cannot vary in `scene`, if so.
+    /// The reason why it cannot vary in `scene`, if any.
     fn refused(self, scene: &Scene) -> Option<(&'static str, &'static str)> {
         let actuation = scene.actuation.as_ref();
         match self {
@@ -120,7 +120,7 @@ impl Vary {
         match self {
             Self::Modulus => {
                 let factor = value / scene.rod.youngs_modulus();
-                // Moments that bend the rod as far as they did.
+                // The moments are scaled to bend the rod as far as before.
                 let scene = scene.with_modulus(factor);
                 if scene.has_active_moments() { scene.with_amplitude(factor) } else { scene }
             }
@@ -140,18 +140,18 @@ impl Vary {
 pub struct StabilityOptions {
     /// The parameter that varies.
     pub vary: Vary,
-    /// Its range; `None` for one that follows from the scene's value.
+    /// Range of the parameter; `None` to derive it from the scene's value.
     pub range: Option<[f64; 2]>,
     /// Range of steps, s; `None` for a hundredth to four times the scene's.
     pub steps: Option<[f64; 2]>,
     /// Number of values and of steps.
     pub points: usize,
-    /// Error of the tip's path, relative to its extent, up to which a run is accurate.
+    /// Largest error of the tip's path, relative to its extent, at which a run counts as accurate.
     pub accurate: f64,
 }
 
 impl Default for StabilityOptions {
-    /// Young's modulus, with twelve values up to the scene's own and twelve steps around its step.
+    /// Varies Young's modulus, with twelve values up to the scene's own and twelve steps around its step.
     fn default() -> Self {
         Self { vary: Vary::Modulus, range: None, steps: None, points: 12, accurate: 0.05 }
     }
@@ -163,7 +163,7 @@ enum StabilityOutcome {
     Accurate,
     Wrong,
     Unjudged,
-    /// Nothing moves, so that nothing was tested.
+    /// Nothing moves, so that nothing is tested.
     Still,
     Growing,
     Newton,
@@ -175,7 +175,7 @@ impl StabilityOutcome {
         [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Still, Self::Growing, Self::Newton, Self::Fold];
 
     fn category(self) -> Category {
-        // Of different lightness, so that they differ in grey print too, and none as dark as a dark page.
+        // With different lightness, so that they can be distinguished in greyscale prints, too, and none as dark as a dark page.
         let (label, colour) = match self {
             Self::Accurate => ("accurate", [20, 172, 125]),
             Self::Wrong => ("stable but wrong", [252, 236, 110]),
@@ -206,7 +206,7 @@ impl StabilityOutcome {
     }
 }
 
-/// True if the method creates energy: the run was aborted or failed because of it, or it still grows at the end.
+/// True if the method creates energy: the run was aborted or failed because of it, or the energy still grows at the end.
 fn grows(run: &StudyRun) -> bool {
     let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     let (middle, last) = (run.created.len() / 2, run.created.len() * 3 / 4);
@@ -217,7 +217,7 @@ fn grows(run: &StudyRun) -> bool {
     end > MAX_BALANCE_DEFECT && end > MIN_ENERGY_GROWTH * early
 }
 
-/// Largest distance of two tips over the extent of the second's path.
+/// Largest distance between two tip paths over the extent of the second.
 fn relative_tip_distance(run: &StudyRun, reference: &StudyRun) -> f64 {
     let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     run.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
@@ -327,7 +327,7 @@ struct StabilityReport<'a> {
 }
 
 impl StabilityReport<'_> {
-    /// The outcomes of a method: for each value one per step.
+    /// The outcomes of a method: for each value, one per step.
     fn of(&self, simulation: usize) -> impl Iterator<Item = &[StabilityOutcome]> {
         let cells = self.values.len() * self.steps.len();
         self.outcomes[simulation * cells..(simulation + 1) * cells].chunks(self.steps.len())
@@ -399,7 +399,7 @@ impl StabilityReport<'_> {
     /// A sentence on the outcomes of a method from small to large steps, over all values.
     fn in_words(&self, simulation: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
         let columns: Vec<_> = self.of(simulation).collect();
-        // Largest step up to which the predicate holds, at every value.
+        // The largest step up to which the predicate holds at every value.
         let up_to = |holds: &dyn Fn(StabilityOutcome) -> bool| {
             let counts = columns.iter().map(|column| column.iter().take_while(|outcome| holds(**outcome)).count());
             let counts: Vec<_> = counts.collect();
@@ -487,7 +487,7 @@ mod tests {
             StabilityOutcome::ALL.map(StabilityOutcome::category).into_iter().filter(|category| !category.hatched);
         let mut greys: Vec<f64> = plain.map(|category| grey(category.colour)).collect();
         greys.sort_by(f64::total_cmp);
-        // Measured: 34 … 38 apart, from 83 on. A dark page has 26.
+        // Measured greys differ by 34 … 38, starting from 83. A dark page has 26.
         assert!(greys[0] > 80.0 && greys.windows(2).all(|pair| pair[1] - pair[0] > 30.0), "{greys:?}");
     }
 }

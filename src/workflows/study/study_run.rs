@@ -1,4 +1,4 @@
-//! One run of a study: a scene with a given model, method and step, its cost, and the quantities that studies compare.
+//! One run of a study: a scene with a given model, method and step, its cost, and the compared quantities.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -18,23 +18,23 @@ use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::State;
 
-/// A run is repeated until all repetitions took this long, or this often; the fastest counts.
+/// A run is repeated until all repetitions together took this long, or this many were made; the fastest counts.
 const MIN_MEASURED_TIME: Duration = Duration::from_millis(100);
 const MAX_REPETITIONS: u32 = 30;
 
-/// A run is aborted if the defect of its energy balance exceeds this multiple of the largest energy or work: it only grows.
+/// A run is aborted if the defect of its energy balance exceeds this multiple of the largest energy or work, since it only grows.
 const MAX_ENERGY_DEFECT: f64 = 1e3;
 
-/// Energies below this multiple of the rounding energy are noise; over 10⁴ steps at rest a third of it was measured.
+/// Energies below this multiple of the rounding energy are noise; a third of it was measured over 10⁴ steps at rest.
 const ENERGY_NOISE: f64 = 1e3;
 
 /// A tip is at rest if it moves by less than this fraction of the length.
 const MIN_TRAVEL: f64 = 1e-9;
 
-/// Parameters to compare in addition to the defaults: the source study's Newmark.
+/// Parameters that are compared in addition to the defaults: the source study's Newmark.
 const EXTRA_PARAMETERS: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 
-/// A model, and for the full one the integrator with its parameters.
+/// A model, and for the full model the integrator with its parameters.
 #[derive(Clone, PartialEq)]
 pub struct SimulationMethod {
     /// The kind of model.
@@ -115,7 +115,7 @@ impl SimulationMethod {
         kinds.map(|kind| Self { kind, method, values: values.clone() }).collect()
     }
 
-    /// True if `name` is that of its integrator or, for a cheaper model, of the model.
+    /// True if `name` is the name of its integrator or, for a cheaper model, of the model.
     pub fn is(&self, name: &str) -> bool {
         name == if self.is_full() { self.method.name } else { self.kind.name }
     }
@@ -184,11 +184,11 @@ pub struct StudyRun {
     pub cycles: [Option<f64>; TABLE_MEASURES.len()],
     /// Energy put in by actuation, loads, head and flow, J.
     pub work_in: f64,
-    /// The largest of it during the run: more than at the end if most of it is returned.
+    /// The largest value of this energy during the run; it exceeds the final one if energy is returned.
     pub largest_work_in: f64,
     /// Tip (m) at the start and at equidistant times, until the end or the failure.
     pub tip: Vec<[f64; 2]>,
-    /// Defect of the energy balance over the largest energy or work so far: the largest since the previous of these times.
+    /// Defect of the energy balance over the largest energy or work so far: its maximum since the previous sample.
     pub created: Vec<f64>,
 }
 
@@ -197,7 +197,7 @@ pub struct StudyRun {
 pub struct RunOptions {
     /// Number of equidistant times at which tip and energy are sampled.
     pub samples: usize,
-    /// Displacement of the tip at the start, over the length; zero for a run that only takes the same steps.
+    /// Initial displacement of the tip, over the length; zero for a run that takes the same steps without displacement.
     pub push: Option<f64>,
     /// True to halve a failing step, false to end the run.
     pub halving: bool,
@@ -292,7 +292,7 @@ impl StudyRun {
         let tip = |state: &State| state.q.as_chunks().0.last().copied().unwrap_or_default();
         self.tip.push(tip(stepper.state()));
         self.created.push(0.0);
-        // Of a rod at rest there is nothing but rounding.
+        // The energies of a rod at rest are rounding errors.
         let (mut scale, mut largest) = (
             stepper
                 .metrics()
@@ -332,7 +332,7 @@ impl StudyRun {
                 }
                 while self.tip.len() <= options.samples {
                     let t = duration * self.tip.len() as f64 / options.samples as f64;
-                    // The last sample is the end itself, whatever its rounding.
+                    // The last sample is at the end itself, regardless of rounding.
                     let t = if self.tip.len() == options.samples && stepper.time() >= t * (1.0 - 1e-9) {
                         stepper.time()
                     } else {
@@ -343,7 +343,7 @@ impl StudyRun {
                     }
                     match stepper.at(t, |view| tip(view.state)) {
                         Ok(tip) => self.tip.push(tip),
-                        // Inside the first part of a halved step nothing is kept: its end has to do.
+                        // Dense output does not exist inside the first part of a halved step; the end of the step is used.
                         Err(Error::OutsideStep { .. }) => self.tip.push(tip(stepper.state())),
                         Err(error) => {
                             failed = Some(error);
@@ -356,7 +356,7 @@ impl StudyRun {
                 let exploded = largest.max(self.created.last().copied().unwrap_or(0.0)) > MAX_ENERGY_DEFECT;
                 if stopped || exploded { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             });
-            self.created.push(largest); // what came after the last sample
+            self.created.push(largest); // the maximum after the last sample
             let whole = outcome?;
             if let Some(error) = failed {
                 return Err(error);
@@ -405,8 +405,8 @@ fn put_in(work: &Power) -> f64 {
     work.actuation + work.load + work.head + work.flow
 }
 
-/// Displaces the tip across the rod by about this fraction of the length: pushes and stops it within two short steps, so that no
-/// momentum remains.
+/// Displaces the tip across the rod by about this fraction of the length. It is pushed and stopped within two short steps, so that
+/// no momentum remains.
 fn displace_tip(stepper: &mut Stepper, scene: &Scene, part: f64) -> Result<()> {
     let rod = &stepper.model().rod;
     let step = 0.01 * scene.typical_step().min(0.01 * scene.solver.duration_s.get());

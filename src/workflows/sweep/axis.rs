@@ -17,7 +17,7 @@ const WHOLE_TOLERANCE: f64 = 1e-12;
 pub(super) const AXIS_KEYS: [&str; 10] =
     ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
 
-/// How levels are applied to the keys.
+/// How the levels of an axis are applied to its keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisKind {
     /// Levels replace the values.
@@ -35,7 +35,7 @@ pub struct SweepAxis {
     pub name: String,
     /// Its path in the sweep's file.
     pub(super) path: String,
-    /// How its levels are applied.
+    /// How the levels are applied.
     pub kind: AxisKind,
     /// The scene's keys that it sets.
     pub keys: Vec<String>,
@@ -43,14 +43,14 @@ pub struct SweepAxis {
     pub labels: Vec<Value>,
     /// The values, or factors, at each level: one per key, or one for all.
     pub(super) levels: Vec<Vec<Value>>,
-    /// True if the levels are points of the sample, in which all sampled axes advance together.
+    /// True if the levels are sampled points; all sampled axes advance together.
     pub sampled: bool,
     /// True if the levels are a geometric sequence.
     pub logarithmic: bool,
 }
 
 impl SweepAxis {
-    /// True if the sweep's file may call it `name`.
+    /// True if the file of the sweep can refer to the axis by `name`.
     pub(super) fn is_called(&self, name: &str) -> bool {
         self.name == name || self.name.strip_prefix("axis.").is_some_and(|own| own == name && is_result(own))
     }
@@ -136,7 +136,7 @@ fn axis(value: &Value, path: &str) -> Result<SweepAxis, KeyError> {
             problem: refused(keys, "a list of the scene's keys, such as [\"rod.outer_radius_m\"]"),
         })?,
     };
-    // A range may stand beside the axis' own keys.
+    // A range may be given along with the axis' own keys.
     let range = || {
         Value::Table(table.clone().into_iter().filter(|(key, _)| !["keys", "labels"].contains(&key.as_str())).collect())
     };
@@ -205,7 +205,7 @@ fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Resu
     let labels = match labels {
         Some(labels) => labelled(labels, levels.len(), path)?,
         None => {
-            // The first key stands for all, unless it has a value twice.
+            // The values of the first key serve as labels, unless they repeat.
             let first: Vec<Value> = levels.iter().map(|level| level[0].clone()).collect();
             let distinct = (1..first.len()).all(|i| !first[..i].contains(&first[i]));
             let all = |level: &Vec<Value>| level.iter().map(Value::to_string).collect::<Vec<_>>().join(", ");
@@ -235,7 +235,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyE
     }
 }
 
-/// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
+/// Names of result columns: columns that are not in a summary, and quantities of a summary that are not means over cycles.
 const RESULT_COLUMNS: [&str; 93] = [
     "case",
     "scene_hash",
@@ -395,8 +395,8 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, KeyError> {
     }
 }
 
-/// The decimal number of twelve digits that a level is meant to be, if it is off it only by the rounding of a range up to `size`; else
-/// the level as it is.
+/// Removes the rounding of a range up to `size`: returns the nearest number with twelve decimal digits if `x` differs from it only
+/// by rounding, otherwise `x`.
 fn rounded(x: f64, size: f64) -> f64 {
     let short = format!("{x:.11e}").parse().unwrap_or(x);
     if (short - x).abs() <= 4.0 * f64::EPSILON * size { short } else { x }
@@ -468,7 +468,7 @@ pub(super) fn leaves(table: &toml::Table, path: &str, found: &mut Vec<(String, V
     }
 }
 
-/// The value of a dotted key, in which the entries of a list have their places from 0, as in an override.
+/// The value of a dotted key, in which entries of a list are indexed from 0, as in an override.
 pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value> {
     let mut parts = key.split('.');
     let first = table.get(parts.next()?)?;
@@ -479,7 +479,7 @@ pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value
     })
 }
 
-/// The product of two numbers; an integer if the first is one and stays so.
+/// The product of two numbers; an integer if the first is an integer and the product is, too.
 pub(super) fn product(value: &Value, factor: &Value) -> Option<Value> {
     let product = number(value)? * number(factor)?;
     let whole = value.is_integer() && product == product.round() && product.abs() < 9e15;

@@ -10,11 +10,11 @@ use crate::report::{Frame, Scenery};
 pub struct CaseResult {
     /// Hash of its scene, with the values of the axes.
     pub scene_hash: String,
-    /// The quantities of its summary; only `complete` and `ending` (the error) for a case that could not start.
+    /// The quantities of its summary; for a case that could not start, only `complete` and `ending` (the error).
     pub quantities: Map<String, Value>,
     /// Frames of its motion, if recorded.
     pub frames: Vec<Frame>,
-    /// What its animation shows beside the nodes.
+    /// What the animation shows in addition to the nodes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scenery: Option<Scenery>,
     /// Time (s) and centre of mass (m) along its path, if recorded.

@@ -20,7 +20,7 @@ use crate::run::{BatchedRun, Ending, run_batched};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
-/// Entries of a summary that a result leaves out: those that differ between runs of the same scene, and lists.
+/// Entries of a summary that are omitted from a result: those that differ between runs of the same scene, and lists.
 const LEFT_OUT: [&str; 4] = ["name", "caudal_version", "wall_s", "final_positions_m"];
 
 /// Runs the cases `todo` on `threads` threads and adds each result to `journal` immediately; `progress` receives its index and
@@ -36,12 +36,12 @@ pub fn run(
     interrupted: &AtomicBool,
     mut progress: impl FnMut(usize, CaseResult),
 ) -> Result<()> {
-    // Cases that share no steps are done one by one: each is kept the moment it is done. Where every thread has one case at most
-    // nobody has to be asked.
+    // Cases that cannot be batched are run one by one, so that each result is stored when it is done. If every thread has at most
+    // one case, this need not be tested.
     let asked = todo.first().filter(|_| todo.len() > threads);
     let first = asked.and_then(|index| Some((*index, Stepper::of(&scene(sweep, *index).ok()?.0).ok()?)));
     let together = if first.as_ref().is_some_and(|(_, stepper)| Batch::takes(stepper)) { WIDTH } else { 1 };
-    let first = Mutex::new(first); // which is not made again: a scene's estimates may take long
+    let first = Mutex::new(first); // built only once: the estimates of a scene may take long
     let made = |index: usize| {
         let mut first = first.lock().unwrap_or_else(PoisonError::into_inner);
         first.take_if(|(own, _)| *own == index).map(|(_, stepper)| stepper)
@@ -57,12 +57,12 @@ pub fn run(
 }
 
 /// Runs some cases, similar ones batched; `None` for an interrupted case. The wall-clock time of a result is an equal share of the
-/// time of all.
+/// total time.
 pub fn run_together(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<CaseResult>> {
     run_cases_with(sweep, indices, interrupted, |_| None)
 }
 
-/// The same, with some steppers `made` before.
+/// Like [`run_together`], with some steppers `made` before.
 fn run_cases_with(
     sweep: &Sweep,
     indices: &[usize],
@@ -113,11 +113,11 @@ struct CaseRun<'a> {
     scene: &'a Result<Hashed<'a>>,
     warnings: Vec<String>,
     row: CaseResult,
-    /// Number of times of the motion and of the path to record.
+    /// Numbers of recorded times of the motion and of the path.
     wanted: [usize; 2],
-    /// Number of these that have passed.
+    /// Numbers of these times that have passed.
     passed: [usize; 2],
-    /// The time at which the next of them is due, s.
+    /// The next time to record, s.
     due: f64,
 }
 
@@ -128,7 +128,7 @@ impl<'a> CaseRun<'a> {
         Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, passed: [0; 2], due: 0.0 }
     }
 
-    /// The run at its start, with a stepper that may be `made` before; if it cannot start, the result has the error.
+    /// Starts the run, with a stepper that may be `made` before; if it cannot start, the result has the error.
     fn begin(&mut self, made: Option<Stepper>) -> Option<BatchedRun<'a>> {
         let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
             self.row.scene_hash = hash.to_string();
@@ -145,8 +145,8 @@ impl<'a> CaseRun<'a> {
         self.row.quantities.insert("ending".to_string(), error.to_string().into());
     }
 
-    /// Records frames and path up to the time of `stepper`. A frame is the state after the first step that reaches its time, so that there
-    /// are no more than steps, and none costs more than its points.
+    /// Records frames and path up to the time of `stepper`. A frame is the state after the first step that reaches its time, so
+    /// that there are at most as many frames as steps, and the cost of each is proportional to its points.
     fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
         let now = stepper.time();
         let reached_time = now * (1.0 + ROUNDING);

@@ -96,7 +96,7 @@ pub struct ReportTable {
 pub struct Sweep {
     /// Its name; by default that of its file.
     pub name: String,
-    /// The axes, in the order of the file; the last one changes fastest from case to case.
+    /// The axes, in the order of the file; the last one changes fastest.
     pub axes: Vec<SweepAxis>,
     /// What is recorded per case.
     pub record: SweepRecordTable,
@@ -112,14 +112,13 @@ pub struct Sweep {
     played: BTreeSet<usize>,
     /// The result of checking all cases' scenes.
     pub(super) checked: OnceLock<CheckedScenes>,
-    /// Its own file and that of its base scene.
+    /// The sweep's own file and that of its base scene.
     pub(super) own: [PathBuf; 2],
-    /// The overrides that it was read with.
+    /// The overrides with which it was read.
     pub(super) set: Vec<String>,
     /// The source of all files.
     pub(super) files: Files,
-    /// Names of the columns that identify a case, each with its axis if it shows a label, and `None` if it shows the value of a
-    /// key.
+    /// Names of the columns that identify a case, each with its axis if it shows a label, or `None` if it shows the value of a key.
     columns: Vec<(String, Option<usize>)>,
 }
 
@@ -130,18 +129,18 @@ pub(super) struct CheckedScenes {
     hashes: Vec<String>,
     /// The scenes, for a sweep of up to [`MAX_CACHED_SCENES`] cases.
     scenes: Vec<Option<Scene>>,
-    /// The tables that they read.
+    /// The tables that the scenes read.
     pub(super) tables: BTreeSet<PathBuf>,
 }
 
-/// What became of a journal of the same sweep before levels or axes were added.
+/// The outcome of migrating a journal of the same sweep from before levels or axes were added.
 #[derive(Debug)]
 enum Migration {
-    /// It has the cases of this sweep now.
+    /// The journal now has the cases of this sweep.
     Done,
-    /// It has other cases, and why.
+    /// The journal has other cases; with the reason.
     OtherCases(String),
-    /// It is of another job, damaged or in use.
+    /// The journal belongs to another job, is damaged, or is in use.
     OtherJob,
 }
 
@@ -194,7 +193,7 @@ impl Sweep {
             }
         ] });
         schema["properties"]["axes"]["additionalProperties"] = json!({ "$ref": "#/$defs/Axis" });
-        // What is set are keys of the scene, any of them; its tables get names of their own.
+        // `[set]` may contain any keys of the scene; the scene's tables get their own names.
         let mut scene = Scene::schema();
         optional(&mut scene, "Scene");
         if let Some(table) = scene.as_object_mut() {
@@ -242,7 +241,7 @@ impl Sweep {
         Self::over(files, path, set, None)
     }
 
-    /// The same with another base scene, if given.
+    /// Like [`read_from`](Self::read_from), with another base scene, if given.
     ///
     /// # Errors
     /// Those of [`read`](Self::read).
@@ -262,7 +261,7 @@ impl Sweep {
         axes = order.into_iter().map(|(_, axis)| axis).collect();
         axis::sample(&mut axes, file.samples).map_err(refuse)?;
         for axis in axes.iter_mut().filter(|axis| axis::is_result(&axis.name)) {
-            axis.name = format!("axis.{}", axis.name); // the table has a column of results of its own name
+            axis.name = format!("axis.{}", axis.name); // a result column has this name
         }
 
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -478,7 +477,7 @@ impl Sweep {
         })?;
         let files = scene.files();
         if !files.is_empty() {
-            scene.model()?; // reads and checks them
+            scene.model()?; // reads and checks the tables
         }
         for path in files {
             inputs.extend(scene.read_from.read(&path)?);
@@ -496,7 +495,7 @@ impl Sweep {
     fn in_case(&self, case: &Case, error: Error) -> Error {
         match error {
             Error::Scene { place, key, mut problem } => {
-                // The last part of its path may be a misspelt key of an axis.
+                // The last part of the key's path may be a misspelt key of an axis.
                 let axis = self.axes.iter().zip(&self.places).find(|(_, own)| **own == place);
                 if let Some(part) = axis.and_then(|(axis, _)| axis.path.rsplit('.').next())
                     && !problem.contains("did you mean")
@@ -546,7 +545,7 @@ impl Sweep {
         Ok(Job { kept, ..Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()) })
     }
 
-    /// Claims `folder` for the results of `job`, the job of this sweep; waits for other shards that hold it briefly.
+    /// Claims `folder` for the results of `job`, the job of this sweep; waits for other shards that hold the folder briefly.
     ///
     /// # Errors
     /// Those of [`Folder::claim`].
@@ -556,8 +555,8 @@ impl Sweep {
         Folder::claim_shared(folder, owner, claim, &[TABLE, PAGE])
     }
 
-    /// Opens or creates the journal `name` of `job`, the job of this sweep, in `folder`. Cases of the same sweep before levels or
-    /// axes were added are taken over, since they are identical.
+    /// Opens or creates the journal `name` of `job`, the job of this sweep, in `folder`. Identical cases from before levels or axes
+    /// were added are reused.
     ///
     /// # Errors
     /// Those of [`Folder::journal`] and [`Journal::open`].
@@ -602,7 +601,7 @@ impl Sweep {
                 row.frames.clear();
                 row.scenery = None;
             } else if row.frames.is_empty() {
-                continue; // its motion is wanted now
+                continue; // its motion is now to be recorded
             }
             new.add(index, &row)?;
         }
@@ -612,11 +611,11 @@ impl Sweep {
         Ok(Migration::Done)
     }
 
-    /// Why the scenes with these hashes, which have results, are not among those of the cases.
+    /// The reason why the scenes with these hashes, which have results, are not among the scenes of the cases.
     fn other_cases(&self, hashes: &[&String]) -> String {
         let count = hashes.len();
         let cases = if count == 1 { "1 of its cases" } else { &format!("{count} of its cases") };
-        // Without an axis that was added they are the cases that there were.
+        // If an axis was added, the cases without it are the previous cases.
         let without = |axis: usize| -> Result<HashSet<String>> {
             let mut found = HashSet::new();
             for index in 0..self.size() {
@@ -651,8 +650,8 @@ impl Sweep {
         }
     }
 
-    /// The columns that identify a case: one per axis, then each key without an axis of its name. A column with the name of a key
-    /// has the value that ran.
+    /// The columns that identify a case: one per axis, then each key without an axis of its name. A column named after a key has
+    /// the value that was used.
     pub fn columns(&self) -> Vec<String> {
         self.columns.iter().map(|(name, _)| name.clone()).collect()
     }
@@ -704,7 +703,8 @@ fn columns(axes: &[SweepAxis]) -> Vec<(String, Option<usize>)> {
     columns
 }
 
-/// Why `key` cannot be set to `value` along with `axes`: one of them sets it, or a key that excludes it. Of a list an axis may set entries.
+/// The reason why `key` cannot be set to `value` along with `axes`: one of them sets it, or a key that excludes it. An axis may set
+/// entries of a list.
 fn excluded(axes: &[SweepAxis], key: &str, value: &Value) -> std::result::Result<(), String> {
     let within = |a: &str, b: &str| a == b || a.strip_prefix(b).is_some_and(|rest| rest.starts_with('.'));
     let replaces = |own: &str| within(key, own) || within(own, key) && !value.is_array();

@@ -1,4 +1,4 @@
-//! Distributed sweeps: what a worker is sent, and how it runs cases.
+//! Distributed sweeps: the data sent to a worker, and how it runs cases.
 
 use std::sync::atomic::AtomicBool;
 
@@ -45,8 +45,8 @@ impl SweepWorker {
         Ok(Self { sweep })
     }
 
-    /// Runs the cases `indices`. Returns for each the line for [`Journal::add_line`](jobs::Journal::add_line) of the program that
-    /// sent the bundle, and its wall-clock time, s. A failing case has a line too.
+    /// Runs the cases `indices`. Returns for each the line for [`Journal::add_line`](jobs::Journal::add_line) in the program that
+    /// sent the bundle, and its wall-clock time, s. A failing case also has a line.
     ///
     /// # Errors
     /// [`Error::Bundle`] for a case that the sweep does not have.
@@ -55,7 +55,7 @@ impl SweepWorker {
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
             return Err(refused(*unknown));
         }
-        // Of like size, as a case that is left over would run alone.
+        // Batches of similar size, because a single remaining case would run alone.
         let together = indices.len().div_ceil(indices.len().div_ceil(WIDTH).max(1)).max(1);
         let rows = indices.chunks(together).flat_map(|some| run_together(&self.sweep, some, &AtomicBool::new(false)));
         let line = |(index, row): (&usize, Option<CaseResult>)| {

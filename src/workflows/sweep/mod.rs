@@ -1,4 +1,4 @@
-//! Sweeps: parameter studies. One scene along axes; all cases run on all cores, can be resumed, and split into shards.
+//! Sweeps: parameter studies of one scene along axes. All cases run on all cores; a sweep can be resumed and split into shards.
 //!
 //! A [`Sweep`] is a file that names a base scene and axes; it numbers its cases and creates their scenes. [`run`] runs the cases
 //! without a result in the journal, and [`SweepResults`] writes the table, figures and report.

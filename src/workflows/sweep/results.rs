@@ -24,10 +24,10 @@ use crate::report::{Figure, Folder};
 #[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
 
-/// Digits that tell any two numbers apart.
+/// Digits that distinguish any two numbers.
 const MAX_DIGITS: usize = 17;
 
-/// Results that are still in memory, so that they need not be read from the journal. Their number is limited.
+/// Results that are still in memory and need not be read from the journal. Their number is limited.
 #[derive(Debug, Default)]
 pub struct RecentResults(BTreeMap<usize, CaseResult>);
 
@@ -72,7 +72,7 @@ impl<'a> SweepResults<'a> {
         Ok(Self { sweep, journals, fresh: RecentResults::default(), holder })
     }
 
-    /// The same, with some results in memory.
+    /// The same, with some results taken from memory.
     #[must_use]
     pub fn with(self, fresh: RecentResults) -> Self {
         Self { fresh, ..self }
@@ -88,7 +88,7 @@ impl<'a> SweepResults<'a> {
         self.read(Cow::Borrowed, Cow::Owned)
     }
 
-    /// The results: `kept` of those in memory, `read` of the others, deserialised as `T`.
+    /// Applies `kept` to the results in memory and `read` to the others, deserialised as `T`.
     fn read<'b, T: DeserializeOwned, R>(
         &'b self,
         kept: impl Fn(&'b CaseResult) -> R,
@@ -112,7 +112,7 @@ impl<'a> SweepResults<'a> {
     pub fn write(&self, folder: &mut Folder) -> Result<WrittenSweep> {
         let path = folder.path().to_path_buf();
         let sweep = self.sweep;
-        // A first pass learns the columns and keeps what figures and page need.
+        // The first pass collects the columns and the data for figures and page.
         let mut names: Vec<(String, Option<ColumnType>)> = Vec::new();
         let mut cases = self.cases();
         let mut own = vec![None; sweep.columns().len()];
@@ -159,7 +159,7 @@ impl<'a> SweepResults<'a> {
             Ok(cells)
         };
         let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
-        // Both tables from one reading of the rows.
+        // Both tables from one pass over the rows.
         let tables = || {
             let mut files = Vec::new();
             let place = path.join(TABLE);
@@ -193,7 +193,7 @@ impl<'a> SweepResults<'a> {
         };
         let mut made = None;
         let (figures, page) = std::thread::scope(|scope| {
-            // Where no thread is to be had the tables come after the page.
+            // If no thread can be started, the tables are written after the page.
             let _ = jobs::spawn(scope, || made = Some(tables()));
             let (figures, left_out) = cases.figures();
             let page = cases.page(&figures, &left_out);
@@ -313,10 +313,10 @@ fn label(value: &toml::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_string)
 }
 
-/// Digits of a level on the page, where so many tell it from the others.
+/// Digits of a level on the page, if they are enough to distinguish it from the others.
 const LEVEL_DIGITS: usize = 5;
 
-/// The labels of levels for people: long numbers in as few digits as tell them apart.
+/// The displayed labels of levels: long numbers with as few digits as distinguish them.
 fn shown(levels: &[toml::Value]) -> Vec<String> {
     let long = 3 + LEVEL_DIGITS;
     let of = |digits: usize| {

@@ -1,4 +1,4 @@
-//! Chaos: if no reference solution exists, how fast two runs that start almost together diverge.
+//! Chaos: if no reference solution exists, measures how fast two runs with nearly equal initial states diverge.
 
 use serde_json::json;
 
@@ -18,8 +18,8 @@ pub const INITIAL_PERTURBATION: f64 = 1e-9;
 /// A motion is chaotic if two nearby runs diverge by this factor.
 const CHAOTIC_GROWTH: f64 = 1e4;
 
-/// The growth is fitted up to this fraction of the length. Runs cover these fractions of the duration; the longest with this many
-/// samples below that is used.
+/// The growth is fitted up to this fraction of the length. Runs cover these fractions of the duration; the longest one with this
+/// many samples below this distance is used.
 const SATURATION: f64 = 1e-3;
 
 pub const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
@@ -61,7 +61,7 @@ pub fn without_reference(
     };
     let windows: Vec<_> = pairs.chunks(2).zip(WINDOWS).map(distances).collect();
     let widest = windows.iter().flatten().map(|p| p.1).fold(0.0, f64::max);
-    // The longest window in which the growth can be followed.
+    // The longest run in which the growth can be followed.
     let followed =
         |apart: &&Vec<(f64, f64)>| apart.iter().take_while(|p| p.1 < SATURATION * length).count() >= MIN_SAMPLES;
     let apart = windows.iter().find(followed).or(windows.last()).cloned().unwrap_or_default();
@@ -100,13 +100,13 @@ pub fn without_reference(
     Ok(findings)
 }
 
-/// True if a distance that grows at this rate (1/s) until this time (s) is that of chaos, and not of a jump.
+/// True if a distance that grows at this rate (1/s) until this time (s) indicates chaos, and not a jump.
 fn is_chaotic(rate: f64, until: f64) -> bool {
     rate * until > CHAOTIC_GROWTH.ln()
 }
 
-/// Growth rate (1/s) of a distance by a least-squares fit of its logarithm, until it reaches a thousandth of `length` (at the time
-/// that is also returned, s), or the end.
+/// Growth rate (1/s) of a distance by a least-squares fit of its logarithm, until it reaches a thousandth of `length` or the end.
+/// Also returns the time (s) of the end of the fit.
 fn growth(apart: &[(f64, f64)], length: f64) -> Option<(f64, f64)> {
     let until = apart.iter().position(|p| p.1 > SATURATION * length).unwrap_or(apart.len()).max(3).min(apart.len());
     let logs: Vec<_> = apart[..until].iter().filter(|p| p.1 > 0.0).map(|p| (p.0, p.1.ln())).collect();

@@ -37,7 +37,7 @@ pub struct AccuracyReport<'a> {
 pub struct AccuracyRow<'a> {
     pub case: &'a PlannedRun,
     pub run: &'a StudyRun,
-    /// Error against the reference on the same mesh: that of the time steps. `None` if the run failed.
+    /// Error against the reference on the same mesh, due to the time steps. `None` if the run failed.
     pub time: Option<[f64; 3]>,
     /// Error against the limit of fine meshes.
     pub total: Option<[f64; 3]>,
@@ -98,7 +98,7 @@ impl AccuracyReport<'_> {
         self.references.first().map_or([0.0; 3], Reference::floors)
     }
 
-    /// Errors on the first mesh as text; of those that its reference cannot measure, what they are less than.
+    /// Errors on the first mesh as text; an error that the reference cannot measure is given as an upper bound.
     fn measured(&self, errors: [f64; 3]) -> [String; 3] {
         let floors = self.floors();
         std::array::from_fn(|i| match errors[i] < floors[i] {
@@ -222,7 +222,7 @@ impl AccuracyReport<'_> {
             let (step_control, nodes) = (self.scene.step_control(), self.nodes());
             self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.step_control == step_control)?.time
         });
-        // An error that the reference cannot measure says nothing of a better law.
+        // An error below the floor of the reference says nothing about whether a better law is needed.
         let [floor, ..] = self.floors();
         let own = own.filter(|[step, ..]| step.max(floor) < law || *step >= floor);
         findings.answers.push(match own.map(|errors| (errors[0], self.measured(errors))) {
@@ -250,7 +250,7 @@ impl AccuracyReport<'_> {
         settled
     }
 
-    /// What the cheaper models omit, and what the full model costs at the same error.
+    /// The modelling errors of the cheaper models, and the cost of the full model at the same error.
     fn cheaper_models(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let on_mesh = || self.on(rows, self.nodes());
         let first = |row: &AccuracyRow<'_>| row.time.map(|e| e[0]);
@@ -276,7 +276,7 @@ impl AccuracyReport<'_> {
                 describe_errors(self.quantities(), self.measured(errors)),
                 milliseconds(seconds)
             );
-            // The scene's own method with steps that still err more, so that it is not made dearer than it is.
+            // The scene's own method with steps of larger error, so that its cost is not overstated.
             let own = on_mesh().filter(|row| Some(&row.case.simulation) == own_method.as_ref());
             let own = own.filter(|row| first(row).is_some_and(|e| e >= errors[0]));
             let own = own.max_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s));
@@ -302,7 +302,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    /// The cheapest run whose error of the quantity is at most `target`, also with finer steps of the same method.
+    /// The cheapest run whose error of the quantity is at most `target` with its own and with all finer steps of the same method.
     pub fn cheapest<'r, 's>(
         &self,
         rows: impl Iterator<Item = &'r AccuracyRow<'s>>,
@@ -327,7 +327,7 @@ impl AccuracyReport<'_> {
         rows.iter().filter(holds).min_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s)).copied()
     }
 
-    /// The cheapest settings for each target error, where the references can tell that it is reached.
+    /// The cheapest settings for each target error that the references can resolve.
     fn recommend(
         &self,
         rows: &[AccuracyRow<'_>],

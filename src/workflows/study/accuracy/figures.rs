@@ -29,7 +29,7 @@ impl AccuracyReport<'_> {
         for (i, (quantity, key)) in self.quantities().iter().map(|quantity| (quantity.name, quantity.key)).enumerate() {
             let floor = self.floors()[i];
             for (file, label, cost) in &costs {
-                // A model that solves no equations has no cost in them.
+                // A model without equations to solve has no cost in linear solves.
                 let point = |row: &AccuracyRow<'_>| Some((cost(row.run), row.time?[i])).filter(|point| point.0 > 0.0);
                 let mut series = self.curves(rows, floor, point);
                 let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < MAX_ERROR);
@@ -74,8 +74,8 @@ impl AccuracyReport<'_> {
         Some(("twice the reference's own error".to_string(), self.floors()[i])).filter(|(_, floor)| *floor > 0.0)
     }
 
-    /// One line per method through `point`s of cost or step and error on the first mesh, with a colour of its own in all figures.
-    /// Errors that the reference cannot measure are hollow dots at the `floor`, which they do not exceed.
+    /// One line per method through `point`s of cost or step and error on the first mesh. Each method has the same colour in all
+    /// figures. Errors that the reference cannot measure are hollow dots at the `floor`, their upper bound.
     fn curves(
         &self,
         rows: &[AccuracyRow<'_>],
@@ -108,7 +108,7 @@ impl AccuracyReport<'_> {
         methods
     }
 
-    /// What hollow dots mean, if there are any.
+    /// Explains hollow dots, if there are any.
     fn hollow_in_words(&self, series: &[Series], floor: f64) -> &'static str {
         match series.iter().flat_map(|series| &series.points).any(|(_, error)| *error <= floor) {
             true => " Hollow dots: smaller than twice the reference's own error, so not known any better.",
@@ -164,7 +164,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    /// What the reference of its mesh itself errs by.
+    /// The errors of the reference on the mesh of a row.
     fn reference_errors(&self, row: &AccuracyRow<'_>) -> Option<[f64; 3]> {
         let mesh = self.meshes.iter().position(|nodes| *nodes == row.case.nodes)?;
         Some(self.references.get(mesh)?.errors)
@@ -213,7 +213,7 @@ impl AccuracyReport<'_> {
     }
 }
 
-/// Level lines across a chart of `series`, labelled at its left and near its middle in turn, so that close ones can be read.
+/// Level lines across a chart of `series`, labelled alternately at its left and near its middle so that close ones stay legible.
 fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));

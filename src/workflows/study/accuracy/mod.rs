@@ -4,7 +4,7 @@
 //! and generalized-α with small steps and Richardson extrapolation. Their difference is the error of the reference. If it is not
 //! small, no reference exists, and the study measures how fast two runs diverge that start a billionth of a length apart.
 //!
-//! The references use the full model, so that the errors of a cheaper model include its modelling error, which no step removes.
+//! The references use the full model, so that the errors of a cheaper model include its modelling error, which is independent of the step.
 
 mod divergence_of_nearby_runs;
 mod explanations;
@@ -28,7 +28,7 @@ use crate::report::Findings;
 use crate::scene::Scene;
 
 /// Newton's tolerance in runs with fixed steps, far below all errors of interest. With adaptive steps it follows from their
-/// tolerance, and is part of their error.
+/// tolerance, and contributes to their error.
 const NEWTON_TOLERANCE: f64 = 1e-12;
 /// The references use this fraction of the study's finest step, and half of it.
 const REFERENCE_STEP: f64 = 0.5;
@@ -124,8 +124,8 @@ pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunn
                 references.push(reference)
             }
             other => {
-                // Pairs of runs, one of each pushed, over times from the whole duration to a thousandth: by the method that
-                // damps nothing, where its limit is known.
+                // Pairs of runs, one of each displaced at the start, over the whole duration down to a thousandth of it. They use
+                // the method without numerical damping if its stability limit is known.
                 let explicit = match (SimulationMethod::named("symplectic-euler"), limit_step(scene, *nodes)?) {
                     (Some(simulation), Some(limit))
                         if scene.solver.duration_s.get() <= MAX_EXPLICIT_STEPS * BELOW_LIMIT * limit =>

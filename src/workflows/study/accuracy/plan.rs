@@ -7,7 +7,7 @@ use crate::reduced::MODELS;
 use crate::scene::Scene;
 use crate::study::study_run::SimulationMethod;
 
-/// Symplectic Euler runs with this fraction of its stability limit and with half of it.
+/// Symplectic Euler runs with this fraction of its stability limit, and with half of that.
 pub const BELOW_LIMIT: f64 = 0.95;
 /// The stability limit is computed for at most this many nodes.
 const MAX_NODES_FOR_MODES: u64 = 401;
@@ -25,12 +25,12 @@ pub struct PlannedRun {
     pub nodes: u64,
     /// Fraction of the scene's duration.
     pub part: f64,
-    /// Displacement that the run starts with, over the length, see [`RunOptions::push`](crate::study::study_run::RunOptions::push).
+    /// Initial displacement, over the length, see [`RunOptions::push`](crate::study::study_run::RunOptions::push).
     pub push: Option<f64>,
 }
 
 impl PlannedRun {
-    /// The keys of a scene by which it is this run, a line each.
+    /// The keys of a scene that define this run, one per line.
     pub fn keys(&self) -> String {
         let SimulationMethod { kind, method, values } = &self.simulation;
         let mut keys = match self.simulation.is_full() {
@@ -51,8 +51,8 @@ impl PlannedRun {
     }
 }
 
-/// The cost of two explicit runs, with steps of the stability `limit` (s) and half of it, over that of all implicit runs with these fixed
-/// `steps` (s) on the same mesh.
+/// The cost of two explicit runs, with steps of the stability `limit` (s) and half of it, over the cost of all implicit runs with
+/// these fixed `steps` (s) on the same mesh.
 fn relative_cost(steps: &[f64], limit: f64) -> f64 {
     let methods = METHODS.iter().filter(|method| method.implicit).count() as f64;
     let implicit = methods * steps.iter().map(|step| 1.0 / step).sum::<f64>();
@@ -60,7 +60,7 @@ fn relative_cost(steps: &[f64], limit: f64) -> f64 {
     explicit / EXPLICIT_STEPS_PER_IMPLICIT / implicit
 }
 
-/// Refuses names of methods and models to leave out that there are not.
+/// Refuses unknown names of methods and models to leave out.
 pub fn check_without(without: &[String]) -> Result<()> {
     let cheaper = MODELS.iter().filter(|kind| kind.method.is_some()).map(|kind| kind.name);
     let known: Vec<&str> = METHODS.iter().map(|method| method.name).chain(cheaper).collect();
@@ -71,8 +71,8 @@ pub fn check_without(without: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// All runs of the study: every model and method on every mesh with every step or tolerance, and the scene as it is. Also which methods
-/// are left out, and why.
+/// All runs of the study: every model and method on every mesh with every step or tolerance, and the unchanged scene. Also the
+/// methods that are left out, with the reasons.
 pub fn plan(
     scene: &Scene,
     meshes: &[u64],

@@ -12,7 +12,7 @@ pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, h
 /// Errors of a mean force are relative to at least this fraction of the mean modulus.
 const MIN_MEAN_FORCE: f64 = 1e-3;
 
-/// Errors below this multiple of the reference's own error are not known.
+/// Errors below this multiple of the reference's own error are unknown.
 pub const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
 
 /// Errors of a displacement are relative to at least this fraction of the tip's path.
@@ -33,7 +33,7 @@ pub struct RunResults {
     pub largest_work: f64,
 }
 
-/// Digits of a number that has this relative error: those that are known, and one more.
+/// Digits to print of a number with this relative error: the significant ones and one more.
 pub fn digits_of(error: f64) -> usize {
     (1.0 - error.log10()).ceil().clamp(1.0, 10.0) as usize
 }
@@ -69,7 +69,7 @@ impl RunResults {
         (self.first[0] - other.first[0]).hypot(self.first[1] - other.first[1])
     }
 
-    /// The first quantity as text, in the digits that its relative `error` leaves.
+    /// The first quantity as text, with the digits that its relative `error` leaves significant.
     pub fn first_in_words(&self, held: bool, error: f64) -> String {
         let [x, y] = self.first.map(|value| significant(value, digits_of(error)));
         if held { format!("mean head force ({x}, {y}) N") } else { format!("displacement {x} m") }
@@ -96,12 +96,12 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// The smallest errors that it can measure.
+    /// The smallest errors that this reference can measure.
     pub fn floors(&self) -> [f64; 3] {
         self.errors.map(|error| MIN_ERROR_OVER_REFERENCE * error)
     }
 
-    /// From runs of both methods with two steps each; `None` if one of them failed.
+    /// The reference from runs of both methods with two steps each; `None` if one of them failed.
     pub fn of(runs: &[StudyRun]) -> Option<Self> {
         let [first, second, coarse, fine] = runs else { return None };
         if !runs.iter().all(|run| run.is_complete(RUN_OPTIONS)) {

@@ -137,8 +137,9 @@ impl<'a> FluidReport<'a> {
         };
         let uncertain =
             |row: &FluidModelRow<'_>| row.model.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
-        // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
-        // others the simplest: one whose drag is linear in the velocity, then that of the narrowest range, then the surest.
+        // Ordered by properties of the law, not by the time that a run took on this machine: dense laws last, before them those
+        // with the reactive force. Of the others the simplest comes first: laws with drag linear in the velocity, then the
+        // narrowest range, then the smallest uncertainty.
         let order = |a: &&FluidModelRow<'_>, b: &&FluidModelRow<'_>| {
             let dense = |row: &FluidModelRow<'_>| matches!(row.model.law.reach, Dependence::Rod { .. });
             let curved = |row: &FluidModelRow<'_>| row.model.law.resistance.is_none();

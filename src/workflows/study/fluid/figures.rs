@@ -6,7 +6,7 @@ use crate::number_format::percent;
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Animation, Findings, Frame};
 
-/// Width of a lane of the animation over the widest motion, and its least width over the length.
+/// Width of a lane of the animation over the widest motion, and its minimum over the length.
 const LANE_WIDTH: f64 = 1.15;
 const MIN_LANE_WIDTH: f64 = 0.2;
 
@@ -14,7 +14,7 @@ fn has_moved(row: &FluidModelRow<'_>) -> bool {
     row.swim.frames.len() > 1
 }
 
-/// The models as the animation has them: the reference first, and last those that did not move.
+/// The models in the order of the animation: the reference first, models without motion last.
 fn in_order<'a, 'b>(rows: &'a [FluidModelRow<'b>]) -> Vec<&'a FluidModelRow<'b>> {
     let mut order: Vec<_> = rows.iter().collect();
     order.sort_by_key(|row| (!has_moved(row), !row.is_reference));
@@ -24,7 +24,7 @@ fn in_order<'a, 'b>(rows: &'a [FluidModelRow<'b>]) -> Vec<&'a FluidModelRow<'b>>
 impl FluidReport<'_> {
     pub(super) fn charts(&self, rows: &[FluidModelRow<'_>], findings: &mut Findings) {
         let Some(reference) = rows.iter().find(|row| row.is_reference) else { return };
-        // As in the animation.
+        // In the order of the animation.
         let order: Vec<String> = in_order(rows).iter().map(|row| row.model.to_string()).collect();
         let colour = |name: &str| match order.iter().position(|other| other == name) {
             None | Some(0) => 0,

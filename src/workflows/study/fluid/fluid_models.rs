@@ -20,7 +20,7 @@ pub struct FluidModel {
     pub holds: bool,
     /// Its published uncertainty.
     pub uncertainty: Option<Uncertainty>,
-    /// Number of keys of the scene's drag that do not apply to it.
+    /// Number of keys of the scene's drag table that this model does not use.
     pub dropped: usize,
     pub scene: Scene,
 }
@@ -41,7 +41,7 @@ impl fmt::Debug for FluidModel {
 pub struct FluidModels {
     pub models: Vec<FluidModel>,
     pub refused: Vec<(String, String)>,
-    /// Those of them that hold, know how distant parts of the rod act on each other, and cannot be had on this mesh.
+    /// Valid models with hydrodynamic interaction of distant parts that cannot be used on this mesh, with the reason.
     pub missing: Vec<(String, String)>,
     pub reynolds: f64,
     /// True if the added mass decides whether the rod is stable.
@@ -88,8 +88,8 @@ impl FluidModels {
     }
 }
 
-/// The index of the most accurate of `models`: the one that drops the fewest keys of the scene, among those the least uncertain, and of
-/// equally uncertain ones that of the largest range.
+/// The index of the most accurate of `models`: the one that drops the fewest keys of the scene, among those the one of the least
+/// uncertainty, and among equally uncertain ones that of the largest range.
 pub fn most_accurate<'a>(models: impl Iterator<Item = (usize, &'a FluidModel)>, held: bool) -> Option<usize> {
     let known = models
         .filter_map(|(i, model)| Some((i, model.dropped, model.uncertainty?.measured(held)[0], model.law.reynolds)));

@@ -119,7 +119,7 @@ impl FluidModelRun {
                 if interrupted.load(Ordering::Relaxed) {
                     return ControlFlow::Break(());
                 }
-                // The end itself may be a rounding before the last time.
+                // Rounding may place the end slightly before the last time.
                 let now = stepper.time() + 1e-9 * duration;
                 while let Some(t) = shown.pass(now) {
                     match at(stepper, t, frame) {
@@ -152,7 +152,7 @@ impl FluidModelRun {
     }
 }
 
-/// The result of `look` at time `t`. Within the first part of a halved step no dense output exists; its end is used then.
+/// The result of `look` at time `t`. Dense output does not exist within the first part of a halved step; the end of the step is used then.
 fn at<T>(stepper: &mut Stepper, t: f64, mut look: impl FnMut(&View<'_>) -> T) -> Result<T> {
     match stepper.at(t, &mut look) {
         Err(Error::OutsideStep { .. }) => Ok(look(&stepper.view())),
@@ -202,7 +202,7 @@ impl<'a> ForceSamples<'a> {
         let ahead = self.ahead.try_normalize(0.0).unwrap_or(Vector2::x());
         let times = self.seen.len().max(1) as f64;
         let first = usize::from(rod.body.is_some());
-        // What holds a body before the rod acts on the link between them, and not along the rod.
+        // The drag and inertia of a body act on the link between body and rod, not along the rod.
         let spread = if [body::DRAG, body::INERTIA].contains(&name) { 0.0 } else { 1.0 };
         let per_length = |k: usize| {
             let ends = k == first || k + 1 == rod.nodes;
