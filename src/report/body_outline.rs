@@ -5,14 +5,15 @@ use nalgebra::Vector2;
 
 use crate::rod::Rod;
 
-/// Least and most points along the rod at which the outline has corners on both sides; in between twice as many as nodes.
+/// Minimum and maximum number of points along the rod at which the outline has corners on both sides; in between, twice the number
+/// of nodes.
 const STATIONS: [usize; 2] = [33, 97];
 
 /// Corners of a rounded end between its two sides, and of an ellipse.
 const CORNERS_OF_END: usize = 7;
 const CORNERS_OF_ELLIPSE: usize = 44;
 
-/// The part of the least width that is left at the tip, so that a thin rod has a direction.
+/// Fraction of the minimum width at the tip, so that the direction of a thin rod is visible.
 const TAPER: f64 = 0.5;
 
 /// The half widths of a rod and the body at its head.
@@ -25,7 +26,7 @@ pub struct BodyOutline {
 }
 
 impl BodyOutline {
-    /// The outline of `rod`, of which these `nodes` are drawn.
+    /// The outline of `rod`, drawn at these `nodes`.
     pub fn of(rod: &Rod, nodes: &[usize]) -> Self {
         Self {
             half_widths: nodes.iter().map(|k| rod.sections.at(rod.xi(*k)).semi_axes()[0]).collect(),
@@ -38,7 +39,7 @@ impl BodyOutline {
         Self { half_widths: vec![0.0; nodes], head: None }
     }
 
-    /// The furthest that it reaches from a node, m.
+    /// The largest distance of the outline from a node, m.
     pub fn reach(&self) -> f64 {
         let head = self.head.map_or(0.0, |[along, across]| along.max(across));
         self.half_widths.iter().copied().fold(head, f64::max)
@@ -159,7 +160,7 @@ mod tests {
                     let points: Vec<_> = arc(radius, nodes).into_iter().map(|point| point * size).collect();
                     let found = -area(&body.polygons(&points, 1.0, 0.0)[0]) / size.powi(2);
                     let wanted = 0.07 + 0.5 * PI * (0.05f64.powi(2) + 0.02f64.powi(2));
-                    // Three nodes on most of a circle have a cubic that is longer or shorter than the arc.
+                    // Through three nodes on most of a circle, the cubic is longer or shorter than the arc.
                     let tolerance = if nodes == 3 && radius < 1.0 { 0.25 } else { 0.01 };
                     assert!((found / wanted - 1.0).abs() < tolerance, "{nodes} nodes, {radius}: {found}, {wanted}");
                 }

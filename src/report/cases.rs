@@ -67,7 +67,7 @@ pub const QUANTITIES: [SummaryQuantity; 38] = [
     SummaryQuantity::new("step_halvings", "step halvings", "1", false),
 ];
 
-/// Most lines that join cases in a figure.
+/// Maximum number of lines that join cases in a figure.
 const MAX_JOINED_LINES: usize = 200;
 
 /// Up to this many lines are named.
@@ -82,8 +82,8 @@ const MAX_TABLE_ROWS: usize = 20_000;
 const MAX_PATHS: usize = 120;
 /// Most cells of a heat map.
 const MAX_CELLS: usize = 10_000;
-/// A heat map has equally wide cells where the largest gap between two levels exceeds this multiple of the least: the narrowest cells
-/// would be slivers.
+/// A heat map has cells of equal width if the largest gap between two levels exceeds this multiple of the smallest, because the
+/// narrowest cells would be slivers.
 const MAX_CELL_RATIO: f64 = 4.0;
 /// Levels from this multiple of the least on are drawn on a logarithmic axis if they are more even there.
 const LOG_AXIS_RANGE: f64 = 4.0;
@@ -95,7 +95,7 @@ const MAX_NAMED_LEVELS: usize = 4;
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
 pub struct SummaryQuantity {
-    /// Its key in the summary; for the largest over all tendons a name of its own.
+    /// Its key in the summary; for a maximum over all tendons a separate name.
     pub key: &'static str,
     /// Its name.
     pub name: &'static str,
@@ -107,7 +107,7 @@ pub struct SummaryQuantity {
     pub of_free_heads: bool,
     /// The key of its mean over whole cycles.
     pub settled: Option<&'static str>,
-    /// The end of the keys of the tendons, of which it is the largest.
+    /// The suffix of the keys of the tendons over which it is the maximum.
     tendons: Option<&'static str>,
 }
 
@@ -196,7 +196,7 @@ impl CaseAxis {
         let mut order: Vec<usize> = (0..at.len()).collect();
         order.sort_by(|a, b| at[*a].total_cmp(&at[*b]));
         if !self.sampled {
-            // In the order of their numbers, however they are listed.
+            // In the order of their numbers, in whatever order they are listed.
             let mut of = vec![0; at.len()];
             order.iter().enumerate().for_each(|(rank, level)| of[*level] = rank);
             let (at, labels) = order.iter().map(|level| (at[*level], self.labels[*level].clone())).unzip();
@@ -204,7 +204,7 @@ impl CaseAxis {
         }
         let parts = SAMPLE_BINS.min(at.len());
         let mut group = vec![0; at.len()];
-        // On a logarithmic axis the middle is that of the logarithms.
+        // On a logarithmic axis the middle is the mean of the logarithms.
         let [onto, back]: [fn(f64) -> f64; 2] =
             if self.scale() == Scale::LogX { [f64::log10, |x| 10_f64.powf(x)] } else { [|x| x, |x| x] };
         let mut sums = vec![(0.0, 0.0); parts];
@@ -254,7 +254,7 @@ struct Groups {
 }
 
 impl Groups {
-    /// The mean in each group of values, given with their levels; NaN for an empty group.
+    /// The mean of values in each group, given with their levels; NaN for an empty group.
     fn means(&self, values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.at.len()];
         for (level, value) in values {
@@ -282,7 +282,7 @@ pub struct Cases {
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
     motions: BTreeMap<usize, Vec<Frame>>,
-    /// What their animations show beside the nodes.
+    /// What the animations show in addition to the nodes.
     sceneries: BTreeMap<usize, Scenery>,
 }
 
@@ -363,7 +363,7 @@ impl Cases {
         self.sceneries.get(&index).into_iter().fold(Animation::of(frames), Animation::with_scenery)
     }
 
-    /// What the animation of a case shows beside its nodes.
+    /// What the animation of a case shows in addition to its nodes.
     pub fn dress(&mut self, index: usize, scenery: Scenery) {
         self.sceneries.insert(index, scenery);
     }
@@ -386,11 +386,11 @@ impl Cases {
     pub fn figures(&self) -> (Vec<Figure>, Vec<String>) {
         let (mut figures, mut names) = (Vec::new(), FileNames::default());
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
-        // A mean that contains the start is drawn where there is none over whole cycles: their best cases may differ.
+        // If there is no mean over whole cycles, a mean that includes the start is drawn: their best cases may differ.
         let settled = |key: &str| QUANTITIES.iter().zip(&self.columns).any(|(q, column)| q.key == key && known(column));
         let shown = |quantity: &SummaryQuantity| quantity.drawn && !quantity.settled.is_some_and(settled);
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| shown(quantity));
-        // What is the same in all cases has no figure.
+        // Quantities that are equal in all cases have no figure.
         let varies = |column: &[f64]| {
             let mut values = column.iter().filter(|x| x.is_finite());
             values.next().is_some_and(|first| values.any(|x| x != first))
@@ -427,7 +427,7 @@ impl Cases {
                 }
             }
         }
-        // The displacement and the speed, or where heads are held the thrust.
+        // The displacement and the speed, or the thrust if heads are held.
         let main = drawn().find(|(_, column)| known(column));
         let speed = drawn().find(|(quantity, column)| quantity.key == "cycle_forward_speed_m_s" && known(column));
         let first: Vec<_> = main.into_iter().chain(speed).collect();
@@ -468,7 +468,7 @@ impl Cases {
                 figures.push(Figure::of_chart(names.file(&["paths", label]), caption, &chart));
             }
         }
-        // Along a single axis the first ones have theirs already.
+        // Along a single axis the first quantities already have a figure.
         let is_drawn = |key: &str| {
             shown.len() == 1 && self.split.is_none() && first.iter().any(|(quantity, _)| quantity.key == key)
         };
@@ -806,7 +806,7 @@ impl Cases {
 
     /// The x of the centres of mass over time; the least, median and largest displacement are highlighted.
     fn paths(&self, label: &str, cases: &[usize]) -> Option<Chart> {
-        // A case that failed, or whose head is held, has no place among the others.
+        // Cases that failed or have a held head are left out.
         let way = QUANTITIES.iter().position(|quantity| quantity.key == "net_displacement_m")?;
         let complete = cases.iter().filter(|i| self.columns[way][**i].is_finite());
         let mut moved: Vec<(usize, &Vec<Frame>)> =
@@ -893,7 +893,7 @@ impl FileNames {
         let clean = |part: &&str| part.chars().take(MAX_NAME_LENGTH).map(sign).collect::<String>();
         let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
         let stem = parts.join("_");
-        // Some file systems take A for a.
+        // Some file systems do not distinguish upper and lower case.
         let taken = |name: &String| self.0.iter().any(|other| other.eq_ignore_ascii_case(name));
         let numbered = (2..).map(|number| format!("{stem}_{number}.svg"));
         let name = std::iter::once(format!("{stem}.svg")).chain(numbered).find(|name| !taken(name)).unwrap_or_default();
@@ -967,7 +967,7 @@ mod tests {
         let page = cases.page(&[], &[]).unwrap();
         assert!(page.contains("One case did not reach its end. Its row says why"), "{page}");
         assert!(!page.contains("by chance") && page.contains("A case that failed before it moved cannot be played."));
-        // What is zero in all cases has no column.
+        // A quantity that is zero in all cases has no column.
         assert!(page.contains("Strouhal number") && !page.contains("\"efficiency of the whole run\""));
     }
 

@@ -77,9 +77,9 @@ pub struct Series {
     pub mark: Mark,
     /// Index of its colour and dashes, if it is the same in all figures; otherwise its index among the series.
     pub colour: Option<usize>,
-    /// Dots at or below this are hollow: their values are only known to be no larger.
+    /// Dots at or below this are hollow: it is only an upper bound of their values.
     pub hollow_to: f64,
-    /// A text for each dot, or none: seen under the cursor, and on a page copied by a click.
+    /// A text for each dot, or none: shown under the cursor, and on a page copied by a click.
     pub notes: Vec<String>,
 }
 
@@ -156,7 +156,7 @@ pub struct Figure {
     pub cells: Option<CellCases>,
 }
 
-/// Which case is where on a map.
+/// The positions of the cases on a map.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct CellCases {
     /// Borders of columns, from the left, and of rows, from below, px of the figure.
@@ -172,7 +172,7 @@ impl Figure {
         Self { file: file.into(), caption: caption.into(), svg, chart: None, cells: None }
     }
 
-    /// That of a chart, be it empty.
+    /// The figure of a chart, even if it is empty.
     pub fn of_chart(file: impl Into<String>, caption: impl Into<String>, chart: &Chart) -> Self {
         Self { chart: chart.interactive(), ..Self::new(file, caption, chart.svg()) }
     }
@@ -289,7 +289,7 @@ impl Chart {
         })
     }
 
-    /// True if the axes have a place for a point of a series.
+    /// True if the axes can show a point of a series.
     fn shows(&self, series: &Series, axes: &[ChartAxis; 2]) -> bool {
         series.points.iter().any(|point| self.place(*point, axes).is_some())
     }
@@ -325,7 +325,7 @@ impl Chart {
         let frame = PlotArea::about(&y, legend.height());
         let [x, y] = match self.scale {
             Scale::Equal => {
-                // What has no extent has no scale of its own.
+                // Values without extent do not define a scale.
                 let pixel = |axis: &ChartAxis, room: f64, other: &ChartAxis| match axis.is_point && !other.is_point {
                     true => 0.0,
                     false => axis.size() / room,
@@ -374,7 +374,7 @@ impl Chart {
     }
 
     fn axes(&self) -> [ChartAxis; 2] {
-        // What is not drawn stretches no axis.
+        // Invisible series do not extend the axes.
         let drawn = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
         let series = || self.series.iter().filter(|series| series.mark != Mark::Missing);
         let x = || series().flat_map(|series| &series.points).filter(drawn).map(|p| p.0);

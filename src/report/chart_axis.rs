@@ -9,10 +9,10 @@ use crate::number_format::{number, superscript};
 const LARGEST: f64 = 1e300;
 const SMALLEST: f64 = 1e-290;
 
-/// Approximate number of ticks; where labels have no room for so many, the next that they have room for.
+/// Approximate number of ticks; if their labels do not fit, the next number that fits.
 const TICKS: [f64; 6] = [7.0, 5.0, 4.0, 3.0, 2.0, 1.0];
 
-/// Values that differ by less than this part of them are one value with rounding errors.
+/// Values with a smaller relative difference are equal up to rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Room past the end of an axis for the half of its last label, px.
@@ -277,10 +277,10 @@ pub fn told_apart(labels: &[String], shown: impl Fn(&str) -> String) -> (Vec<Str
     ((1..=labels.len()).map(|number| number.to_string()).collect(), true)
 }
 
-/// Labels without the words that all of them begin and end with.
+/// Labels without the words that all of them begin or end with.
 fn without_common_ends(labels: &[String]) -> Vec<String> {
     let Some(first) = labels.first() else { return Vec::new() };
-    // Numbers and names stay whole.
+    // Numbers and names are not split.
     let of_word = |c: char| c.is_alphanumeric() || matches!(c, '.' | '_' | '-' | '+');
     let same = |a: &str, b: &str| a.chars().zip(b.chars()).take_while(|(a, b)| a == b).map(|(a, _)| a.len_utf8()).sum();
     let begin: usize = labels.iter().map(|label| same(first, label)).min().unwrap_or(0);

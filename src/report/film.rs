@@ -23,7 +23,7 @@ use crate::number_format::in_sentence;
 pub struct FilmSettings {
     /// Frames per second.
     pub per_second: u32,
-    /// Seconds of the run per second of the film; if absent, 1, or in an SVG what makes its motion easy to see.
+    /// Seconds of the run per second of the film; if absent, 1, or in an SVG a speed at which the motion is easy to see.
     pub speed: Option<f64>,
     /// Pixels per px of the figure.
     pub sharpness: f64,
@@ -49,17 +49,17 @@ const KEYFRAMES_PER_CYCLE: f64 = 12.0;
 /// Keyframes of an SVG per second, unless its motion has cycles.
 const KEYFRAMES_PER_SECOND: f64 = 15.0;
 
-/// Seconds in which an SVG shows a cycle at best, and in which it shows a whole run.
+/// Preferred duration of a cycle in an SVG, s, and that of a whole run.
 const SECONDS_OF_CYCLE: f64 = 1.6;
 const SECONDS_OF_RUN: f64 = 8.0;
 
 /// A motion is shown at its own speed if that takes between these factors of the best time.
 const REAL_TIME: [f64; 2] = [0.25, 2.5];
 
-/// The fluid goes by no faster than this, px per second of an SVG: specks that go faster are not seen to move.
+/// Largest speed of the fluid, px per second of an SVG: faster specks are not seen to move.
 const MAX_PACE: f64 = 600.0;
 
-/// Pictures that are looked at to see how much room a motion takes.
+/// Number of pictures that are sampled to find the extent of a motion.
 const LOOKS: usize = 120;
 
 /// A motion closes if its shapes at both ends are no further apart than this part of the largest distance in between.
@@ -169,7 +169,7 @@ impl FilmSettings {
             };
         }
         let (painter, scene) = (SvgRenderer::new(), FilmScene::of(*motion, [first, last], LOOKS, false));
-        // To a hundredth of what it shows, and no coarser than that of a second.
+        // Rounded to a hundredth of the window, but not coarser than a hundredth of a second.
         let decimals = (2.0 - (last - first).log10().floor()).clamp(2.0, 9.0) as usize;
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
@@ -262,7 +262,7 @@ impl FilmSettings {
         for pixels in frames {
             let pixels = pixels.inspect_err(|_| {
                 if let Some(ffmpeg) = &mut ffmpeg {
-                    let _ = ffmpeg.kill().and_then(|()| ffmpeg.wait()); // the film is given up
+                    let _ = ffmpeg.kill().and_then(|()| ffmpeg.wait()); // the film is abandoned
                 }
             })?;
             if ffmpeg.is_none() {
@@ -270,7 +270,7 @@ impl FilmSettings {
                 let child = Command::new("ffmpeg")
                     .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgba", "-s", &size])
                     .args(["-r", &self.per_second.to_string(), "-i", "-"])
-                    // Most players want even sides and this kind of colours.
+                    // Most players require even sides and this pixel format.
                     .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"])
                     .args(["-movflags", "+faststart", "-f", "mp4"])
                     .arg(file)
@@ -285,7 +285,7 @@ impl FilmSettings {
                 })?);
             }
             let input = ffmpeg.as_mut().and_then(|ffmpeg| ffmpeg.stdin.as_mut());
-            // What is wrong ffmpeg says at its end.
+            // ffmpeg prints its error at the end.
             if input.is_some_and(|input| input.write_all(pixels.data()).is_err()) {
                 break;
             }
@@ -322,7 +322,7 @@ fn last_return(motion: &RodMotion<'_>) -> Option<[f64; 2]> {
     let most = earlier.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
     let left = earlier.iter().position(|(_, distance)| *distance > 0.5 * most)?;
     let back = left + earlier[left..].iter().position(|(_, distance)| *distance < CLOSED * most)?;
-    // The nearest of those about there.
+    // The closest of the rows nearby.
     let near = earlier[back..].iter().take_while(|(_, distance)| *distance < CLOSED * most);
     near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(time, _)| [*time, end])
 }

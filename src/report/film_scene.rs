@@ -21,10 +21,10 @@ const FOOT: f64 = 34.0;
 /// Half width (px) that a body has at least at its head.
 const LEAST_HALF_WIDTH: f64 = 1.6;
 
-/// A camera follows a rod that travels further than this part of its extent.
+/// The camera follows a rod that travels further than this fraction of its extent.
 const FOLLOWED: f64 = 1.0;
 
-/// A fluid that passes by less than this part of the picture in a film is at rest.
+/// A fluid that moves by less than this fraction of the picture in a film is drawn at rest.
 const AT_REST: f64 = 0.01;
 
 /// Sides of a cell of specks, px, and their places in cells of two rows, in parts of these.
@@ -56,7 +56,7 @@ const TINTS: [[&str; 2]; 5] = [
     ["#a3cbe4", "#144868"],
 ];
 
-/// What is drawn of a rod besides its motion.
+/// What is drawn of a rod in addition to its motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Appearance {
     /// Its body.
@@ -64,7 +64,7 @@ pub struct Appearance {
     /// The fluid, and its layers.
     fluid: Fluid,
     layers: Option<Layers>,
-    /// True where the flow changes, so that it has no velocity to be drawn.
+    /// True if the flow changes, so that no constant velocity can be drawn.
     is_unsteady: bool,
 }
 
@@ -124,7 +124,7 @@ impl RodMotion<'_> {
     }
 }
 
-/// What the pictures of a film have in common: where the camera is, and how large they are.
+/// The properties that all pictures of a film share: camera and scale.
 #[derive(Debug, Clone)]
 pub struct FilmScene<'a> {
     motion: RodMotion<'a>,
@@ -155,7 +155,7 @@ impl<'a> FilmScene<'a> {
         let middle = |points: &[Vector2<f64>]| points.iter().sum::<Vector2<f64>>() / nodes;
         let travel = middle(&end) - middle(&start);
         let extent = Bounds::of(start.iter().copied()).diagonal() + 2.0 * appearance.body.reach();
-        // Layers, and what is seen of them, stay where they are.
+        // With layers the camera is fixed.
         let follows = appearance.layers.is_none() && (closed || travel.norm() > FOLLOWED * extent);
         let velocity = if follows && last > first { travel / (last - first) } else { Vector2::zeros() };
         let gap = match closed {
@@ -175,7 +175,7 @@ impl<'a> FilmScene<'a> {
         let size = bounds.size();
         let [low, high] = HEIGHTS;
         let room = |height: f64| height - 2.0 * MARGIN - FOOT;
-        // What has no size is drawn as if it were a metre long.
+        // A motion without extent is drawn as if it were a metre long.
         let fits = |size: f64, room: f64| if size > 0.0 { room / size } else { f64::INFINITY };
         let unit = fits(size.x, WIDTH - 2.0 * MARGIN).min(fits(size.y, room(high)));
         scene.unit = if unit.is_finite() { unit } else { WIDTH };
@@ -358,7 +358,7 @@ impl<'a> FilmScene<'a> {
             for column in -columns - 1..columns {
                 for [x, y] in SPECKS[row.rem_euclid(2) as usize] {
                     let (x, y) = ((f64::from(column) + x) * CELL[0], (f64::from(row) + y) * CELL[1]);
-                    // What is always out of the picture is left out.
+                    // Specks that are never inside the picture are left out.
                     let turned = |x: f64| {
                         let (sin, cos) = angle.to_radians().sin_cos();
                         [x * cos - y * sin, x * sin + y * cos]
@@ -487,7 +487,7 @@ fn path(polygon: &[Vector2<f64>]) -> String {
     let mut apart = "";
     for [next_x, next_y] in corners {
         for step in [Tenths(next_x.0 - x.0), Tenths(next_y.0 - y.0)] {
-            // A sign parts numbers, too.
+            // A sign also separates numbers.
             let _ = if step.0 < 0 { write!(data, "{step}") } else { write!(data, "{apart}{step}") };
             apart = " ";
         }

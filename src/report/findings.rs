@@ -67,9 +67,9 @@ struct PageTable {
     all: Vec<usize>,
     rows: Vec<Vec<String>>,
     more: usize,
-    /// True if it is printed on a page that lies.
+    /// True if it is printed in landscape format.
     wide: bool,
-    /// The columns that are printed together, where not all have room side by side.
+    /// The columns that are printed together, if not all fit side by side.
     parts: Vec<Vec<usize>>,
 }
 
@@ -147,7 +147,7 @@ impl Table {
         let numeric: Vec<bool> = (0..columns)
             .map(|k| self.rows.iter().filter_map(|row| row.get(k)).all(|value| !value.is_string()))
             .collect();
-        // A row that is shorter than others ends with empty cells.
+        // Rows that are shorter than others end with empty cells.
         let shown = |row: &Vec<Value>| (0..columns).map(|k| row.get(k).map_or_else(String::new, cell)).collect();
         let rows: Vec<Vec<String>> = self.rows.iter().take(MAX_TABLE_ROWS).map(shown).collect();
         let width = |k: usize| {
@@ -172,7 +172,7 @@ impl Table {
     }
 }
 
-/// The number of first columns that tell all rows apart; one if none do.
+/// The number of leading columns that distinguish all rows; one if none do.
 fn keys(rows: &[Vec<String>]) -> usize {
     let columns = rows.first().map_or(0, Vec::len);
     let apart = |count: &usize| rows.iter().map(|row| &row[..*count]).collect::<BTreeSet<_>>().len() == rows.len();
@@ -182,7 +182,7 @@ fn keys(rows: &[Vec<String>]) -> usize {
 /// Columns with these widths in parts that have room on a page that lies, each with the first `keys` columns.
 fn parts(widths: &[usize], keys: usize) -> Vec<Vec<usize>> {
     let of_keys: usize = widths[..keys].iter().sum();
-    // Keys that fill the line are no help.
+    // Key columns that fill the line are not repeated.
     let (keys, of_keys) = if 2 * of_keys > LYING_LINE { (1, widths[0]) } else { (keys, of_keys) };
     let mut parts: Vec<Vec<usize>> = Vec::new();
     let mut used = usize::MAX;

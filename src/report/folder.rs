@@ -1,4 +1,4 @@
-//! Result folders: one program at a time holds a folder, and a manifest in it says whose results it has and which files belong to them.
+//! Result folders: one program at a time holds a folder, and its manifest states the owner of the results and lists their files.
 //!
 //! Everything that writes results claims its folder first. Whether the folder is free, which files are replaced or removed, and which
 //! journals are continued follow from the manifest alone: a file that it does not list is never touched.
@@ -22,7 +22,7 @@ use crate::wording::Phrase;
 /// Name of the manifest.
 pub const MANIFEST: &str = "manifest.json";
 
-/// The folder in that of a run for its VTK files, which has a manifest of its own.
+/// The subfolder of a run's folder for its VTK files, which has its own manifest.
 pub const VTK_FOLDER: &str = "vtk";
 
 /// Extension of journals, which store unfinished work.
@@ -62,12 +62,12 @@ impl Owner {
         (&self.kind, &self.name) == (&other.kind, &other.name)
     }
 
-    /// False of a scene that a program made in memory, whose source is no place on the disk.
+    /// False for a scene that was created in memory, which has no file.
     fn has_file(&self) -> bool {
         self.source.is_absolute()
     }
 
-    /// What is there, of `other`, and what this one would put in its place, as [`Error::Occupied`] says it.
+    /// Describes the existing results of `other`, and those that would replace them, for [`Error::Occupied`].
     fn in_place_of(&self, other: &Self) -> [String; 2] {
         match self.is_namesake(other) {
             false => [other.to_string(), self.to_string()],
@@ -138,7 +138,7 @@ impl Manifest {
         let file = path.join(MANIFEST);
         match std::fs::read(&file) {
             Ok(bytes) => match serde_json::from_slice::<Self>(&bytes) {
-                // What is listed is removed one day: it is in this folder.
+                // Listed files may be removed later, so they must be in this folder.
                 Ok(manifest) if manifest.all().all(|name| Path::new(name).file_name() == Some(name.as_ref())) => {
                     Ok(Some(manifest))
                 }
@@ -239,7 +239,7 @@ impl Folder {
         let begun = Instant::now();
         loop {
             std::fs::create_dir_all(&self.path).map_err(|e| write_error(&self.path, &e))?;
-            // Where folders cannot be opened, or have no locks, journals have theirs.
+            // On systems where folders cannot be opened or locked, journals have their own locks.
             let Ok(handle) = File::open(&self.path) else { return Ok(()) };
             match handle.try_lock() {
                 Err(TryLockError::WouldBlock) if begun.elapsed() < patience => {
@@ -247,12 +247,12 @@ impl Folder {
                     continue;
                 }
                 Err(TryLockError::WouldBlock) => {
-                    self.made = CreatedFolders::default(); // it is the other program's
+                    self.made = CreatedFolders::default(); // the other program owns it
                     return Err(Error::Busy { path: self.path.clone() });
                 }
                 Ok(()) | Err(TryLockError::Error(_)) => {}
             }
-            // One that was removed meanwhile is made again.
+            // A folder that was removed meanwhile is created again.
             if is_at(&handle, &self.path) {
                 self.lock = Some(handle);
                 return Ok(());
@@ -611,7 +611,7 @@ impl Folder {
         let before = self.manifest.clone();
         let all = || names.iter().map(ToString::to_string);
         if exports {
-            // What was exported before under these names is replaced.
+            // Earlier exports under these names are replaced.
             let exported = &mut self.manifest.exports;
             exported.iter_mut().for_each(|export| export.files.retain(|file| !names.contains(&file.as_str())));
             match exported.iter_mut().find(|export| export.of == self.owner) {

@@ -84,7 +84,7 @@ impl Frame {
         Self { loads: Some(loads), ..Self::of(view) }
     }
 
-    /// The nodes of a rod of so many that a frame has points of.
+    /// The nodes at which a frame has points, for a rod with this number of nodes.
     pub fn nodes(nodes: usize) -> impl Iterator<Item = usize> + Clone {
         let points = Self::POINTS.min(nodes);
         (0..points).map(move |i| i * (nodes - 1) / (points - 1))

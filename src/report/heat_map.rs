@@ -182,7 +182,7 @@ impl HeatMap {
     /// The map as an SVG document, and where its cases are.
     fn drawn(&self) -> (String, CellCases) {
         let known = || self.known();
-        // Of one sign, values are large or small by their size, as everywhere on the page; of two signs one is higher than another.
+        // Values of one sign are coloured by their size, as everywhere on the page; values of two signs by their order.
         let [negative, positive] = [known().any(|cell| cell.2 < 0.0), known().any(|cell| cell.2 > 0.0)];
         let size = |cell: &(usize, usize, f64, usize)| if positive { cell.2 } else { cell.2.abs() };
         let by_size = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| size(a).total_cmp(&size(b));
@@ -356,7 +356,7 @@ mod tests {
         let [failed, without] = [3, 4].map(|case| bars(vec![(0, 0, 1.0, 0), (0, 1, f64::NAN, case)]));
         assert_eq!(failed, without + 1, "what has no value has a bar");
         assert!(!svg.contains("NaN"));
-        // Nothing at all, and one number.
+        // No values, and a single one.
         assert!(!map(Vec::new()).svg().contains("NaN"));
         assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest in size: -2.000 (case 9)"));
     }
@@ -387,7 +387,7 @@ mod tests {
         let levels = HeatMapAxis { name: "a".to_string(), at: vec![0.0, 2.0, 5.0], scale: Scale::Linear };
         let cells = vec![(0, 0, 0.1, 0), (1, 0, 0.9, 1), (2, 0, 0.5, 2)];
         let svg = HeatMap { x: levels, ..map(cells) }.svg();
-        // By the label of the tick itself.
+        // Located by the label of the tick.
         let tick = |label: &str| -> f64 {
             let before = svg.split(&format!(">{label}</text>")).next().unwrap_or_default();
             let text = before.rsplit("<text x=\"").next().unwrap_or_default();

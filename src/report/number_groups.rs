@@ -1,4 +1,4 @@
-//! The numbers of a run's summary as its page shows them: in groups, each with its unit and what it means.
+//! The numbers of a run's summary as its page shows them: in groups, each with its unit and meaning.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -57,10 +57,10 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Run", &["name", "scene_", "caudal_version", "complete", "ending", "end_time_s"]),
 ];
 
-/// Ratios that have a namesake over whole cycles.
+/// Ratios for which a mean over whole cycles exists, too.
 pub(super) const WHOLE_RUN: [&str; 2] = ["cost_of_transport", "efficiency"];
 
-/// What the page shows elsewhere.
+/// Entries that the page shows elsewhere.
 const ELSEWHERE: [&str; 2] = ["final_positions_m", "notes"];
 
 /// Numbers of one kind.
@@ -78,7 +78,7 @@ struct NumberRow {
     value: String,
     /// As in the summary.
     exact: String,
-    /// Empty where the key says it.
+    /// Empty if the key is self-explanatory.
     meaning: &'static str,
 }
 
@@ -90,14 +90,14 @@ pub(super) fn groups(summary: &Map<String, Value>) -> Vec<NumberGroup> {
         let group = group_of(key);
         let measure = MEASURES.iter().find(|measure| measure.key == key);
         let spread = measure.and_then(|measure| summary.get(measure.spread)).and_then(Value::as_f64);
-        // What acts in no cycle is not this scene's.
+        // A quantity that is zero in all cycles does not belong to this scene.
         let nothing = is_absent_at_zero(GROUPS[group].0)
             || spread == Some(0.0) && unit_of(key).is_some_and(|unit| ["J", "W", "N", "N m"].contains(&unit));
         let absent = value.is_null() || nothing && is_zero(value);
         if absent || ELSEWHERE.contains(&key.as_str()) || spreads.contains(&key.as_str()) {
             continue;
         }
-        // A spread of rounding says nothing.
+        // A spread due to rounding is omitted.
         let size = value.as_f64().unwrap_or(0.0).abs();
         let spread = spread.filter(|spread| *spread > ROUNDING * size);
         let spread = spread.map_or(String::new(), |spread| format!(" ± {}", in_sentence(spread, 2)));
@@ -127,7 +127,7 @@ pub(super) fn is_absent_at_zero(group: &str) -> bool {
     matches!(group, "Energy and work" | "Power" | "Forces and momentum")
 }
 
-/// What the number of this key means; empty where the key says it.
+/// The meaning of the number of this key; empty if the key is self-explanatory.
 pub(super) fn meaning_of(key: &str) -> &'static str {
     let of_variable = || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
     match MEASURES.iter().find(|measure| measure.key == key) {

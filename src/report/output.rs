@@ -72,7 +72,7 @@ impl RunOutput {
         };
         let certain: Vec<&str> = RUN_FILES.into_iter().chain(nodes_file).collect();
         let mut opened = Folder::claim(folder, Owner::of("run", scene), claim, &certain)?;
-        // Also for a disk that is full by then.
+        // This reserves space for a disk that is full at the end.
         opened.results().list(certain.iter().copied().chain(run_figures::FILES));
         let nodes = stepper.model().rod.nodes;
         let [numbers, position, most] = SUMMARY_BYTES;

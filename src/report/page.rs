@@ -29,7 +29,7 @@ pub struct Page<'a> {
     pub notes: &'a [String],
     /// Frames of the animation.
     pub frames: &'a [Frame],
-    /// What they do not have.
+    /// Data that frames do not contain.
     pub scenery: &'a Scenery,
     /// Figures.
     pub figures: &'a [Figure],
@@ -134,15 +134,15 @@ pub struct Animation {
     beside: Vec<Companion>,
     /// The media in the background, if there are several.
     media: Option<Media>,
-    /// What does not move by itself, if it is known.
+    /// Objects that do not move by themselves, if known.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     scenery: Option<Scenery>,
-    /// What acts on the rod, if it is known.
+    /// Loads on the rod, if known.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     loads: Option<Loads>,
 }
 
-/// What acts on the rod at all times.
+/// Loads on the rod at all times.
 #[derive(Debug, Clone, Serialize)]
 struct Loads {
     /// Bending moments at the points of all frames, N m, if there are any.
@@ -279,7 +279,7 @@ impl Page<'_> {
     /// # Errors
     /// [`Error::Page`] if the template fails.
     pub fn html(&self) -> Result<String> {
-        // Without the position of each node, which would be most of it.
+        // Without the positions of the nodes, which would be most of the page.
         let summary = Summary { final_positions_m: Vec::new(), ..self.summary.clone() };
         let numbers = serde_json::to_value(&summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         let held = numbers.get("mean_thrust_n").is_some_and(serde_json::Value::is_number);
@@ -323,7 +323,7 @@ impl Animation {
         }
     }
 
-    /// With what frames do not have.
+    /// Adds the data that frames do not contain.
     pub fn with_scenery(self, scenery: &Scenery) -> Self {
         Self { scenery: Some(scenery.clone()), ..self }
     }

@@ -116,7 +116,7 @@ pub fn visit_nodes(path: &Path, look: &mut NodesVisitor<'_>) -> Result<()> {
     if names.iter().map(|column| column.name()).ne(["time_s", "node", "x_m", "y_m"]) {
         return Err(failed("its columns are not time_s, node, x_m, y_m; run the scene again".to_string()));
     }
-    // The rows of one time may be in two groups.
+    // The rows of one time may be split between two groups.
     let (mut now, mut nodes) = (f64::NAN, Vec::new());
     let mut pass = |time: f64, nodes: &mut Vec<(i32, [f64; 2])>| {
         nodes.sort_by_key(|(node, _)| *node);

@@ -7,7 +7,7 @@ use crate::variable::VARIABLES;
 /// The units of quantities in the order of the page: of motion, of forces, of power, of energy; all others come last.
 const ORDER: [&[&str]; 4] = [&["m", "m/s", "rad", "rad/s"], &["N", "N m", "N s"], &["W"], &["J"]];
 
-/// What the axis of a quantity with this unit is called.
+/// The axis label of a quantity with this unit.
 const AXES: [(&str, &str); 9] = [
     ("m", "position or distance"),
     ("m/s", "velocity"),
@@ -47,7 +47,7 @@ pub fn all(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Vec<Fi
         let (unit, description) = variable.map_or(("", base), |variable| (variable.unit, variable.description));
         let entry = entry.trim_end_matches(']');
         let at = if entry.is_empty() { String::new() } else { format!(", node {entry}") };
-        // What stands behind a comma or a bracket explains it.
+        // Text after a comma or a bracket is an explanation.
         let short = description.split([',', ';']).next().unwrap_or(description);
         let axis = description
             .rsplit(", ")
@@ -85,7 +85,7 @@ fn quantities(runs: &[RecordedRun]) -> Vec<String> {
     names
 }
 
-/// True if a line moves, or if lines that do not move are apart.
+/// True if a line is not constant, or if constant lines differ.
 fn tells(curves: &[Series]) -> bool {
     let first = curves.first().and_then(|series| series.points.first());
     let value = first.map_or(0.0, |(_, value)| *value);

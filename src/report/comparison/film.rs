@@ -1,4 +1,4 @@
-//! The film of a comparison: all rods at the same times, of the time that all of them have.
+//! The film of a comparison: all rods at the same times, over the time that all of them have in common.
 
 use super::super::frame::Frame;
 use super::super::page::Animation;
@@ -20,7 +20,7 @@ pub struct Film {
     pub animation: Animation,
     /// First and last time that it shows, s.
     pub window: [f64; 2],
-    /// The names of the rods that are too small beside the others to be seen.
+    /// The names of the rods that are too small, compared with the others, to be seen.
     pub specks: Vec<String>,
 }
 
@@ -36,14 +36,14 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
         return Ok(None);
     }
     let motions: Vec<Motion> = shown.iter().map(|(run, _)| run.motion(window)).collect::<Result<_>>()?;
-    // A table that a full disk has cut ends earlier than its run.
+    // A table that was truncated by a full disk ends earlier than its run.
     let last =
         motions.iter().map(|motion| motion.last().map_or(f64::NEG_INFINITY, |row| row.0)).fold(window[1], f64::min);
     window[1] = last;
     if window[1] <= window[0] {
         return Ok(None);
     }
-    // As many frames as the most finely recorded run has, within what all runs share.
+    // As many frames as the most finely recorded run has, within the common time.
     let within = |motion: &Motion| motion.iter().filter(|(time, _)| (window[0]..=window[1]).contains(time)).count();
     let finest = motions.iter().map(within).max().unwrap_or(0);
     let frames = finest.clamp(2, 2 * MAX_FRAMES / shown.len());

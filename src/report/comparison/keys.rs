@@ -6,7 +6,7 @@ use toml::Value;
 
 use crate::scene::Document;
 
-/// A key of scenes that differ in it.
+/// A key in which scenes differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeyDifference {
     /// The dotted key; entries of a list of tables have their places, from 0.
@@ -15,8 +15,8 @@ pub struct KeyDifference {
     pub values: Vec<Option<Value>>,
 }
 
-/// The keys in which the known `scenes` differ, overrides included, in the order of their names. What the text of a scene has, and the
-/// other leaves to the default, differs too.
+/// The keys in which the known `scenes` differ, overrides included, in the order of their names. A key that one scene sets and
+/// another leaves at its default also differs.
 pub fn differing_keys(scenes: &[Option<&Document>]) -> Vec<KeyDifference> {
     let of_scene = |document: &&Document| {
         let mut found = BTreeMap::new();
@@ -42,7 +42,7 @@ pub fn differing_keys(scenes: &[Option<&Document>]) -> Vec<KeyDifference> {
 fn flatten(value: Value, key: &str, found: &mut BTreeMap<String, Value>) {
     let inner = |name: &str| if key.is_empty() { name.to_string() } else { format!("{key}.{name}") };
     match value {
-        // A table without a key says something by being there.
+        // The presence of a table without keys has a meaning.
         Value::Table(table) if table.is_empty() && !key.is_empty() => {
             drop(found.insert(key.to_string(), Value::Table(table)))
         }

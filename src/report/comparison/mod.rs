@@ -33,7 +33,7 @@ use stated_errors::StatedErrors;
 /// Most runs that are compared: lines of more cannot be told apart.
 pub const MAX_RUNS: usize = 8;
 
-/// Most letters of the names of runs in that of a folder.
+/// Maximum number of letters of the names of runs in a folder name.
 const MAX_NAME: usize = 100;
 
 /// Most results and keys that the answers list.
@@ -42,13 +42,13 @@ const MAX_LISTED: usize = 6;
 /// Most letters of a value of a key on the page; keys.csv has all.
 const MAX_VALUE: usize = 60;
 
-/// Two ends of runs are the same up to this part.
+/// Relative difference up to which two end times are equal.
 const SAME_TIME: f64 = 1e-9;
 
 /// Runs side by side.
 #[derive(Debug)]
 pub struct Comparison {
-    /// The name of each run, by which the others are told from it.
+    /// The name of each run, which distinguishes it from the others.
     pub labels: Vec<String>,
     /// The keys in which the scenes differ.
     pub keys: Vec<KeyDifference>,
@@ -56,7 +56,7 @@ pub struct Comparison {
     pub results: Vec<ResultRow>,
     /// The answers, of a sentence or two each.
     pub answers: Vec<String>,
-    /// What to know of the comparison and of its runs.
+    /// Notes on the comparison and on its runs.
     pub notes: Vec<String>,
     runs: Vec<RecordedRun>,
     /// The figures.
@@ -74,7 +74,7 @@ impl Comparison {
         Self::of(folders.iter().map(|folder| RecordedRun::read(folder)).collect::<Result<_>>()?)
     }
 
-    /// Compares `runs`, of which the first is the one that the differences are from.
+    /// Compares `runs`; differences are taken from the first one.
     ///
     /// # Errors
     /// [`Error::Comparison`] for fewer than two runs or more than [`MAX_RUNS`]; [`Error::Read`] for a damaged table of nodes.
@@ -107,7 +107,7 @@ impl Comparison {
         parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
     }
 
-    /// The folder of its results unless another one is asked for.
+    /// The default folder of its results.
     pub fn folder(&self) -> PathBuf {
         PathBuf::from("out").join(self.name())
     }
@@ -131,7 +131,7 @@ impl Comparison {
             let path = run.path.as_ref();
             path.map(|path| path.canonicalize().unwrap_or_else(|_| path.clone()).display().to_string())
         };
-        // Several folders in place of the file of a scene; runs in memory have none.
+        // Several folders take the place of the scene file; runs in memory have none.
         let sources: Option<Vec<String>> = self.runs.iter().map(source).collect();
         let source = sources.map_or_else(|| "runs in memory".to_string(), |sources| sources.join(", "));
         let content = serde_json::to_vec(&self.content()).map_err(|e| Error::Page { reason: e.to_string() })?;
@@ -390,7 +390,7 @@ fn labels(runs: &[RecordedRun]) -> Vec<String> {
         };
         parts.iter().zip(&names).map(of).collect()
     };
-    // As many parts as tell different folders apart.
+    // As many parts as distinguish different folders.
     let told = |labels: &Vec<String>| labels.iter().collect::<BTreeSet<_>>().len() >= places.len();
     let labels = (1..=longest).map(suffix).find(told).unwrap_or(names);
     let mut found: Vec<String> = Vec::new();
@@ -547,7 +547,7 @@ fn answers(
     answers
 }
 
-/// What to know of the comparison, and the notes of the runs.
+/// Notes on the comparison, and the notes of the runs.
 fn notes(labels: &[String], runs: &[RecordedRun], film: Option<&Film>) -> Vec<String> {
     let mut notes = Vec::new();
     for (label, run) in labels.iter().zip(runs).filter(|(_, run)| !run.is_complete()) {

@@ -10,7 +10,7 @@ use super::super::recorded_run::RecordedRun;
 use super::stated_errors::StatedErrors;
 use crate::cycle::MEASURES;
 
-/// What the page shows elsewhere.
+/// Entries that the page shows elsewhere.
 const LEFT_OUT: [&str; 8] = [
     "final_positions_m",
     "notes",
@@ -25,13 +25,13 @@ const LEFT_OUT: [&str; 8] = [
 /// The results that are not compared between runs: the time that the computation took.
 const OF_MACHINE: &str = "wall_s";
 
-/// Results below this part of the largest one with their unit do not matter beside it: a path across a symmetric swimmer.
+/// Results below this fraction of the largest one with the same unit are negligible, such as the lateral path of a symmetric swimmer.
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// Results that are positions.
 const POSITIONS: [&str; 2] = ["x_com_m", "y_com_m"];
 
-/// The results that are asked for first.
+/// The most important results, which are listed first.
 const FIRST: [&str; 14] = [
     "cycle_speed_m_s",
     "cycle_thrust_n",
@@ -49,10 +49,10 @@ const FIRST: [&str; 14] = [
     "max_joint_moment_n_m",
 ];
 
-/// Groups that tell of the motion, not of how it was computed.
+/// Groups that describe the motion, not its computation.
 const OF_MOTION: [&str; 5] = ["Motion", "Whole cycles", "Energy and work", "Power", "Forces and momentum"];
 
-/// How a difference compares with what is known of the errors of both results.
+/// The comparison of a difference with the stated errors of both results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Neither run states an error.
@@ -66,11 +66,11 @@ pub enum Verdict {
 /// The difference of a result from that of the first run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ResultDifference {
-    /// The result less that of the first run.
+    /// The result minus that of the first run.
     pub absolute: f64,
     /// The same, divided by the first one; `None` if that is zero.
     pub relative: Option<f64>,
-    /// Sum of the errors that both runs state of it; that of one if the other states none.
+    /// Sum of the errors that both runs state for it; if only one run states an error, that error.
     pub error: Option<f64>,
     /// The runs that state an error of it: the first one, this one.
     pub stated: [bool; 2],
@@ -222,7 +222,7 @@ pub fn most_different(rows: &[ResultRow]) -> Vec<&ResultRow> {
             _ => 0.0,
         };
         rows.iter()
-            // Where it is says nothing of how far it goes.
+            // A position is not a measure of the distance travelled.
             .filter(|row| {
                 unit.is_some() && row.unit == unit && row.is_of_motion() && !POSITIONS.contains(&row.key.as_str())
             })

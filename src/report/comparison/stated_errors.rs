@@ -4,7 +4,7 @@
 //! head. Without it, a cheaper model that was chosen by its estimated error states this in `model_reason`. `fluid_error` has the estimated
 //! errors of a drag law that was chosen automatically, of speed or thrust and of power, relative to the most accurate law; that law's
 //! published uncertainty, `fluid_uncertainty`, is common to runs under the same law. The tolerance of adaptive steps limits the error of
-//! a step, not of a result, and is none of these.
+//! a step, not of a result, and is not included.
 
 use toml::Value;
 
@@ -25,14 +25,14 @@ pub struct StatedErrors {
     uncertainty: Option<[f64; 2]>,
     forces: Vec<String>,
     held: bool,
-    /// What errors of the displacement are relative to, m.
+    /// The scale of errors of the displacement, m.
     displacement: Option<f64>,
     /// Largest force and moment on a held head.
     largest: [f64; 2],
 }
 
 impl StatedErrors {
-    /// Those of `run`.
+    /// The stated errors of `run`.
     pub fn of(run: &RecordedRun) -> Self {
         let entry = |name: &str| run.summary.get(name);
         let pair = |name: &str| Some(["motion", "power"].map(|part| entry(name)?.get(part)?.as_f64()));
@@ -116,7 +116,7 @@ impl StatedErrors {
             "cost_of_transport" | "cycle_cost_of_transport" => (None, of_fluid(&[motion, power])),
             _ => (None, None),
         };
-        // A cheaper model states no error of other results, which is not none.
+        // A cheaper model states no error for other results, which does not mean that their error is zero.
         let of_law = of_law.filter(|_| of_model.is_some() || self.measures.is_empty());
         [of_model, of_law].into_iter().flatten().reduce(|a, b| a + b)
     }

@@ -48,7 +48,7 @@ impl Checkpoint {
     /// is stored.
     ///
     /// # Errors
-    /// [`Error::Busy`] if another program is at work on it, [`Error::Occupied`]; [`Error::Read`] for the files that the design names.
+    /// [`Error::Busy`] if another program uses it, [`Error::Occupied`]; [`Error::Read`] for the files that the design names.
     pub fn open(folder: &Path, scene: &Scene, table: &DesignTable) -> Result<Self> {
         let mut inputs = scene.fingerprint_text().into_bytes();
         for file in [&table.data, &table.over].into_iter().flatten() {
@@ -63,7 +63,7 @@ impl Checkpoint {
             Err(error) => return Err(error),
         };
         if Journal::read(&path).is_ok_and(|journal| !journal.is_held() && job.difference(journal.job()).is_some()) {
-            let _ = std::fs::remove_file(&path); // else it is refused
+            let _ = std::fs::remove_file(&path); // otherwise opening it would fail
         }
         let journal = match Journal::open(&path, &job) {
             Ok(journal) => journal,
@@ -95,7 +95,7 @@ impl Checkpoint {
         format!("start {start}")
     }
 
-    /// True if the result of the key `asked` is stored.
+    /// True if the result for the key `asked` is stored.
     pub fn has(&self, asked: &str) -> bool {
         self.lines.contains_key(&jobs::hash(asked.as_bytes()))
     }
@@ -122,7 +122,7 @@ impl Checkpoint {
         known.value
     }
 
-    /// The stored result of the key `asked`, or else the result of `make`, which is then stored.
+    /// The stored result for the key `asked`; if there is none, the result of `make`, which is then stored.
     pub fn get_or_compute<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: impl FnOnce() -> String,

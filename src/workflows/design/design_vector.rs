@@ -17,7 +17,7 @@ pub struct DesignVector {
     pub stiffness_n_m2: Vec<f64>,
     /// Amplitude of the actuation over the scene's.
     pub amplitude: Vec<f64>,
-    /// Phase subtracted inside the actuation's function of phase, in addition to the scene's, rad.
+    /// Phase subtracted inside the actuation's sinusoid, in addition to the scene's phase, rad.
     pub phase_rad: Vec<f64>,
     /// Numbers of the scene by name, in SI units, in the order of the table; all others keep the scene's values.
     pub numbers: Vec<(String, f64)>,
@@ -30,7 +30,7 @@ impl DesignVector {
         Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
-    /// The baseline of a design: the scene as it is, whose joints have the stiffness `own` (N m²).
+    /// The baseline of a design: the unchanged scene, whose joints have the stiffness `own` (N m²).
     pub fn before(table: &DesignTable, own: &[f64]) -> Self {
         let mut before = Self { numbers: table.initial_numbers(), ..Self::of(own.to_vec()) };
         if !table.variables.contains(&DesignVariable::Stiffness) && !table.numbers.is_empty() {

@@ -8,17 +8,17 @@ use crate::rod;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::scene_parameter::{SceneParameter, keys_with};
 
-/// Steps per period, and per duration without a period, for a scene with adaptive steps.
+/// Steps per period, or per duration if there is no period, for a scene with adaptive steps.
 const STEPS: [f64; 2] = [200.0, 1000.0];
 
-/// `document` with the fluid model that `scene` uses, so that other numbers do not change it.
+/// `document` with the fluid model that `scene` uses, so that changed numbers do not change the choice of the model.
 pub(super) fn with_fixed_fluid(document: &Document, scene: &Scene) -> Document {
     let mut document = document.clone();
     document.keep_fluid_of(scene);
     document
 }
 
-/// The simulations in which a design is checked: as designed, with half the step, another method, and a finer mesh.
+/// The simulations in which a design is checked: the original settings, half the step, another method, and a finer mesh.
 pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let step = 0.5 * scene.typical_step();
     let other = if scene.integrator_name() == "generalized-alpha" { "newmark" } else { "generalized-alpha" };
@@ -31,7 +31,7 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
     ]
 }
 
-/// The changes that keep point loads where they are on a mesh of `finer` times as many edges.
+/// The changes that keep point loads in place on a mesh of `finer` times as many edges.
 fn moved_loads(scene: &Scene, finer: usize) -> Vec<String> {
     let front = usize::from(scene.head_body.is_some());
     let loads = scene.loads.iter().flat_map(|loads| &loads.point).enumerate();
@@ -126,7 +126,7 @@ pub(super) fn designed(
     let mut table: toml::Table = document.read_as()?;
     table.remove("design");
     table.insert("name".to_string(), toml::Value::String(format!("{}-designed", scene.name)));
-    // It names the fluid that it was designed in.
+    // The designed scene names the fluid model for which it was designed.
     let (law, reactive) = scene.fluid_model(&scene.model()?.rod);
     if let (Some(toml::Value::Table(drag)), Some(law)) = (table.get_mut("drag"), law) {
         drag.insert("law".to_string(), toml::Value::String(law.name.to_string()));

@@ -1,9 +1,10 @@
-//! The effect of mesh and step errors of the simulation on identified numbers: the data have no mesh.
+//! The effect of mesh and step errors of the simulation on identified numbers, since the data are free of these errors.
 //!
-//! With half the spacing, and with half the step, the markers' nodes move by Δ. The unknowns that make up for the whole error of either
-//! move by δ = −J⁺cΔ, with the Jacobian J of the coordinates by the unknowns and c = 2ᵖ/(2ᵖ − 1) for an error of order p (Richardson). The
-//! standard deviation of each number and joint contains the moduli of its parts of both δ: where steps are not small yet their signs are not
-//! known. A number that mesh and steps decide is not called identified.
+//! With half the spacing, and with half the step, the markers' nodes move by Δ. The changes of the unknowns that compensate the
+//! whole error of either are δ = −J⁺cΔ, with the Jacobian J of the coordinates with respect to the unknowns and c = 2ᵖ/(2ᵖ − 1) for
+//! an error of order p (Richardson). The standard deviation of each number and joint includes the moduli of its components of both
+//! δ, because their signs are unknown if steps are not yet small. A number that is dominated by mesh and steps is not called
+//! identified.
 
 use nalgebra::DVector;
 
@@ -18,8 +19,8 @@ use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
 
 impl SearchResult {
-    /// Adds to the deviations of numbers and joints how far mesh and steps move them, as identified from `markers` in the `scene` of
-    /// `document`. They stay as they are where a simulation fails.
+    /// Adds the effect of mesh and steps to the deviations of numbers and joints, as identified from `markers` in the `scene` of
+    /// `document`. The deviations are unchanged if a simulation fails.
     pub(super) fn count_discretisation(
         &mut self,
         document: &Document,
@@ -50,7 +51,7 @@ impl SearchResult {
         }
     }
 
-    /// δ of the steps and of the mesh, or `None` if they are not known.
+    /// δ of the steps and of the mesh; `None` if they are unknown.
     fn moved_by_discretisation(
         &self,
         document: &Document,

@@ -1,5 +1,5 @@
 //! Distributed designs: workers run the searches from several starts, then the robustness checks. They return the results of their
-//! simulations, with which the design is repeated without simulating.
+//! simulations, with which the design is evaluated without further simulations.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ pub struct DistributedDesign {
     parts: Vec<(String, String)>,
 }
 
-/// Which parts come next.
+/// The kind of the next parts.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 enum Task {
     /// Searches from the starts.
@@ -44,7 +44,7 @@ enum Task {
 
 impl DistributedDesign {
     /// The next parts of the design of `document`, with results in `folder`: first the searches from several starts, then the
-    /// checks of the best result. `tell` is called after each iteration. `None` if no part is left, or the search was stopped.
+    /// checks of the best result. `tell` is called after each iteration. `None` if no part is left, or if the search was stopped.
     ///
     /// # Errors
     /// Those of [`Design::resumed`](super::Design::resumed).
@@ -158,7 +158,7 @@ pub fn simulate(bundle: &[u8], index: usize) -> Result<Vec<u8>> {
             search.scenarios = scenarios(&asked, &scene, &table)?;
             search.checkpoint = checkpoint;
             match search.run_start(index, |_| ControlFlow::Continue(())) {
-                // No start of this design can be simulated: that is known now.
+                // The result is stored, even if no start of this design can be simulated.
                 Ok(_) | Err(Error::Design { .. }) => {}
                 Err(error) => return Err(error),
             }

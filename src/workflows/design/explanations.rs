@@ -20,13 +20,13 @@ use crate::stepper::Stepper;
 /// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
 const MIN_SENSITIVITY: f64 = 1e-2;
 
-/// Most names in a sentence.
+/// Maximum number of names in a sentence.
 const MAX_LISTED: usize = 6;
 
-/// The fluid whose forces are larger by this factor shows how stiffness follows them.
+/// Factor on the forces of the fluid, to find how the identified stiffness depends on them.
 const MORE_FLUID: f64 = 1.05;
 
-/// Stiffness follows the fluid if its logarithm moves by more than this part of that of the fluid's forces.
+/// Stiffness depends on the fluid if its logarithm changes by more than this fraction of the change of the logarithm of the forces.
 const FLUID_SHARE: f64 = 0.05;
 
 pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
@@ -86,7 +86,7 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     lines
 }
 
-/// At how many joints the moments do not balance, and by how much.
+/// The number of joints at which the moments do not balance, and the size of the imbalance.
 pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     let unfit: Vec<&JointEstimate> =
         found.joints.iter().filter(|joint| joint.verdict == Identifiability::DoesNotFit).collect();
@@ -101,8 +101,8 @@ pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     })
 }
 
-/// What still differs from one cycle to the next at the end of runs of `designs`, with the names of their cases, over whose last whole
-/// cycles means are taken: of the one in which most does.
+/// The quantity that still differs most between the last whole cycles of runs of `designs`, with the names of their cases, over
+/// which means are taken.
 pub(super) fn explain_cycles(designs: &[(Option<String>, Scene)]) -> Option<String> {
     let remedy = "with a longer solver.duration_s another design may be better";
     let of = |(case, scene): &(Option<String>, Scene)| {
@@ -135,7 +135,7 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let mut problem = Problem::of(scene).ok()?;
     let rod = &problem.model().rod;
     let (tip, length) = (rod.nodes - 1, rod.length);
-    // All of it by the same factor.
+    // The stiffness of all joints by the same factor.
     let along = JointDirection::of(rod, Parameter::Stiffness, rod.joints().start, &problem.stiffness());
     problem.directions = [along].into();
     let outputs = [0, 1].map(|axis| Output::from(Quantity::Position(tip, axis)));
@@ -147,7 +147,7 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     Some(format!("{verdict}: 1 % more of it moves the tip by at most {} m", in_sentence(0.01 * moved, 2)))
 }
 
-/// Says how the identified stiffness follows the forces of the fluid, which the motion alone cannot tell from it, if it does.
+/// Explains how the identified stiffness depends on the forces of the fluid, if it does: the motion alone cannot distinguish them.
 pub(super) fn explain_fluid_share(
     dynamics: &mut Dynamics,
     markers: &Markers,
@@ -236,7 +236,7 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
         let worth = if table.fits_positions() {
             format!("dual {}", in_sentence(*dual, 4))
         } else {
-            // Unknowns are logarithms, and limits are over themselves; phases are angles.
+            // Unknowns are logarithms, and limits are relative; phases are angles.
             let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
             format!("{unit} more room is worth {dual:.3} % of the objective")
         };
@@ -246,14 +246,14 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
             return format!("passed: {name}, which this design does not keep{when}");
         }
         if !found.kept {
-            return format!("binding: {name}{when}"); // beside what it does not keep no room has a worth
+            return format!("binding: {name}{when}"); // the price of a violated limit has no meaning
         }
         format!("binding: {name}{when} ({worth})")
     }));
     lines
 }
 
-/// Names as a sentence lists them; of many the first.
+/// Names as a list within a sentence; only the first ones of many.
 fn listed(names: &[String]) -> String {
     match names {
         [] => String::new(),
@@ -265,7 +265,7 @@ fn listed(names: &[String]) -> String {
     }
 }
 
-/// The objective of the design, as `designed`, beside that of the scene as it is, `before`: "0.2, 7.6 % better than the scene's own".
+/// The objective of the design, `designed`, compared with that of the original scene, `before`: "0.2, 7.6 % better than the scene's own".
 pub(super) fn beside_own(table: &DesignTable, designed: Option<f64>, before: Option<f64>) -> String {
     let Some(value) = designed else { return "fails".to_string() };
     let words = in_sentence(value, 7);
@@ -366,7 +366,7 @@ pub(super) fn joint_verdict(
     })
 }
 
-/// How many joints an identification by the whole motion determines; bounds are relative to `reference`, N m².
+/// The number of joints that an identification by the whole motion determines; bounds are relative to `reference`, N m².
 pub(super) fn explain_joints(found: &SearchResult, table: &DesignTable, reference: f64) -> Option<String> {
     let stiffness = &found.profile.stiffness_n_m2;
     if table.goal != Goal::Identify || stiffness.is_empty() {

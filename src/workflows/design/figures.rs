@@ -66,7 +66,7 @@ impl Design {
 
     /// The answers at the top of the page.
     fn answers(&self) -> Vec<String> {
-        // What puts the answer in question comes before it.
+        // Statements that question the answer come first.
         let mut answers = vec![format!("Status: {}.", self.status())];
         let warnings = self.evidence.numbers.get("warnings").and_then(Value::as_array);
         answers.extend(warnings.into_iter().flatten().filter_map(Value::as_str).map(|text| format!("Note: {text}")));
@@ -86,7 +86,8 @@ impl Design {
         Chart::new(format!("{}: {title}", self.scene.name), x, y, scale, series)
     }
 
-    /// Lines of the design are the first in colour and dashes in all figures, those of the scene's own grey, as in the animation.
+    /// In all figures, lines of the design have the first colour and dash pattern, and lines of the scene's own are grey, as in the
+    /// animation.
     fn designed(&self, points: Vec<(f64, f64)>, mark: Mark) -> Series {
         Series::new(self.after(), points, mark).coloured(0)
     }
@@ -95,7 +96,7 @@ impl Design {
         Series::new(BASELINE, points, mark).coloured(GREY)
     }
 
-    /// The same of what is given for both, in this order.
+    /// The lines of both the scene's own and the design, in this order.
     fn own_and_designed<T>(&self, of: [T; 2], points: impl Fn(T) -> Vec<(f64, f64)>) -> Vec<Series> {
         let [own, designed] = of.map(points);
         vec![Self::own(own, Mark::Line), self.designed(designed, Mark::Line)]
@@ -123,7 +124,7 @@ impl Design {
             series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
         }
         series.push(self.designed(line(&self.stiffness), Mark::Dotted));
-        // Those of one part of the design have a stiffness that is there already.
+        // Profiles with one part of the design have a stiffness that is already drawn.
         let is_drawn = |other: &&ComparedProfile| other.name != "design" && !other.name.starts_with(ALONE);
         let others = self.evidence.profiles.iter().filter(is_drawn);
         let others: Vec<&ComparedProfile> = others.collect();
@@ -149,7 +150,7 @@ impl Design {
         ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene at the head", Scale::Linear, series))
     }
 
-    /// Side view of the straight rod, above its middle before and below it after, with a stroke at each joint in proportion to its
+    /// Side view of the straight rod, before above its middle and after below it, with a stroke at each joint in proportion to its
     /// stiffness.
     fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
         if !matches!(self.answer, Answer::Search(_)) || self.table.fits_positions() {
@@ -260,7 +261,7 @@ impl Design {
         if cases.is_empty() {
             return None;
         }
-        // Cases have no order: bars, and nothing in between.
+        // Cases have no order, so they are drawn as bars.
         let bars = |of: fn(&ScenarioResult) -> Option<f64>| {
             let values = cases.iter().enumerate().filter_map(|(i, case)| Some((i as f64, of(case)?)));
             values.collect::<Vec<_>>()
@@ -646,7 +647,7 @@ impl Design {
     }
 }
 
-/// The colour of the `i`-th line that is neither of the design nor of the scene's own.
+/// The colour of the `i`-th line that belongs neither to the design nor to the scene's own.
 fn of_another(i: usize) -> usize {
     let others = SERIES - 2;
     [1, 2, 3, 4, 5, 7][i % others] + SERIES * (i / others)

@@ -1,5 +1,5 @@
-//! Pareto front of two goals by the ε-constraint method (Haimes, Lasdon & Wismer, IEEE Trans. SMC 1, 1971). Each search halves the widest
-//! gap so far, in the goal that it is wider in, and starts from one of its ends.
+//! Pareto front of two goals by the ε-constraint method (Haimes, Lasdon & Wismer, IEEE Trans. SMC 1, 1971). Each search halves the
+//! widest gap so far, in the goal in which it is wider, and starts from one of its ends.
 
 use std::ops::ControlFlow;
 
@@ -35,7 +35,7 @@ pub struct ParetoPoint {
 }
 
 impl ParetoPoint {
-    /// True if it has the same objectives as `other`: where both ends of a front do, the goals do not conflict.
+    /// True if it has the same objectives as `other`. If both ends of a front do, the goals do not conflict.
     pub(super) fn is_like(&self, other: &Self) -> bool {
         are_same([self.first, self.second], [other.first, other.second])
     }
@@ -84,8 +84,8 @@ pub(super) fn front(
     let mut interrupted = end.interrupted;
     let goals_conflict = |(from, to): &([f64; 2], [f64; 2])| !are_same(*from, *to);
     if let Some((from, to)) = from.zip(to).filter(|ends| !interrupted && goals_conflict(ends)) {
-        // Gaps are measured in both goals over what they span. A gap that is halved in the goal in which it is wider has no wide part
-        // left, however steep the front is there.
+        // Gaps are measured relative to the range of the front in each goal. Halving a gap in the goal in which it is wider leaves
+        // no wide part, however steep the front is.
         let spans = [0, 1].map(|i| (to[i] - from[i]).abs().max(f64::MIN_POSITIVE));
         let parts = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|i| (b[i] - a[i]).abs() / spans[i]);
         let distance = |a: [f64; 2], b: [f64; 2]| {
@@ -99,8 +99,8 @@ pub(super) fn front(
             let open = (0..along.len() - 1).filter(|i| along[*i].2);
             let Some(i) = open.max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
             let width = gap(&i);
-            // One goal is held half way while the other is searched for, from the end where that is larger: slopes are judged by its
-            // size, which may be next to nothing at the other.
+            // One goal is held half way between the ends while the other is optimised, from the end where the other is larger:
+            // gradients are scaled by its size, which may be almost zero at the other end.
             let [a, b] = [along[i].0, along[i + 1].0];
             let [first, second] = parts(a, b);
             let held = usize::from(first <= second);
@@ -113,7 +113,7 @@ pub(super) fn front(
             interrupted = found.interrupted;
             match add(&found)? {
                 Some(value) => {
-                    // Where it comes to one of the ends there is nothing in between.
+                    // A new design close to one of the ends closes the gap.
                     let open = [a, b].iter().all(|end| distance(value, *end) >= CLOSED_GAP * width);
                     along[i].2 = open;
                     along.insert(i + 1, (value, found.at.1.clone(), open));

@@ -26,21 +26,21 @@ use crate::system::{State, System};
 /// A parameter counts as identified if its standard deviation is at most this fraction of it.
 pub(super) const MAX_RELATIVE_DEVIATION: f64 = 0.1;
 
-/// Least ratio of Σc² beyond noise to what noise alone contributes. Below it, the estimate would depend on how well the noise is
+/// Least ratio of Σc² beyond noise to the contribution of noise. Below it, the estimate would depend on how well the noise is
 /// known.
 const MIN_SIGNAL_TO_NOISE: f64 = 5.0;
 
 /// Weight of the prior, over the least information in the data: joints without information keep the scene's own stiffness.
 const PRIOR_WEIGHT: f64 = 1e-8;
 
-/// Part of the window that is tried where joints do not fit. Of 40 random tails 6 are said not to fit their own data without, 1 with it
-/// (tests/design/verdicts.rs).
+/// Fraction of the window that is tried if joints do not fit. Of 40 random tails, 6 are reported not to fit their own data without
+/// it, and 1 with it (tests/design/verdicts.rs).
 const SHORTER_WINDOW: f64 = 0.8;
 
 /// A joint does not fit if the mean square of its residual exceeds that of noise by more than this.
 const MAX_MISFIT: f64 = 1.5;
 
-/// The actuation gain is searched for on this logarithmic grid about the scene's: number of steps to either side, and step.
+/// The actuation gain is searched on this logarithmic grid around the scene's: number of steps to either side, and step.
 const GAIN_STEPS: i32 = 70;
 const GAIN_STEP: f64 = 0.1;
 
@@ -59,7 +59,7 @@ pub enum Identifiability {
     AtABound,
     /// The data determine it only together with others.
     NotToldApart,
-    /// The residual exceeds noise: the scene is not that of the data.
+    /// The residual exceeds noise: the scene differs from that of the data.
     DoesNotFit,
     /// The search ended before it was stationary.
     NotConverged,
@@ -98,7 +98,7 @@ pub struct JointEstimate {
     pub deviation_n_m2: f64,
     /// Signal-to-noise ratio: Σc² over the contribution of noise.
     pub signal_to_noise: f64,
-    /// Root mean square of EI c − m over the contribution of noise: about 1 if the scene is that of the data.
+    /// Root mean square of EI c − m over the contribution of noise: about 1 if the scene matches the data.
     pub residual_over_noise: f64,
     /// Its identifiability.
     pub verdict: Identifiability,
@@ -116,7 +116,7 @@ impl JointEstimate {
 pub struct Identification {
     /// The joints.
     pub joints: Vec<JointEstimate>,
-    /// Actuation gain over the scene's, if it was identified too.
+    /// Actuation gain over the scene's, if it was also identified.
     pub actuation_gain: Option<f64>,
     /// True if the gain is at the edge of the search grid.
     pub gain_at_edge: bool,
@@ -145,8 +145,8 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// Updates the estimates by their simulation: deviations grow by the stiffness change that it asks for. If the residual exceeds
-    /// noise, the scene is not that of the data, which balances of single joints may hide.
+    /// Updates the estimates by their simulation: deviations grow by the stiffness change that the simulation requires. If the
+    /// residual exceeds noise, the scene does not match the data, which balances of single joints may hide.
     pub fn judge(&mut self, refit: Refit) {
         for (joint, stiffer) in self.joints.iter_mut().zip(&refit.stiffer_n_m2) {
             let left = if refit.fits() { 1.0 } else { refit.residual_over_noise };
@@ -162,7 +162,8 @@ impl Identification {
 /// Directions in which forces are differentiated, in the order of [`Moves`].
 const DIRECTIONS: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS];
 
-/// Derivatives of a number by positions: index of the coordinate, and derivatives by its value, velocity and acceleration.
+/// Derivatives of a number with respect to positions: index of the coordinate, and derivatives with respect to its value, velocity
+/// and acceleration.
 type Moves = Vec<(usize, [f64; 3])>;
 
 /// Curvatures and moments of one joint at all samples.
@@ -172,7 +173,7 @@ pub(super) struct JointSeries {
     driven: Vec<f64>,
     /// m.
     pub(super) moment: Vec<f64>,
-    /// Derivatives by the positions, one list per sample. The first is of c, for unit stiffness, the second of −m.
+    /// Derivatives with respect to the positions, one list per sample. The first is of c, for unit stiffness, the second of −m.
     by: [Vec<Moves>; 2],
 }
 
@@ -202,7 +203,7 @@ pub(super) fn series(
     let held = dynamics.model.head.is_some();
     let spacing = dynamics.model.rod.spacing;
     let mut state = State::zeros(2 * nodes);
-    // Natural curvatures, and active moments.
+    // Prescribed natural curvatures and active moments.
     let given: Vec<[Vec<f64>; 2]> = markers
         .times
         .iter()
@@ -233,7 +234,7 @@ pub(super) fn series(
             (0..nodes).map(|k| node(&sample.a, k) * rod.mass[k] - dynamics.load(k)).collect();
         let moving = bent.kinematics();
         let edges = 0..moving.edges.len();
-        // What acts on the edges and on the tip, with its derivatives by positions, velocities and accelerations.
+        // Forces on the edges and on the tip, with their derivatives with respect to positions, velocities and accelerations.
         let along = DIRECTIONS.map(|direction| {
             let mut on = vec![EdgeForce::ZERO; moving.edges.len()];
             dynamics.model.forces.on_edges(&moving, Some(direction), edges.clone(), |e, acting| on[e] = *acting);
@@ -255,7 +256,7 @@ pub(super) fn series(
             let series = &mut all[i];
             series.still.push(kappa * scale);
             series.driven.push(natural * scale);
-            // c moves with the turning between the edges at k.
+            // c changes with the turning angle between the edges at k.
             let edges = bent.edges();
             let mut by_c = Vec::with_capacity(6);
             let mut turn = |e: usize, sign: f64| {
@@ -301,7 +302,7 @@ pub(super) fn series(
             }
             let entry = |i: usize| (i, [0, 1, 2].map(|order| by_moment[order][i]));
             let by_m: Moves = (0..2 * nodes).map(entry).filter(|(_, by)| *by != [0.0; 3]).collect();
-            // EI c is what is passed on, and what the active moment is.
+            // EI c is the transmitted moment plus the active moment.
             series.moment.push(moment + active * s);
             series.by[0].push(by_c);
             series.by[1].push(by_m);
@@ -332,7 +333,7 @@ fn variance(
     u: &[f64],
     by: impl Fn(usize, &mut dyn FnMut(usize, [f64; 3])),
 ) -> f64 {
-    // What every position of every sample counts in the sum.
+    // The coefficient of every position of every sample in the sum.
     let count = motion.samples.last().map_or(0, |sample| sample.index + motion.half + 1);
     let mut counts = vec![0.0; count * entries];
     for (i, sample) in motion.samples.iter().enumerate() {
@@ -372,7 +373,7 @@ fn known(
     let c = series.curvature(gain);
     let of_c = |i: usize| {
         let gain = motion.samples[i].weights.iter().map(|w| w[0] * w[0]).sum::<f64>();
-        // The middle node counts twice in the list, once an edge.
+        // The middle node occurs twice in the list, once per edge.
         let mut by: Vec<(usize, f64)> = series.by[0][i].iter().map(|(entry, by)| (*entry, by[0])).collect();
         by.sort_by_key(|(entry, _)| *entry);
         by.dedup_by(|next, kept| {
@@ -432,7 +433,7 @@ fn best_gain(all: &[JointSeries]) -> (f64, bool) {
         };
         all.iter().map(of).sum()
     };
-    // Golden section in the logarithm, after a look around for the right valley.
+    // Golden-section search in the logarithm, after a scan for the right minimum.
     let at = |i: i32| f64::from(i) * GAIN_STEP;
     let middle =
         (-GAIN_STEPS..=GAIN_STEPS).min_by(|a, b| misfit(at(*a).exp()).total_cmp(&misfit(at(*b).exp()))).unwrap_or(0);
@@ -487,8 +488,9 @@ pub fn smooth(programme: &mut QuadraticProgram, basis: &Basis, weight: f64) {
 
 /// Identifies the stiffness with which `markers` moved in the scene of `dynamics`.
 ///
-/// A window over which positions fit may still be too long for accelerations. What it leaves in a balance then falls with its sixth power,
-/// and what the scene lacks does not: where joints do not fit and all of them do in a somewhat shorter window, that one is taken.
+/// A window over which positions fit may still be too long for accelerations. The error that it leaves in a balance falls with its
+/// sixth power, whereas an error of the scene does not. If joints do not fit and all of them do in a somewhat shorter window, that
+/// window is used.
 ///
 /// # Errors
 /// [`Error::Design`] if the data or constraints allow no answer; those of [`Dynamics::shape`].
@@ -506,13 +508,13 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable)
     }
     let shorter = markers.smooth(Some((SHORTER_WINDOW * motion.half as f64).round() as usize))?;
     if shorter.half == motion.half {
-        return Ok(found); // it was the shortest
+        return Ok(found); // the shortest window
     }
     let other = identify_in(dynamics, markers, table, &shorter)?;
     Ok(if fits(&other) { other } else { found })
 }
 
-/// The same from their smoothed `motion`.
+/// Identifies the stiffness from the smoothed `motion` of the markers.
 fn identify_in(
     dynamics: &mut Dynamics,
     markers: &Markers,
@@ -572,7 +574,7 @@ fn identify_in(
     singular_values.sort_by(|a, b| b.total_cmp(a));
     let active = programme.active(&solution);
     let prior = table.smoothness > 0.0 || table.knots.is_some() || table.monotone || table.mean.is_some();
-    // What is left of the balances: in all, beyond what may be noise, and the moments themselves.
+    // The squared residuals of the balances: in total, and beyond possible noise; and the squared moments.
     let independent = (motion.samples.len() as f64 / (motion.half + 1) as f64).max(1.0);
     let allowed = MAX_MISFIT + 4.0 * (2.0 / independent).sqrt();
     let left: Vec<[f64; 4]> = (all.iter().zip(&stiffness).zip(&knowns))
@@ -580,13 +582,13 @@ fn identify_in(
             let noise = noise_left(series, motion, entries, *ei, sigma);
             let c = series.curvature(gain);
             let square: f64 = c.iter().zip(&series.moment).map(|(c, m)| (ei * c - m).powi(2)).sum();
-            // Where noise drowns what the rod bends there is nothing to judge by.
+            // If noise exceeds the bending signal, the residual cannot be judged.
             let beyond = if known.signal() > MIN_SIGNAL_TO_NOISE { (square - noise * allowed).max(0.0) } else { 0.0 };
             [square, beyond, dot(&series.moment, &series.moment), noise]
         })
         .collect();
     let sum = |i: usize| left.iter().map(|left| left[i]).sum::<f64>();
-    // What the scene lacks at one joint it lacks at others, where noise may hide it.
+    // An error of the scene at one joint also exists at others, where noise may hide it.
     let lacking = (sum(1) / sum(2).max(f64::MIN_POSITIVE)).sqrt();
     let joints: Vec<JointEstimate> = (rod.joints().zip(&stiffness).zip(knowns.iter().zip(&left)))
         .map(|((k, ei), (known, [own, beyond, _, noise]))| {
@@ -594,7 +596,7 @@ fn identify_in(
             let signal = known.signal();
             let residual = (own / noise.max(f64::MIN_POSITIVE)).sqrt();
             let deviation = if square > 0.0 {
-                // Noise, and what does not fit, which more samples do not make smaller.
+                // Noise, and the misfit, which more samples do not reduce.
                 (known.variance / (square * square) + beyond / square + (lacking * ei).powi(2)).sqrt()
             } else {
                 f64::INFINITY

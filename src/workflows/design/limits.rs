@@ -17,7 +17,7 @@ use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 pub const NEUTRAL_SIDES: [&str; 2] = ["no heavier than the fluid", "no lighter than the fluid"];
 
 /// A load is constrained at each of its peaks in time, since its maximum would have a kink when another peak becomes the largest.
-/// Per window of this many samples there is one constraint for the even and one for the odd samples, so that none has a kink when a
+/// Each window of this many samples has one constraint for the even and one for the odd samples, so that none has a kink when a
 /// peak moves to the next sample.
 const PEAK_WINDOW: usize = 8;
 
@@ -34,20 +34,20 @@ pub(super) struct LimitValue {
     pub name: String,
     /// Index of the load, and of its peak. A peak keeps its index at other points; it is missing there if it is far from the limit.
     pub of: [usize; 2],
-    /// Logarithm of the value over the limit, or of the limit over a value that is to be large: feasible if at most 0. In
-    /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
+    /// Logarithm of the value over the limit, or of the limit over the value for a lower limit: feasible if at most 0. In
+    /// logarithms, like the unknowns, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
-    /// True where what is limited is to be large, see [`below`].
+    /// True for a lower limit, see [`below`].
     pub is_least: bool,
-    /// The time (s) of its value, of a load.
+    /// The time (s) of the value of a load.
     #[serde(default)]
     pub at_s: Option<f64>,
-    /// Derivatives by the parameters, later by the unknowns.
+    /// Derivatives with respect to the parameters, later to the unknowns.
     pub by: Vec<f64>,
 }
 
 impl LimitValue {
-    /// The value over the limit, or the limit over a value that is to be large: infinite where nothing of that is reached.
+    /// The value over the limit, or the limit over the value for a lower limit: infinite if the value is not positive.
     pub fn used(&self) -> f64 {
         if self.is_least && self.excess > 2f64.ln() {
             return (0.5 * (2f64.ln() + 1.0 - self.excess)).max(0.0).recip();
@@ -114,10 +114,10 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
 pub struct LimitUse {
     /// A description of the limit.
     pub limit: String,
-    /// Value over the limit, or the limit over a value that is to be large: infinite where nothing of that is reached, `null` in JSON.
+    /// The value over the limit, or the limit over the value for a lower limit: infinite if the value is not positive, `null` in JSON.
     #[serde(deserialize_with = "or_infinite")]
     pub used: f64,
-    /// When a load is largest, s from the beginning of the run; `None` for any other limit.
+    /// Time of the largest load, s from the beginning of the run; `None` for any other limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_s: Option<f64>,
 }
@@ -140,12 +140,12 @@ impl LimitUse {
         })
     }
 
-    /// The one of `all` of which most is used.
+    /// The most used limit of `all`.
     pub(super) fn most(all: impl IntoIterator<Item = Self>) -> Option<Self> {
         all.into_iter().max_by(|a, b| a.used.total_cmp(&b.used))
     }
 
-    /// How much of it is used, in words.
+    /// Describes how much of the limit is used.
     pub(super) fn words(&self) -> String {
         match self.used {
             f64::INFINITY => "nothing of it is reached".to_string(),
@@ -154,12 +154,12 @@ impl LimitUse {
         }
     }
 
-    /// When a load is largest, in words; empty for any other limit.
+    /// Describes when a load is largest; empty for any other limit.
     pub(super) fn when(&self) -> String {
         self.at_s.map_or(String::new(), |time| format!(" at t = {} s", significant(time, 4)))
     }
 
-    /// Its description if more than it and the `tolerance` beside it, relative, is used.
+    /// Its description if it is exceeded by more than the relative `tolerance`.
     pub(super) fn broken(&self, tolerance: f64) -> Option<String> {
         (self.used > 1.0 + tolerance).then(|| format!("{}, {}", self.limit, self.words()))
     }
@@ -205,7 +205,7 @@ impl Limits {
             places.sort_by(f64::total_cmp);
             places.dedup();
             for xi in places {
-                // In the plane of motion, and across it where the wall is another there.
+                // In the plane of motion, and across it if the wall thickness differs there.
                 for (axis, says) in ["", " across the plane"].into_iter().enumerate() {
                     if axis == 0 || sections.shape != Shape::Round {
                         let wall = move |model: &Model| least / model.rod.sections.at(xi).walls()[axis];
@@ -229,7 +229,7 @@ impl Limits {
                 format!("power of the actuation at most {most} W"),
                 vec![Quantity::ActuationPower.into()],
                 most,
-                true, // what it takes back is none that it puts in
+                true, // returned power does not count
             ));
         }
         let mut means: Vec<MeanLimit> = Vec::new();
@@ -263,7 +263,7 @@ impl Limits {
         self.body.is_empty() && !self.are_simulated()
     }
 
-    /// True if a simulation tells whether any of them is kept.
+    /// True if any of them needs a simulation.
     pub fn are_simulated(&self) -> bool {
         !self.load.is_empty() || !self.means.is_empty()
     }
@@ -307,7 +307,7 @@ impl Limits {
             return Some(());
         }
         let found = problem.forward(&[], &outputs, 1, |_| {}).ok()?;
-        // What is near, by output and sample, with its sign, in all of the list.
+        // Constrained samples: output, sample, sign, and index in the whole list.
         let mut near: Vec<(usize, usize, f64, usize)> = Vec::new();
         let mut first = 0;
         for (name, of_limit, most, signed) in &self.load {
@@ -353,8 +353,8 @@ impl Limits {
     }
 }
 
-/// −ln of the `part` of a limit that is reached, with its derivative for a derivative `by` of the part. Linear below one half,
-/// since thrust and speed may be negative.
+/// −ln of the fraction `part` of a lower limit that is reached, with its derivative for a derivative `by` of the fraction. Linear
+/// below one half, since thrust and speed may be negative.
 fn below(part: f64, by: f64) -> (f64, f64) {
     if part > 0.5 { (-part.ln(), -by / part) } else { (2f64.ln() + 1.0 - 2.0 * part, -2.0 * by) }
 }

@@ -32,7 +32,7 @@ const HALF_WINDOW: usize = 7;
 /// A window longer than this multiple of the usual one contains a gap.
 const MAX_GAP: f64 = 1.5;
 
-/// Markers may be further apart than along the rod by this fraction of its length, for noise.
+/// Markers may be further apart than along the rod by this fraction of its length, to allow for noise.
 const DISTANCE_TOLERANCE: f64 = 0.1;
 
 /// The polyline through the markers must be at least this fraction of the rod's length.
@@ -60,16 +60,16 @@ pub struct Markers {
     pub positions: Vec<Vec<f64>>,
     /// Descriptions of missing samples.
     pub missing: Vec<String>,
-    /// The markers are at every so-manieth node, the first and the last among them; one if it is 0.
+    /// The markers are at every `every`-th node, including the first and the last; 0 for a single marker.
     pub every: usize,
 }
 
-/// The nodes at which markers are.
+/// The nodes that have markers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MarkedNodes {
     /// All of them.
     All,
-    /// All, every second, every third, …, with the first and the last.
+    /// All, every second, every third, …, including the first and the last.
     Every,
     /// The tip alone, or all.
     Tip,
@@ -80,7 +80,7 @@ impl Markers {
     /// samples. Incomplete samples are left out and reported; impossible ones are an error.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Scene`] with file, line and column where it is not such a table.
+    /// [`Error::Read`]; [`Error::Scene`] with file, line and column if the file is not such a table.
     pub fn read(path: &Path, rod: &Rod, marked: MarkedNodes, least: usize) -> Result<Self> {
         let refuse = |line: u64, problem: String| Error::Scene {
             place: format!("{}:{line}", path.display()),
@@ -95,7 +95,7 @@ impl Markers {
             .map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
         let header = reader.headers().map_err(|e| refuse(1, e.to_string()))?.clone();
         let tip = marked == MarkedNodes::Tip && header.iter().eq(["time_s", "tip_x_m", "tip_y_m"]);
-        // Behind a body the nodes of a finer mesh are not among those of a coarser one.
+        // With a head body the nodes of a coarser mesh are not nodes of a finer one.
         let spread = marked == MarkedNodes::Every && rod.front == 0;
         let count = header.len().saturating_sub(1) / 2;
         let every = match rod.nodes - 1 {
@@ -172,7 +172,7 @@ impl Markers {
         }
     }
 
-    /// The node that marker `k` is at.
+    /// The node of marker `k`.
     pub(super) fn node(&self, k: usize) -> usize {
         k * self.every.max(1)
     }
@@ -205,7 +205,7 @@ impl Markers {
         let sizes: Vec<f64> = self.positions.iter().map(|row| length(row) / rod.length).collect();
         let middle = median(&sizes);
         if middle > 10.0 {
-            // All of them are so: it is no single marker that is wrong.
+            // All rows are wrong, so the error is not in a single marker.
             let problem = format!(
                 "the markers of a sample are {middle:.3e} times the rod's length along the rod; allowed: positions in metres of \
                  a rod of {} m; are these millimetres?",
@@ -218,10 +218,10 @@ impl Markers {
             if (1..nodes).all(|k| !far(row, k - 1, k)) {
                 continue;
             }
-            // The one that is too far from most others.
+            // The marker that is too far from most others.
             let strangers = |k: &usize| (0..nodes).filter(|j| far(row, *k, *j)).count();
             let node = (0..nodes).rev().max_by_key(strangers)?;
-            // And the coordinate that is further off.
+            // The coordinate with the larger deviation.
             let off = |axis: usize| {
                 let all: Vec<f64> = (0..nodes).map(|k| row[2 * k + axis]).collect();
                 (row[2 * node + axis] - median(&all)).abs()
@@ -290,7 +290,7 @@ impl Markers {
             (0..count).map(|i| fitted(&self.times[first(i)..first(i) + span], &all, i - first(i))).collect();
         for node in 0..nodes {
             let at = |i: usize| [self.positions[i][2 * node], self.positions[i][2 * node + 1]];
-            // Distance from what the samples of `chosen` about `i` say of it, over the deviation that noise of one would give it.
+            // Distance from the prediction of the samples `chosen` around `i`, over the deviation due to unit noise.
             let off = |i: usize, first: usize, chosen: &[usize], weights: &[f64]| {
                 let own = at(i);
                 let [x, y] = [0, 1].map(|axis| {
@@ -299,7 +299,7 @@ impl Markers {
                 });
                 let part = chosen.iter().position(|j| first + j == i);
                 let squares: f64 = weights.iter().map(|w| w * w).sum();
-                // Inside a fit a residual is smaller, beside it larger than the noise.
+                // A residual within the fit is smaller than the noise, outside of it larger.
                 let scale = part.map_or(1.0 + squares, |_| (1.0 - squares).max(0.01));
                 (x.hypot(y), (x.hypot(y) / std::f64::consts::SQRT_2) / scale.sqrt())
             };
@@ -314,7 +314,7 @@ impl Markers {
                 if !window.clone().any(suspicious) {
                     continue;
                 }
-                // The path without those that are furthest off it, one after the other.
+                // The path without the samples that are furthest from it, removed one after the other.
                 let mut chosen = all.clone();
                 let mut last = f64::INFINITY;
                 for _ in 0..=MAX_GLITCHES {
@@ -401,7 +401,7 @@ impl Markers {
             let reason = format!("no sample has {half} others without a gap on either side of it");
             return Err(Error::Design { reason });
         }
-        // The median: what moves too fast for the window for a while, as at a start, is no noise.
+        // The median, because motion that is temporarily too fast for the window, as at a start, is not noise.
         let mut sorted = squares.clone();
         sorted.sort_by(f64::total_cmp);
         let median = sorted[sorted.len() / 2];
@@ -476,13 +476,13 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|x| x * x).sum::<f64>() / count).sqrt()
 }
 
-/// Where node `k` of a rod that begins at node `front` is on a mesh of `finer` times as many edges.
+/// The node on a mesh of `finer` times as many edges at the position of node `k` of a rod that begins at node `front`.
 pub(super) fn finer_node(k: usize, finer: usize, front: usize) -> usize {
     if k < front { k } else { front + finer * (k - front) }
 }
 
-/// Root mean square distance (m) of the nodes of a rod, of `finer` times as many edges as that of the scene, which begins at node `front`,
-/// from the markers at each of their times; `None` if the simulation ends earlier.
+/// Root mean square distance (m) of the nodes of a rod from the markers at each of their times; `None` if the simulation ends
+/// earlier. The rod has `finer` times as many edges as that of the scene, and begins at node `front`.
 pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: (usize, usize)) -> Option<Vec<f64>> {
     let rows = markers.times.iter().zip(&markers.positions);
     rows.map(|(time, row)| {

@@ -1,5 +1,5 @@
-//! The objective of a dynamic goal and its derivatives: distance from a target trajectory, distance travelled, efficiency, or a mean
-//! over cycles. Forward sensitivities for least squares, the adjoint for scalars.
+//! The objective of a dynamic goal and its derivatives: distance from a target trajectory, distance travelled, efficiency, or a
+//! mean over cycles. Least squares use forward sensitivities, scalars the adjoint.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ pub(super) const TARGET_TOLERANCE: f64 = 1e-9;
 #[derive(Debug)]
 pub struct Objective {
     pub(super) goal: Goal,
-    /// -1 if the quantity is to be small, or the direction is -x.
+    /// -1 if the quantity is to be minimised, or the direction is -x.
     sign: f64,
     /// Target samples: step, and coordinates of the tip or of all nodes (m).
     pub(super) target: Vec<(usize, Vec<f64>)>,
@@ -45,7 +45,7 @@ pub struct Objective {
 pub(super) struct ObjectiveValue {
     /// The value that is minimised.
     pub f: f64,
-    /// Derivatives by the parameters, later by the unknowns.
+    /// Derivatives with respect to the parameters, later to the unknowns.
     pub by: Vec<f64>,
     /// Residuals and the rows of their Jacobian, for a least-squares objective.
     pub residuals: Option<(Vec<f64>, Vec<Vec<f64>>)>,
@@ -74,7 +74,7 @@ impl ObjectiveValue {
         }
     }
 
-    /// The part of the gradient by `n` unknowns that all scenarios share: zero if there are scenarios.
+    /// The part of the gradient with respect to `n` unknowns that all scenarios share: zero if there are scenarios.
     pub fn common(&self, n: usize) -> DVector<f64> {
         if self.cases.is_empty() { DVector::from_column_slice(&self.by) } else { DVector::zeros(n) }
     }
@@ -212,13 +212,13 @@ impl Objective {
         ObjectiveValue { f, by, residuals: Some((residuals, rows)), ..ObjectiveValue::default() }
     }
 
-    /// The objective as a function of distance and, for efficiency, work; with its derivatives by them.
+    /// The objective as a function of distance and, for efficiency, work; with its derivatives with respect to them.
     fn scalar(&self, found: &[f64]) -> (f64, Vec<f64>) {
         let moved = self.sign * found[0];
         match found.get(1) {
             None => (-moved, vec![-self.sign]),
-            // D|D|/W, as efficiency is a constant times D²/W. Its root D/√W, which rises with it, has a slope where the rod gets
-            // nowhere too, so that a search finds its way from designs that swim the wrong way; a mean over cases has no root.
+            // D|D|/W, since efficiency is a constant times D²/W. Its root D/√W increases with it, and has a slope also at D = 0, so
+            // that a search can leave designs that swim in the wrong direction; a mean over cases has no root.
             Some(work) if self.rooted => {
                 let f = -moved / work.sqrt();
                 (f, vec![-self.sign / work.sqrt(), -0.5 * f / work])
@@ -235,7 +235,7 @@ impl Objective {
         self.set_with(problem, profile, &[])
     }
 
-    /// The same, prepared for derivatives by `parameters`.
+    /// Sets the design of `problem`, prepared for derivatives with respect to `parameters`.
     pub(super) fn set_with(
         &self,
         problem: &mut Problem,
@@ -256,8 +256,8 @@ impl Objective {
         problem.set_actuation(&profile.amplitude, &profile.phase_rad)
     }
 
-    /// The objective and its derivatives by `parameters`: by forward sensitivities for least squares, by the adjoint otherwise.
-    /// `None` if the simulation fails.
+    /// The objective and its derivatives with respect to `parameters`: by forward sensitivities for least squares, otherwise by the
+    /// adjoint. `None` if the simulation fails.
     pub(super) fn at(
         &self,
         problem: &mut Problem,
@@ -302,7 +302,7 @@ impl Objective {
         self.at(problem, profile, &[]).map(|value| self.shown(value.f))
     }
 
-    /// The reported objective of a design and its derivatives by `parameters`; `None` if the simulation fails.
+    /// The reported objective of a design and its derivatives with respect to `parameters`; `None` if the simulation fails.
     pub fn derivatives(
         &self,
         problem: &mut Problem,

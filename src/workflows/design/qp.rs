@@ -106,7 +106,7 @@ impl QuadraticProgram {
         if !scale.is_finite() {
             return Err(Error::Design { reason: "the objective is not finite".to_string() });
         }
-        // Clarabel takes the upper triangle, by columns.
+        // Clarabel expects the upper triangle, by columns.
         let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
         for j in 0..n {
             for i in (0..=j).filter(|i| self.hessian[i * n + j] != 0.0) {
@@ -158,7 +158,7 @@ impl QuadraticProgram {
         if !infeasible {
             let rough = QpSolution { x: found.x.clone(), duals: duals.clone(), iterations: found.iterations };
             let polished = self.polished(&rough, scale);
-            // What is nearly solved is a solution where the constraints that bind in it say so to rounding.
+            // An almost solved program counts as solved if its active constraints confirm the solution to rounding.
             match polished {
                 Some(solution) => return Ok(solution),
                 None if found.status == SolverStatus::Solved => return Ok(rough),
@@ -174,8 +174,9 @@ impl QuadraticProgram {
         Err(Error::Design { reason })
     }
 
-    /// The constraints that exclude each other, by the `duals` of a proof that there is no solution: Aᵀz = 0, bᵀz < 0, z ≥ 0. Of two sides
-    /// of one number only that which the proof needs is named, and of many constraints that differ in a number the first few.
+    /// The constraints that exclude each other, from the `duals` of a certificate of infeasibility: Aᵀz = 0, bᵀz < 0, z ≥ 0. If
+    /// both sides of one number occur, only the one that the certificate needs is named; of many constraints that differ in a
+    /// number, only the first few.
     fn conflict(&self, mut duals: Vec<f64>) -> Vec<String> {
         let are_opposite = |a: &Constraint, b: &Constraint| {
             a.row.len() == b.row.len() && a.row.iter().zip(&b.row).all(|((i, a), (j, b))| i == j && *a == -b)
@@ -184,7 +185,7 @@ impl QuadraticProgram {
             for j in i + 1..duals.len() {
                 let [a, b] = [&self.constraints[i], &self.constraints[j]];
                 if !a.equal && !b.equal && are_opposite(a, b) {
-                    // As much less of both sides is a proof still.
+                    // The certificate stays valid if both sides are reduced by the same amount.
                     let both = duals[i].min(duals[j]);
                     duals[i] -= both;
                     duals[j] -= both;

@@ -1,9 +1,9 @@
 //! Validation of an identified stiffness by simulation: does the scene with it move as the markers do?
 //!
-//! Moment balances treat each joint separately, so that a wrong fluid or mass may appear as another stiffness. The simulation has the
-//! residual r = markers − x. With S = ∂x/∂EI, noise of σ per coordinate, and deviations D of the stiffness, the best fit of both changes
-//! the stiffness by δ = (SᵀS/σ² + D⁻²)⁻¹ Sᵀr/σ² (Bard, Nonlinear Parameter Estimation, 1974, section 7). The actuation gain, if it was
-//! identified too, has no D. The remaining residual should be noise.
+//! Moment balances treat each joint separately, so that a wrong fluid or mass may appear as a wrong stiffness. The simulation has
+//! the residual r = markers − x. With S = ∂x/∂EI, noise of σ per coordinate, and deviations D of the stiffness, the best fit of
+//! both changes the stiffness by δ = (SᵀS/σ² + D⁻²)⁻¹ Sᵀr/σ² (Bard, Nonlinear Parameter Estimation, 1974, section 7). The actuation
+//! gain, if it was also identified, has no D. The remaining residual should be noise.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -17,7 +17,7 @@ use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 /// A simulation does not fit if its mean square residual exceeds that of noise and step error by more than this.
 const MAX_MISFIT: f64 = 1.3;
 
-/// The largest root mean square residual over noise for so many coordinates, with its statistical uncertainty.
+/// The largest root mean square residual over noise for `count` coordinates, including its statistical uncertainty.
 pub(super) fn max_misfit(count: f64) -> f64 {
     (MAX_MISFIT + 4.0 * (2.0 / count).sqrt()).sqrt()
 }
@@ -26,7 +26,7 @@ pub(super) fn max_misfit(count: f64) -> f64 {
 const MAX_HALVINGS: usize = 4;
 const MAX_STEP_ERROR: f64 = 0.3;
 
-/// Most stored derivatives: all nodes by all joints, at as many times as that allows.
+/// Maximum number of stored derivatives: of all nodes with respect to all joints, at as many times as this allows.
 const MAX_DERIVATIVES: usize = 10_000_000;
 
 /// Positions of all nodes at the times of the markers, m; `None` beyond the simulation.
@@ -55,9 +55,9 @@ impl Refit {
         self.residual_over_noise <= self.allowed
     }
 
-    /// Simulates the scene that `scene` returns for a time step (s), `step` first, with `profile`. The markers have noise of
-    /// `noise` (m) per coordinate, the stiffness of the joints these `deviations` (N m²); the flag says whether the actuation gain
-    /// is unknown too.
+    /// Simulates the scene that `scene` returns for a time step (s), first `step`, with `profile`. The markers have `noise` (m) per
+    /// coordinate, and the stiffness of the joints has these `deviations` (N m²); the flag says whether the actuation gain is also
+    /// unknown.
     ///
     /// # Errors
     /// [`Error::Design`] if no markers are within the simulation; those of scene and simulation.
@@ -111,8 +111,8 @@ impl Refit {
         let joints = deviations.len();
         let all = matrix.nrows();
         let count = off.iter().map(|(_, off)| off.len()).sum::<usize>() as f64;
-        // In units of the deviations; joints that nothing is known of stay. The strength of the actuation is free: its unit is what
-        // moves the rod by its length.
+        // In units of the deviations; joints without information are fixed. The strength of the actuation is free: its unit is the
+        // change that moves the rod by its length.
         let unit = |i: usize| match deviations.get(i) {
             Some(deviation) => Some(*deviation).filter(|deviation| deviation.is_finite()).unwrap_or(0.0),
             None => length * (count / matrix[(i, i)].max(f64::MIN_POSITIVE)).sqrt(),
@@ -146,8 +146,8 @@ fn rms<'a>(positions: &'a [Option<Vec<f64>>], others: impl Fn(usize) -> Option<&
     (sum / count as f64).sqrt()
 }
 
-/// SᵀS, Sᵀr and rᵀr of the residual `off`; S are derivatives by the stiffness of the joints (N m²), and by the actuation gain if it
-/// is unknown.
+/// SᵀS, Sᵀr and rᵀr of the residual `off`; S contains derivatives with respect to the stiffness of the joints (N m²), and to the
+/// actuation gain if it is unknown.
 fn normal(
     mut problem: Problem,
     markers: &Markers,

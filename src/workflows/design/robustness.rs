@@ -1,5 +1,5 @@
-//! Robustness of a design: does its gain survive with half the step, another method, a finer mesh, a higher law of the fluid? Each check,
-//! of the design or of the baseline, in each scenario, is an independent simulation, which a worker can run.
+//! Robustness of a design: does its gain survive half the step, another method, a finer mesh, a higher fluid law? Each check, of
+//! the design or of the baseline, in each scenario, is an independent simulation that a worker can run.
 
 use std::ops::ControlFlow;
 
@@ -20,17 +20,17 @@ use crate::number_format::in_sentence;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
 
-/// A limit that the design keeps to the last digit is taken to be kept in another simulation that finds this much more, relative: other steps,
-/// methods and meshes find another peak.
+/// A limit counts as kept in a check simulation if it is exceeded there by at most this fraction: other steps, methods and meshes
+/// give slightly different peaks.
 const LIMIT_TOLERANCE: f64 = 0.02;
 
 /// The check simulations of a design.
 pub(super) struct RobustnessChecks<'a> {
     table: &'a DesignTable,
-    /// The table whose limits each simulation has: those of the body are those of the base scene, whatever the cases are.
+    /// The table with the limits of each simulation: limits on the body are always those of the base scene.
     limited: DesignTable,
     target: Option<&'a Markers>,
-    /// Description of each, and the changes of the scene.
+    /// Description of each simulation, and its changes of the scene.
     simulations: Vec<(String, Vec<String>)>,
     scenes: Vec<CheckedScene>,
 }
@@ -119,7 +119,7 @@ impl<'a> RobustnessChecks<'a> {
             Ok(ControlFlow::Continue(()))
         };
         if jobs::run(&todo, jobs::cores(), |index| self.measure(index), keep).is_err() {
-            todo.iter().for_each(|index| found[*index] = self.measure(*index)); // there are no threads
+            todo.iter().for_each(|index| found[*index] = self.measure(*index)); // if no threads can be started
         }
         let mut values = found.into_iter().enumerate();
         let mut next = || {
@@ -168,9 +168,9 @@ pub(super) struct CheckResult {
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Check {
     pub simulation: String,
-    /// Of the design; `None` if the simulation fails.
+    /// Objective of the design; `None` if the simulation fails.
     pub designed: Option<f64>,
-    /// Of the baseline, the scene's own.
+    /// Objective of the baseline, the scene's own.
     pub before: Option<f64>,
     /// Relative gain, %.
     pub gain_percent: Option<f64>,
@@ -189,19 +189,19 @@ pub struct Robustness {
     pub least_percent: Option<f64>,
     /// The simulation with the least gain.
     pub least_in: String,
-    /// True if the limits are kept in all simulations, and the gain is positive in all, if the scene as it is keeps them too.
+    /// True if all simulations keep the limits and have a positive gain; the gain does not count if the original scene violates the limits.
     pub survives: bool,
     /// True if the design keeps its limits.
     pub kept: bool,
-    /// A limit that the design breaks in another simulation, and that simulation.
+    /// A limit that the design violates in another simulation, and that simulation.
     pub broken_in: Option<[String; 2]>,
-    /// A limit that the scene as it is breaks: its objective is no measure of a design that keeps it.
+    /// A limit that the original scene violates: its objective is then no basis for comparison.
     pub broken_before: Option<String>,
 }
 
 impl Robustness {
-    /// Of `checks`, of which the first is the simulation of the design, which has `kept` its limits or not. A simulation that fails of the
-    /// scene as it is, as a method at a step that is too long for it, says nothing of a gain.
+    /// The robustness from `checks`. The first is the simulation of the design, which has `kept` its limits or not. A failed
+    /// simulation of the original scene, for example because the step is too long for the method, says nothing about the gain.
     pub(super) fn of(checks: &[Check], kept: bool) -> Option<Self> {
         let (first, others) = checks.split_first()?;
         let says = |check: &&Check| check.before.is_some();
@@ -261,9 +261,9 @@ impl Robustness {
 }
 
 /// The more accurate fluid models to check with, as descriptions and changes of the scene; the first that the scene allows is used.
-/// Above a local law of creeping flow: the nonlocal law if the flow is creeping and the mesh affordable, else a law with the
-/// fluid's inertia. Above that: the reactive force. None above these, nor above laws with coefficients from the scene or near a
-/// wall.
+/// Above a local law of creeping flow: the nonlocal law if the flow is creeping and the mesh is affordable, otherwise a law with
+/// the fluid's inertia. Above that: the reactive force. There are none above these, nor above laws with coefficients from the scene
+/// or near a wall.
 pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let rod = scene.model().map(|model| model.rod);
     let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime().ok()?)));
@@ -324,7 +324,7 @@ mod tests {
                 && beyond.words()
                     == "the limits do not hold in other simulations: power at most 6 W, 166.00 % of it at t = 0.2500 s with cross-flow"
         );
-        // What breaks the limit is no measure.
+        // A scene that violates the limit is no basis for comparison.
         let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };
         let worse = Robustness::of(&[first, check("finer", Some(0.8), Some(1.0))], true);
         assert!(

@@ -1,5 +1,5 @@
-//! Robust design: one design for several scenes, the cases of a sweep. The objective is the worst or the mean of theirs (Ben-Tal,
-//! El Ghaoui & Nemirovski, Robust Optimization, 2009).
+//! Robust design: one design for several scenes, the cases of a sweep. The objective is the worst or the mean of their objectives
+//! (Ben-Tal, El Ghaoui & Nemirovski, Robust Optimization, 2009).
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -25,7 +25,7 @@ const KEYS_OF_VARIABLES: [(DesignVariable, &[&str]); 3] = [
     (DesignVariable::Phase, &["actuation.phase_profile_rad"]),
 ];
 
-/// One of the scenes that a design is for.
+/// One of the scenes for which a design is made.
 pub(super) struct Scenario {
     /// Description of the case.
     pub name: String,
@@ -33,8 +33,7 @@ pub(super) struct Scenario {
     objective: Objective,
     problem: Problem,
     limits: Limits,
-    /// Stiffness of its sections over that of the base scene, per joint: a rod of the same profile that is stiffer. Empty if
-    /// stiffness follows from the scene.
+    /// Stiffness of its sections over that of the base scene, per joint. Empty if stiffness follows from the scene.
     stiffer: Vec<f64>,
     /// EI of the joints in its scene, N m².
     own_stiffness: Vec<f64>,
@@ -44,9 +43,9 @@ pub(super) struct Scenario {
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct ScenarioResult {
     pub case: String,
-    /// Of the design; `None` if the simulation fails.
+    /// Objective of the design; `None` if the simulation fails.
     pub designed: Option<f64>,
-    /// Of the baseline.
+    /// Objective of the baseline.
     pub before: Option<f64>,
     /// Relative gain, %.
     pub gain_percent: Option<f64>,
@@ -73,7 +72,7 @@ pub(super) fn scenarios(document: &Document, scene: &Scene, table: &DesignTable)
     let case = |index: usize| {
         let case = sweep.case(index)?;
         let name = sweep.describe(&case);
-        sweep.scene(&case)?; // whose complaints know their axis
+        sweep.scene(&case)?; // its errors name the axis
         let named = |error: Error| match error {
             Error::Design { reason } => Error::Design { reason: format!("{reason} (in {name})") },
             other => other,
@@ -120,12 +119,12 @@ impl Scenario {
         DesignVector { stiffness_n_m2, ..profile.clone() }
     }
 
-    /// The part of the stiffness of the joint at node `k` over that of the base scene.
+    /// The stiffness of the section at node `k` over that of the base scene.
     fn stiffer(&self, k: usize) -> f64 {
         self.stiffer.get(k - self.problem.model().rod.joints().start).copied().unwrap_or(1.0)
     }
 
-    /// Sets the `directions` in the parameters of the base scene's joints that derivatives are along.
+    /// Sets the `directions` of derivatives in the parameters of the base scene's joints.
     pub fn set_directions(&mut self, directions: &[JointDirection]) {
         let own = |along: &JointDirection| match along.is_of_stiffness() {
             true => along.scaled(|k| self.stiffer(k)),
@@ -134,8 +133,8 @@ impl Scenario {
         self.problem.directions = directions.iter().map(own).collect();
     }
 
-    /// The objective and the limits on the motion, with derivatives by `parameters` of the base scene; `None` if a simulation
-    /// fails.
+    /// The objective and the limits on the motion, with derivatives with respect to `parameters` of the base scene; `None` if a
+    /// simulation fails.
     fn at(&mut self, profile: &DesignVector, parameters: &[Parameter]) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         let profile = self.profile(profile);
         let mut value = self.objective.at(&mut self.problem, &profile, parameters)?;

@@ -11,8 +11,8 @@
 //! - otherwise, in logarithms, a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical Optimization, 2006, section
 //!   18.3), with the trust region |d_i| ≤ Δ.
 //!
-//! The maximum over several scenarios is not differentiable where another one becomes the worst. So the program has a further variable
-//! t, and a constraint f_i + g_iᵀd ≤ t per scenario i, whose duals weigh the scenarios in the Lagrangian.
+//! The maximum over several scenarios is not differentiable where another one becomes the worst. The program therefore has another
+//! variable t, and a constraint f_i + g_iᵀd ≤ t per scenario i, whose duals weight the scenarios in the Lagrangian.
 
 use std::ops::ControlFlow;
 
@@ -60,7 +60,7 @@ const HESSIAN_REFRESH_INTERVAL: usize = 15;
 const FINITE_DIFFERENCE_STEP: f64 = 1e-4;
 const MIN_RELATIVE_EIGENVALUE: f64 = 1e-6;
 
-/// A limit that is violated by less is kept.
+/// A limit that is violated by less than this counts as kept.
 pub(super) const FEASIBILITY_TOLERANCE: f64 = 1e-6;
 
 /// Penalty parameter of the exact penalty function, in units of the objective.
@@ -79,8 +79,8 @@ const ROUNDING_REDUCTION: f64 = 1e-13;
 /// exact penalty would otherwise reject all but the shortest steps (Maratos effect; Nocedal & Wright, section 18.3).
 const POOR_REDUCTION_RATIO: f64 = 0.25;
 
-/// Below this predicted reduction a step is judged by the gradients at both of its ends, since differences of values are rounding:
-/// near an optimum gradients have twice as many correct digits of it (Hager & Zhang, SIAM J. Optim. 16, 2005).
+/// Below this predicted reduction a step is judged by the gradients at both of its ends, since differences of values are rounding
+/// errors: near an optimum gradients determine it with twice as many digits (Hager & Zhang, SIAM J. Optim. 16, 2005).
 const GRADIENT_CRITERION_BELOW: f64 = 1e-9;
 
 /// Predicted reductions below this fraction of the objective are not worth a simulation.
@@ -102,11 +102,11 @@ const MAX_RESTARTS: usize = 3;
 /// Largest Levenberg-Marquardt damping.
 const MAX_DAMPING: f64 = 1e12;
 
-/// Identification ends if the predicted reduction is below this fraction of what one standard deviation of an unknown costs: only unknowns that the
-/// data do not determine would still change.
+/// Identification ends if the predicted reduction is below this fraction of the cost of one standard deviation of an unknown: then
+/// only unknowns that the data do not determine would still change.
 const NEGLIGIBLE_FIT_REDUCTION: f64 = 1e-4;
 
-/// Why a search ended that reached the largest number of iterations.
+/// Reason for the end of a search that reached the maximum number of iterations.
 pub(super) const ITERATIONS_EXHAUSTED: &str = "its iterations are used up";
 
 /// Name of the trust region's constraints, which are not reported.
@@ -139,9 +139,9 @@ pub struct SearchResult {
     /// The best design.
     #[serde(flatten)]
     pub profile: DesignVector,
-    /// Its reported objective.
+    /// Reported objective of the best design.
     pub objective: f64,
-    /// Its stationarity.
+    /// Stationarity of the best design.
     pub stationarity: f64,
     /// True if it is stationary, the target is reached, or only noise remains to be fitted.
     pub converged: bool,
@@ -181,7 +181,7 @@ pub struct SearchResult {
     /// The unknowns and their values.
     #[serde(skip)]
     pub(super) at: Box<(Unknowns, Vec<f64>)>,
-    /// The Jacobian (m) of the target's coordinates by the unknowns there; `None` if there is no target.
+    /// The Jacobian (m) of the target's coordinates with respect to the unknowns there; `None` if there is no target.
     #[serde(skip)]
     pub(super) jacobian: Option<Box<DMatrix<f64>>>,
 }
@@ -199,7 +199,7 @@ pub struct EstimatedNumber {
     pub value: f64,
     /// Standard deviation, for a target trajectory; `None` if it is unbounded. [`discretisation`](Self::discretisation) is part of it.
     pub deviation: Option<f64>,
-    /// How far a mesh and steps without error would move it, for identification; `None` if that is not known.
+    /// The change of the number if mesh and step errors are removed, for identification; `None` if it is unknown.
     pub discretisation: Option<f64>,
     /// Its identifiability, for a target trajectory.
     pub verdict: Option<Identifiability>,
@@ -230,7 +230,7 @@ struct StartResult {
     point: Iterate,
     stationarity: f64,
     active: Vec<(String, f64)>,
-    /// Why it ended.
+    /// Reason for its end.
     why: String,
     interrupted: bool,
     /// True if only noise remains to be fitted.
@@ -277,14 +277,14 @@ impl<'a> Search<'a> {
         parameters: &[Parameter],
     ) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         if self.objective.fits {
-            return self.simulated(limits, profile, parameters); // with all derivatives of all times
+            return self.simulated(limits, profile, parameters); // contains all derivatives at all times
         }
         let floor = self.table.floor.as_ref().map(|floor| (floor.of.goal, floor.value, floor.size));
         let asked = format!("{:?} {floor:?} {profile:?} {}", self.table.goal, parameters.len());
         self.cached(asked, |search| search.simulated(limits, profile, parameters))
     }
 
-    /// The stored result of the key `asked`, or else the result of `make`.
+    /// The stored result for the key `asked`; if there is none, the result of `make`.
     fn cached<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: String,
@@ -332,7 +332,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// The limits of the scene itself, and whether a simulation tells of any, here or in the scenarios, which have those of the motion.
+    /// The limits of the scene itself, and whether any limit, here or on the motion in the scenarios, needs a simulation.
     fn limits(&mut self) -> Result<(Limits, bool)> {
         let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
         let are_simulated = limits.are_simulated();
@@ -367,8 +367,8 @@ impl<'a> Search<'a> {
         Some(Iterate { x: x.into(), value, limits })
     }
 
-    /// Finds the best design from several starts. `tell` is called after each iteration, and without one between the simulations that look
-    /// for a start, and may stop the search, which then returns the best design so far.
+    /// Finds the best design from several starts. `tell` is called after each iteration, and without one between the simulations
+    /// that choose a start. It may stop the search, which then returns the best design so far.
     ///
     /// # Errors
     /// [`Error::Design`] if no start can be simulated, or a quadratic program cannot be solved.
@@ -376,7 +376,7 @@ impl<'a> Search<'a> {
         self.run_from(None, tell)
     }
 
-    /// The same from start `only`.
+    /// Runs the search from the start `only`.
     pub(super) fn run_start(
         &mut self,
         only: usize,
@@ -385,7 +385,7 @@ impl<'a> Search<'a> {
         self.run_starts(None, Some(only), tell)
     }
 
-    /// The same from the unknowns `from`, if given.
+    /// Runs the search from the unknowns `from`, if given.
     pub(super) fn run_from(
         &mut self,
         from: Option<Vec<f64>>,
@@ -411,7 +411,7 @@ impl<'a> Search<'a> {
         let mut ends: Vec<StartResult> = Vec::new();
         for start in 0..starts {
             if only.is_some_and(|only| only < start || only > start && roughness.is_some()) {
-                continue; // the first that can be simulated decides the weight of roughness in all
+                continue; // the first one that can be simulated sets the weight of roughness for all
             }
             let x = match &from {
                 Some(x) => unknowns.kept(x.clone()),
@@ -438,8 +438,8 @@ impl<'a> Search<'a> {
                 history.push(iteration);
                 told
             };
-            // What is limited together has one price. Where that ends at a least of its largest that is beyond the limit, a price for each
-            // leads another way.
+            // Limits on the same quantity share one penalty. If the search ends at an infeasible minimum of the largest violation,
+            // separate penalties take another path.
             let [together, alone] = [PenaltyGroups::Together, PenaltyGroups::Alone];
             let several = together.groups(&first.limits) != alone.groups(&first.limits);
             let mut end = self.minimise((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
@@ -459,7 +459,7 @@ impl<'a> Search<'a> {
         let optima = self.optima(&ends);
         let merit = |end: &StartResult| {
             let x = &end.point.x;
-            // What keeps its limits comes first.
+            // Feasible designs come first.
             let beyond = if end.point.is_kept() {
                 0.0
             } else {
@@ -484,14 +484,14 @@ impl<'a> Search<'a> {
         let (mut misfit, mut together, mut by_unknowns) = (None, 1.0, None);
         if let Some((residuals, rows)) = &value.residuals {
             let mut by = jacobian(rows, n);
-            unknowns.fixed().for_each(|i| by.column_mut(i).fill(0.0)); // the data need not tell them
+            unknowns.fixed().for_each(|i| by.column_mut(i).fill(0.0)); // fixed unknowns are not estimated
             by_unknowns = Some(Box::new(&by / self.objective.scale()));
             let svd = by.svd(false, true);
             singular_values.extend(svd.singular_values.iter().copied());
             singular_values.sort_by(|a, b| b.total_cmp(a));
             let scale = self.objective.scale();
             let noise = if self.objective.goal == Goal::Identify {
-                // Of one coordinate, from what is left.
+                // Variance per coordinate, from the residual.
                 let free = residuals.len().saturating_sub(n).max(1) as f64;
                 let left = residuals.iter().map(|r| r * r).sum::<f64>() / free;
                 let left = left.sqrt() / scale;
@@ -500,7 +500,7 @@ impl<'a> Search<'a> {
                 noise_m = Some(self.table.noise_m.unwrap_or(left));
                 misfit = Some(over).filter(|over| *over > max_misfit(residuals.len() as f64));
                 if misfit.is_some() {
-                    // What does not fit is no noise, which more samples make smaller.
+                    // A misfit is not noise, and more samples do not reduce it.
                     together = (self.objective.target.len() as f64).sqrt();
                     left.max(own) * scale
                 } else {
@@ -577,9 +577,9 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Where `start` begins, which is not the first, of a design with limits on what a simulation gives: at the best of several designs.
-    /// Designs that keep such limits may lie in several places apart, and a search that begins outside of all ends in the nearest. It stops
-    /// where it no longer `goes_on`.
+    /// The first point of `start`, not the first start, of a design with simulated limits: the best of several designs. The
+    /// feasible region may consist of several parts, and a search that begins outside of all ends in the nearest. Stops when
+    /// `goes_on` is false.
     fn best_sampled_start(
         &mut self,
         (unknowns, limits): (&Unknowns, &Limits),
@@ -628,7 +628,7 @@ impl<'a> Search<'a> {
         optima
     }
 
-    /// Minimises from `first`, with penalties for the limits `priced` together or alone. Each quadratic program is in units of the
+    /// Minimises from `first`, with penalties for the limits grouped by `priced`. Each quadratic program is in units of the
     /// objective.
     fn minimise(
         &mut self,
@@ -666,7 +666,7 @@ impl<'a> Search<'a> {
                         DMatrix::identity(n, n) * (steepest.norm() / unit / INITIAL_TRUST_RADIUS).max(1e-12)
                     }
                 };
-            // Unknowns of a step: it, how far each limit is passed, and the worst case.
+            // Variables of the program: the step, the violation of each limit, and the worst case.
             let groups = priced.groups(&here.limits);
             let limited = groups.last().map_or(0, |last| last + 1);
             let width = n + limited + usize::from(cases > 0);
@@ -676,7 +676,7 @@ impl<'a> Search<'a> {
                 programme.gradient[i] = gradient[i];
                 (0..n).for_each(|j| programme.hessian[i * width + j] = damped[(i, j)]);
             }
-            // How far each limit is passed has a price.
+            // Each violation has a penalty.
             for passed in n..n + limited {
                 programme.gradient[passed] = price;
                 programme.constraints.push(Constraint::at_most(TRUST_REGION, vec![(passed, -1.0)], 0.0));
@@ -702,7 +702,7 @@ impl<'a> Search<'a> {
             let solution = match programme.solve() {
                 Ok(solution) => solution,
                 Err(error) => {
-                    // A shorter step has an easier programme.
+                    // The program of a shorter step is easier to solve.
                     why = format!("the programme of its next step was not solved ({error})");
                     radius *= 0.25;
                     damping *= growth;
@@ -733,7 +733,7 @@ impl<'a> Search<'a> {
             let mut active = programme.active(&solution);
             active.retain(|(name, _)| name != TRUST_REGION && name != FIXED_UNKNOWN);
             active = together(active);
-            // A radius that shrinks about a point hides bounds beyond it: what was known of the point stays.
+            // A radius that shrinks around a point hides bounds beyond it: the earlier stationarity of the point is kept.
             if here_again && end.0 < stationarity {
                 (stationarity, active) = (end.0, end.1);
             }
@@ -774,7 +774,7 @@ impl<'a> Search<'a> {
             } else {
                 None
             };
-            // What still passes a limit tries once more from there, at a higher price.
+            // If a limit is still violated, the search restarts from there with a higher penalty.
             if ends.is_some() && !here.is_kept() && again < MAX_RESTARTS && !squares {
                 again += 1;
                 price = (100.0 * price).min(MAX_PENALTY);
@@ -808,7 +808,7 @@ impl<'a> Search<'a> {
             };
             let mut ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
             if let Some(tried) = next.as_ref().filter(|_| limited > 0 && ratio < POOR_REDUCTION_RATIO) {
-                // A limit that bends away from its tangent: the same step, with the limits as they are at its end.
+                // Second-order correction for a curved limit: the same step, with the limits at its end.
                 let moved = &tried.x - &here.x;
                 for (constraint, limit) in programme.constraints[limited..].iter_mut().zip(&here.limits) {
                     if let Some(tried) = limit.among(&tried.limits) {
@@ -845,7 +845,7 @@ impl<'a> Search<'a> {
                     let duals = &solution.duals[solution.duals.len() - unknowns.means(here.x.as_slice()).len()..];
                     let curved = |point: &Iterate| {
                         let means = unknowns.means(point.x.as_slice());
-                        // A peak that is far by now is as it was.
+                        // A peak that is now far from the limit keeps its value.
                         let limited = here.limits.iter().zip(&of_limits).filter(|(_, dual)| **dual > 0.0);
                         let limited =
                             limited.map(|(limit, dual)| (&limit.among(&point.limits).unwrap_or(limit).by, dual));
@@ -970,8 +970,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Sums the duals of constraints with the same name: those of one limit. Where both sides of an equality bind, each pushes against the
-/// other by any amount, and only their difference has a meaning.
+/// Sums the duals of constraints with the same name, which belong to one limit. If both sides of an equality are active, their
+/// duals are arbitrary, and only their difference has a meaning.
 fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
     let mut all = duals.into_iter().fold(Vec::new(), |mut all: Vec<(String, f64)>, (name, dual)| {
         match all.iter_mut().find(|(other, _)| *other == name) {

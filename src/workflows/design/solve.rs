@@ -107,8 +107,8 @@ pub(super) struct ComparedProfile {
 }
 
 impl Design {
-    /// Solves the design problem of `document`; `tell` is called after each iteration, and without one in between; it may stop
-    /// the search.
+    /// Solves the design problem of `document`. `tell` is called after each iteration, and without an iteration in between; it may
+    /// stop the search.
     ///
     /// # Errors
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] if there is no answer; those of data and simulation.
@@ -116,8 +116,8 @@ impl Design {
         Self::made(document, None, tell)
     }
 
-    /// The same for [`write`](Self::write) to `folder`, where the results of simulations are stored: an interrupted search resumes
-    /// there, with bit-identical results.
+    /// Solves the problem for [`write`](Self::write) to `folder`, where the results of simulations are stored: an interrupted
+    /// search resumes there, with bit-identical results.
     ///
     /// # Errors
     /// Those of [`of`](Self::of); those of [`claim`](Self::claim).
@@ -129,7 +129,7 @@ impl Design {
         Self::made(document, Some(folder), tell)
     }
 
-    /// The most iterations that the search which `scene` asks for can take, those of a front among them; `None` if it asks for none.
+    /// The maximum number of iterations of the search that `scene` requests, including those of a front; `None` if it requests no search.
     pub fn max_iterations(scene: &Scene) -> Option<usize> {
         let table = DesignTable::of(scene).ok().filter(DesignTable::is_searched)?;
         let searches = table.start_count() + table.front.as_ref().map_or(0, |front| front.points - 1);
@@ -141,7 +141,7 @@ impl Design {
         PathBuf::from("out").join(format!("{}-design", scene.name))
     }
 
-    /// Claims `folder` for the results on `scene`, see [`Folder::claim`]: before a long search, or to replace results of others.
+    /// Claims `folder` for the results on `scene`, see [`Folder::claim`]: before a long search, or to replace the results of others.
     ///
     /// # Errors
     /// Those of [`Folder::claim`].
@@ -274,7 +274,7 @@ impl Design {
                         RobustnessChecks::of((document, &search.scenarios), &scene, &table, target.as_ref(), &profile);
                     evidence.checks = checks.make(&mut search.checkpoint);
                     if let Ok(scene) = scene_with(document, &table.numbers, &[], &profile) {
-                        // What puts the answer in question comes before it.
+                        // Statements that question the answer come first.
                         let notes = ranges_left(&scene).into_iter().map(|note| format!("of the design: {note}"));
                         lines.splice(0..0, notes);
                     }
@@ -447,7 +447,7 @@ fn in_scenarios(search: &mut Search<'_>, before: &DesignVector, profile: &Design
     search.scenarios.iter().zip(before).zip(designed).map(row).collect()
 }
 
-/// The dimensionless numbers that decide the effect of stiffness (Sp, β, …), if the scene has them.
+/// The dimensionless numbers that determine the effect of stiffness (Sp, β, …), if the scene has them.
 fn dimensionless(scene: &Scene) -> Map<String, Value> {
     let mut numbers = Map::new();
     let assessed = Stepper::of(scene).and_then(|stepper| Assessment::of(scene, &stepper));
@@ -465,7 +465,7 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
     numbers
 }
 
-/// How the names of profiles begin that have only one part of the design.
+/// Prefix of the names of profiles that have only one part of the design.
 pub(super) const ALONE: &str = "the scene's own with only the design's ";
 
 /// The baseline, a uniform profile, the source study's gradient and the best linear one of the same mean, each part of the design alone,
@@ -482,7 +482,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
         ..DesignVector::of(factors.iter().map(|factor| factor * reference).collect())
     };
     let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
-    // What stiffness, amplitude and phase do alone, where several are designed.
+    // The effects of stiffness, amplitude and phase alone, if several of them are designed.
     let parts = [DesignVariable::Stiffness, DesignVariable::Amplitude, DesignVariable::Phase];
     let parts: Vec<_> = parts.into_iter().filter(|part| table.variables.contains(part)).collect();
     let acts = parts.iter().any(|part| *part != DesignVariable::Stiffness);
@@ -545,7 +545,7 @@ fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector)
     Ok([motion(before)?, motion(after)?])
 }
 
-/// The motions of the scene as it is, and with `profile`.
+/// The motions of the original scene and with `profile`.
 fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[Trajectory; 2]> {
     let mut problem = Problem::of(scene)?;
     let before = problem.simulate()?;

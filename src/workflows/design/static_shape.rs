@@ -1,4 +1,4 @@
-//! Static target shape: the stiffness with which the rod rests in it, EI_k c_k = m_k without motion.
+//! Static target shape: the stiffness with which the rod is in equilibrium in it, EI_k c_k = m_k without motion.
 
 use serde::Serialize;
 
@@ -54,7 +54,7 @@ impl Equilibrium {
     }
 }
 
-/// The stiffness that rests in a shape.
+/// The stiffness with which a shape is an equilibrium.
 #[derive(Debug, Clone, Serialize)]
 pub struct StaticShape {
     /// Its equilibrium.
@@ -63,13 +63,13 @@ pub struct StaticShape {
     pub stiffness_n_m2: Vec<f64>,
     /// Joints whose stiffness is arbitrary: neither curvature nor moment.
     pub undecided: Vec<usize>,
-    /// Joints that constraints keep from the shape: node, and the EI (N m²) that it needs.
+    /// Joints that cannot have the shape because of constraints: node, and the required EI (N m²).
     pub missed: Vec<(usize, f64)>,
     /// Active constraints, with their duals.
     pub active: Vec<(String, f64)>,
 }
 
-/// Finds the stiffness with which the rod of `dynamics` rests at `positions` (m, two entries per node) at time zero.
+/// Finds the stiffness with which the rod of `dynamics` is in equilibrium at `positions` (m, two entries per node) at time zero.
 ///
 /// # Errors
 /// [`Error::Design`] with all joints that would have to bend against their moment, and for contradictory constraints.
@@ -103,7 +103,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> 
     let mut programme = QuadraticProgram::new(basis.unknowns);
     for ([c, m], row) in pairs.iter().zip(&basis.rows) {
         if c.abs() > NEGLIGIBLE * largest[0] {
-            // Relative errors of the moments, so that the tip counts like the root.
+            // Relative errors of the moments, so that the tip has the same weight as the root.
             let size = m.abs().max(NEGLIGIBLE * largest[1]);
             let scaled: Vec<(usize, f64)> = row.iter().map(|(i, w)| (*i, w * c * reference / size)).collect();
             programme.add_square(&scaled, m / size, 1.0);
@@ -111,7 +111,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> 
     }
     smooth(&mut programme, &basis, table.smoothness);
     for i in 0..basis.unknowns {
-        programme.add_square(&[(i, 1.0)], 1.0, 1e-12); // where nothing decides
+        programme.add_square(&[(i, 1.0)], 1.0, 1e-12); // for joints that are undetermined
     }
     programme.constraints = constraints(table, &basis, true);
     let solution = programme.solve()?;

@@ -1,4 +1,4 @@
-//! `[design]`: what a user asks for.
+//! `[design]`: the table of a scene that defines a design problem.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -19,10 +19,10 @@ use crate::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters}
 /// Bounds of what has none, over the scene's.
 pub const DEFAULT_BOUNDS: [f64; 2] = [0.01, 100.0];
 
-/// A gain below this is none, %.
+/// A gain below this counts as zero, %.
 const LEAST_GAIN_PERCENT: f64 = 0.005;
 
-/// What is better or worse by this factor or more is said to be so by a factor.
+/// A change by this factor or more is reported as a factor.
 const LEAST_FACTOR: f64 = 2.0;
 
 /// What is wanted.
@@ -39,11 +39,11 @@ pub enum Goal {
     Distance,
     /// The longest way for the work.
     Efficiency,
-    /// The largest or smallest mean of a measure over the last whole cycles, by its key in summary.json.
+    /// The largest or smallest mean over the last whole cycles of the measure with this key in summary.json.
     Cycle(&'static str),
 }
 
-/// The goals by name, but those of cycles.
+/// The goals by name, except those over cycles.
 const GOALS: [(&str, Goal); 5] = [
     ("identify", Goal::Identify),
     ("static-shape", Goal::StaticShape),
@@ -90,7 +90,7 @@ impl From<Goal> for &'static str {
 }
 
 impl Goal {
-    /// True where it is searched for by simulation.
+    /// True if the goal is optimised by simulation.
     pub fn is_dynamic(self) -> bool {
         matches!(self, Self::TrackTip | Self::Distance | Self::Efficiency | Self::Cycle(_))
     }
@@ -196,14 +196,14 @@ fn points() -> usize {
     7
 }
 
-/// What the other goal of a front has to reach, where one is searched for.
+/// The value that the other goal of a front must reach, while one goal is optimised.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Floor {
-    /// The table with that goal for the first.
+    /// The table with the other goal as its first.
     pub of: Box<DesignTable>,
     /// The value to reach.
     pub value: f64,
-    /// Its size along the front.
+    /// Scale of the goal along the front.
     pub size: f64,
 }
 
@@ -220,7 +220,7 @@ pub enum Aggregate {
 }
 
 impl Aggregate {
-    /// Of the goal's `values` in the scenes; none where there is none.
+    /// Aggregates the goal's `values` in the scenes; `None` if one is missing.
     pub fn of(self, values: &[f64], smaller_is_better: bool) -> Option<f64> {
         match self {
             Self::Mean => (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64),
@@ -345,7 +345,7 @@ impl DesignTable {
 }
 
 impl DesignTable {
-    /// The table with each key checked on its own only. It is read as text, as a scene is, so that errors have the same keys and words.
+    /// The table with each key checked separately. It is read as text, as a scene is, so that errors have the same keys and messages.
     fn read(table: &toml::Table) -> std::result::Result<Self, KeyError> {
         #[derive(Deserialize)]
         struct Tables {
@@ -362,7 +362,7 @@ impl DesignTable {
     /// The table of a scene, checked.
     ///
     /// # Errors
-    /// What is wrong, and with which key.
+    /// The problem, and the key at fault.
     pub fn of(scene: &Scene) -> std::result::Result<Self, KeyError> {
         let fault = |key: &str, problem: String| KeyError { key: key.to_string(), problem };
         let Some(table) = &scene.design else {
@@ -430,17 +430,17 @@ impl DesignTable {
         self.numbers.iter().map(|number| (number.label(), number.own)).collect()
     }
 
-    /// The same without limits on the body.
+    /// The same table without limits on the body.
     pub fn of_motion(&self) -> Self {
         Self { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..self.clone() }
     }
 
-    /// The same with `goal` for the first, and no second.
+    /// The same table with `goal` as its first goal, and no second.
     pub(super) fn with_goal(&self, goal: Goal) -> Self {
         Self { goal, front: None, floor: None, ..self.clone() }
     }
 
-    /// The same with the second goal for the first.
+    /// The same table with the second goal as its first.
     pub fn second(&self) -> Option<Self> {
         let FrontSettings { goal, better, .. } = self.front.clone()?;
         let direction = self.direction.clone().filter(|_| matches!(goal, Goal::Distance | Goal::Efficiency));
@@ -562,12 +562,12 @@ impl DesignTable {
         self.starts.unwrap_or(if self.fits_positions() { 1 } else { 3 }).max(1)
     }
 
-    /// What counts of the cases that it is for.
+    /// The aggregation over the cases of the design.
     pub fn aggregate(&self) -> Aggregate {
         self.robust.unwrap_or_default()
     }
 
-    /// Least and largest of the numbers of a key, over what they are in the scene.
+    /// Lower and upper bound of the numbers of a key, over their values in the scene.
     pub fn bounds_of(&self, key: &str) -> [f64; 2] {
         match &self.number_bounds {
             Some(Bounds::All(bounds)) => *bounds,
@@ -576,18 +576,19 @@ impl DesignTable {
         }
     }
 
-    /// True where the answer is searched for by simulation.
+    /// True if the answer is searched by simulation.
     pub fn is_searched(&self) -> bool {
         self.goal.is_dynamic() || !self.numbers.is_empty()
     }
 
-    /// True where the smaller objective is the better one.
+    /// True if a smaller objective is better.
     pub fn smaller_is_better(&self) -> bool {
         matches!(self.goal, Goal::Identify | Goal::TrackTip) || self.better.as_deref() == Some("smaller")
     }
 
-    /// How much better `value` is than `other`, %; zero if they are equal, even at zero. `None` for more than twice the distance from
-    /// markers, where the other may be as good as zero, and for distances from a shape at rest, where the better one is.
+    /// The relative improvement of `value` over `other`, %; zero if they are equal, even at zero. `None` for more than twice the
+    /// distance from markers, where the other may be almost zero, and for distances from a static shape, where the better one is
+    /// almost zero.
     pub fn gain_percent(&self, value: f64, other: f64) -> Option<f64> {
         let better = if self.smaller_is_better() { other - value } else { value - other };
         match better {
@@ -598,15 +599,14 @@ impl DesignTable {
         }
     }
 
-    /// How much better or worse `value` is than `other`, in words with `than` what; `None` where there is no difference, or none that
-    /// says something.
+    /// Describes how much better or worse `value` is than `other`, which `than` names; `None` if there is no meaningful difference.
     pub fn gain_in_words(&self, value: f64, other: f64, than: &str) -> Option<String> {
         let gain = self.gain_percent(value, other)?;
         let larger = (gain > 0.0) != self.smaller_is_better();
         gain_in_words(gain, if larger { value / other } else { other / value }, than)
     }
 
-    /// True where a simulation is to come close to given positions.
+    /// True if the goal is to come close to given positions.
     pub fn fits_positions(&self) -> bool {
         self.is_searched() && matches!(self.goal, Goal::Identify | Goal::TrackTip)
     }
@@ -638,7 +638,7 @@ impl DesignTable {
                 return Err(format!("found {key:?}, which is 0 in the scene; allowed: a number to begin with"));
             }
         }
-        // The mass of a body may follow the density.
+        // The mass of a body may depend on the density.
         for number in numbers.iter_mut().filter(|number| number.key == DENSITY && self.neutral_buoyancy) {
             number.by = Parameter::OfScene(0);
         }
@@ -646,7 +646,7 @@ impl DesignTable {
         Ok(numbers)
     }
 
-    /// Checks what goes with numbers.
+    /// Checks the keys that concern numbers.
     fn check_numbers(&self) -> std::result::Result<(), (&'static str, String)> {
         if let Some(bounds) = &self.number_bounds {
             if self.numbers.is_empty() {
@@ -693,7 +693,7 @@ impl DesignTable {
         Ok(())
     }
 
-    /// Checks what a search may change.
+    /// Checks the variables of a search.
     fn check_variables(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
         let has = |variable| self.variables.contains(&variable);
         let (amplitude, phase) = (has(DesignVariable::Amplitude), has(DesignVariable::Phase));
@@ -763,7 +763,7 @@ impl DesignTable {
     }
 }
 
-/// A gain (%), or the factor that it is, above one, in words; `None` for next to none.
+/// Describes a gain (%), or the factor above one that it corresponds to; `None` if it is negligible.
 fn gain_in_words(percent: f64, factor: f64, than: &str) -> Option<String> {
     let what = if percent > 0.0 { "better" } else { "worse" };
     let words = if factor >= LEAST_FACTOR {

@@ -1,4 +1,4 @@
-//! Manufacturing tolerances: how far each unknown of a design may be off before 1 % of the objective is lost.
+//! Manufacturing tolerances: the deviation of each unknown of a design that costs 1 % of the objective.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ const FIRST_CHANGE: f64 = 0.05;
 /// Tolerances above a factor of two are not reported.
 pub const MAX_REPORTED_TOLERANCE: f64 = 0.693;
 
-/// How far one unknown may be off, with all others as designed, until 1 % of the objective is lost.
+/// The largest deviation of one unknown, with all others as designed, that costs at most 1 % of the objective.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tolerance {
     /// Description of the unknown.
@@ -22,9 +22,9 @@ pub struct Tolerance {
     pub loss: Option<f64>,
 }
 
-/// The tolerance of the unknown `name`; `loss` returns the relative loss for a change of it, `None` if the simulation fails.
+/// The tolerance of the unknown `name`; `loss` returns the relative loss for a change of the unknown, or `None` if the simulation fails.
 pub(super) fn tolerance(name: String, mut loss: impl FnMut(f64) -> Option<f64>) -> Tolerance {
-    // The parabola through what changes to both sides lose, then chords at the side that loses sooner.
+    // The parabola through the losses on both sides, then chords on the side with the larger loss.
     let sides = [FIRST_CHANGE, -FIRST_CHANGE].map(&mut loss);
     let [up, down] = sides.map(|loss| loss.unwrap_or(f64::INFINITY));
     let (slope, curvature) = (0.5 * (up - down) / FIRST_CHANGE, (up + down) / (FIRST_CHANGE * FIRST_CHANGE));
@@ -52,7 +52,7 @@ pub(super) fn tolerance(name: String, mut loss: impl FnMut(f64) -> Option<f64>) 
         }
         change = match (inside, outside) {
             (Some((a, below)), Some((b, above))) if above.is_finite() => {
-                // Loss is nearly a square, or nearly linear at a kink.
+                // The loss is nearly quadratic, or nearly linear at a kink.
                 let power = if i % 2 == 0 { 0.5 } else { 1.0 };
                 let [below, above, at] = [below.max(0.0), above, TOLERATED_LOSS].map(|loss| loss.powf(power));
                 a + (b - a) * ((at - below) / (above - below)).clamp(0.05, 0.95)

@@ -21,7 +21,7 @@ pub const FIXED_UNKNOWN: &str = "fixed";
 /// Singular values below this fraction of the largest are zero.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
-/// Values that a search tries before it starts are up to so many times more or less than the scene's own, if they have no narrower bounds.
+/// Sampled starting values differ from the scene's own by at most this factor, unless the bounds are narrower.
 const SAMPLED_FACTOR: f64 = 5.0;
 
 /// The transformation from a value to its unknown.
@@ -54,7 +54,7 @@ struct VariableBlock {
     /// Position and description of each unknown.
     xi: Vec<f64>,
     places: Vec<String>,
-    /// The parameter of the simulation for each value, or that of a joint, of the directions along the unknowns.
+    /// The parameters of the simulation: one per value, or directions along the unknowns.
     parameters: BlockParameters,
 }
 
@@ -63,7 +63,7 @@ struct VariableBlock {
 enum BlockParameters {
     /// One for each value.
     OfValues(Vec<Parameter>),
-    /// A direction for each unknown, in the parameters of the joints. They are fewer than joints where unknowns are at knots.
+    /// A direction for each unknown, in the parameters of the joints. With knots there are fewer unknowns than joints.
     AlongUnknowns(fn(usize) -> Parameter),
 }
 
@@ -88,7 +88,7 @@ impl VariableBlock {
         }
     }
 
-    /// The derivative of a value by its unknown.
+    /// The derivative of a value with respect to its unknown.
     fn slope(&self, value: f64) -> f64 {
         match self.map {
             Transform::Logarithm => value,
@@ -97,10 +97,10 @@ impl VariableBlock {
         }
     }
 
-    /// The derivative of each parameter of the simulation by the value's unknown at `x`.
+    /// The derivative of each parameter of the simulation with respect to the value's unknown at `x`.
     fn slopes(&self, x: &[f64]) -> Vec<f64> {
         let slope = |(i, x): (usize, f64)| match self.variable {
-            // The parameter is relative to what it is, as the unknown is.
+            // The parameter is relative to the scene's value, like the unknown.
             DesignVariable::Amplitude => 1.0,
             _ => self.unit(i) * self.slope(self.value(x)),
         };
@@ -112,7 +112,7 @@ impl VariableBlock {
         self.bounds[0] == self.bounds[1]
     }
 
-    /// Upper bound of the mean, if it is active at all.
+    /// Upper bound of the mean, if it can be active.
     fn limited_mean(&self) -> Option<f64> {
         self.mean.filter(|_| !self.is_fixed())
     }
@@ -147,7 +147,7 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
-    /// The unknowns that `table` names for `model`. Stiffness is kept if it is not among them.
+    /// The unknowns that `table` names for `model`. Stiffness is fixed if it is not among them.
     pub fn of(table: &DesignTable, model: &Model, stiffness: Vec<f64>) -> Self {
         let rod = &model.rod;
         let stiffness_map = match table.goal {
@@ -162,7 +162,7 @@ impl Unknowns {
                 (joints.iter().map(|k| rod.xi(*k)).collect(), joints.iter().map(|k| format!("joint {k}")).collect())
             }
         };
-        // What is identified begins as the scene has it.
+        // Identification starts from the scene's own values.
         let points = joints.iter().zip(&stiffness).map(|(k, ei)| [rod.xi(*k), ei / rod.ei]).collect();
         let own_factors = crate::rod::Profile::through(points)
             .map(|profile| xi.iter().map(|xi| profile.at(*xi)).collect::<Vec<f64>>());
@@ -307,7 +307,7 @@ impl Unknowns {
         directions.into()
     }
 
-    /// Chain rule: derivatives by the unknowns `x` from derivatives `by` the parameters.
+    /// Chain rule: derivatives with respect to the unknowns `x` from derivatives `by` with respect to the parameters.
     pub fn chain(&self, x: &[f64], by: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.count()];
         let mut by = by.iter();
@@ -324,7 +324,7 @@ impl Unknowns {
         out
     }
 
-    /// Bounded means over their bounds, with derivatives by all unknowns.
+    /// Bounded means over their bounds, with derivatives with respect to all unknowns.
     pub fn means(&self, x: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut means = Vec::new();
         for (block, first, part) in self.parts(x) {
@@ -379,7 +379,7 @@ impl Unknowns {
             let sense = block.sense();
             for (i, x) in (first..).zip(part) {
                 if block.is_fixed() {
-                    // Two bounds in one place would leave no room inside them.
+                    // Two bounds at the same value would leave no interior.
                     let slack = block.unknown(block.bounds[0]) - x;
                     constraints.push(Constraint::equal(FIXED_UNKNOWN, vec![(i, 1.0)], slack));
                     continue;
@@ -495,10 +495,11 @@ impl Unknowns {
         self.kept(x)
     }
 
-    /// The `i`-th of values that fill what the bounds allow, up to a factor of [`SAMPLED_FACTOR`] of the scene's own: each profile between
-    /// one value at the head and one at the tip, each number by itself. In the first four all profiles are at their bounds at either end, as
-    /// limits are often kept there alone. The others are drawn from the additive recurrence of the inverse powers of the root of
-    /// x^(d+1) = x + 1, d the number of values drawn, whose points are spread evenly (M. Roberts, 2018).
+    /// The `i`-th of a sequence of values that fill the range of the bounds, at most a factor of [`SAMPLED_FACTOR`] from the
+    /// scene's own: each profile between one value at the head and one at the tip, each number separately. In the first four all
+    /// profiles are at their bounds at either end, since limits are often kept only there. The others are drawn from the additive
+    /// recurrence of the inverse powers of the root of x^(d+1) = x + 1, where d is the number of values, whose points are spread
+    /// evenly (M. Roberts, 2018).
     pub fn sampled(&self, i: usize) -> Vec<f64> {
         let drawn = |block: &VariableBlock| match block.variable {
             DesignVariable::Number(_) => block.xi.len(),
@@ -553,7 +554,7 @@ mod tests {
             [&|_| 1.0, &|xi| 2.0 - xi, &|xi| 1.0 + xi, &wave(3.0, 1.0), &wave(4.0, 2.0), &wave(5.0, 3.0)];
         for (start, shape) in starts.into_iter().enumerate() {
             let profile = unknowns.profile(&unknowns.first(start)).stiffness_n_m2;
-            // Its mean is kept by one factor for all joints.
+            // One factor for all joints keeps the mean.
             let factors: Vec<f64> = joints().zip(&profile).map(|(k, ei)| ei / shape(model.rod.xi(k))).collect();
             let apart = factors.iter().map(|factor| (factor / factors[0] - 1.0).abs()).fold(0.0, f64::max);
             assert!(apart < 5e-6, "start {start}: {profile:?}"); // measured: 1.3e-6, of the digits of the golden angle

@@ -76,8 +76,8 @@ pub(super) struct RunRequest {
 }
 
 impl<'a> StudyRunner<'a> {
-    /// A runner for a study's folder ([`Study::claim`](super::definition::Study::claim)). Setting `interrupted` interrupts it; `progress` receives
-    /// the numbers of finished and of all runs.
+    /// A runner for a study's folder ([`Study::claim`](super::definition::Study::claim)). Setting `interrupted` interrupts it;
+    /// `progress` receives the numbers of finished and of all runs.
     pub fn new(
         folder: &'a Mutex<Folder>,
         interrupted: &'a AtomicBool,
