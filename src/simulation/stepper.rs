@@ -118,7 +118,7 @@ pub struct Stepper {
 /// How the state at the end of the last communication step follows from the inputs that were given for it.
 pub(crate) type LastDerivatives = Vec<(&'static Variable, State, InputDirection)>;
 
-/// What is known of the last communication step, to be kept while another state is looked at.
+/// The data of the last communication step, stored while another state is examined.
 #[derive(Debug, Default)]
 pub struct LastStep {
     /// Its size, s.
@@ -430,7 +430,7 @@ impl Stepper {
         let outcome = self.advance_by(h, look);
         if outcome.is_err() {
             if self.now.state.t == start {
-                self.undo_step(); // it has not set out
+                self.undo_step(); // no step has begun
                 self.now.pending_time = pending_time;
             }
             self.discard_step();
@@ -468,7 +468,7 @@ impl Stepper {
         self.now.flow_jump != [0.0; 2] && self.dynamics.model.forces.are_inertial()
     }
 
-    /// Nothing is known any more of the communication step that led here.
+    /// Discards the data of the communication step that led here.
     fn forget_last_step(&mut self) {
         (self.last_step, self.last_derivatives) = (None, None);
     }

@@ -249,7 +249,7 @@ impl Kernel {
             *step = prepared.filter(|(_, fluid)| self.enter(lane, *fluid)).map(|(step, _)| step);
         }
         let Some(kind) = steps.iter().flatten().map(PresolvedStep::kind).next() else { return 0 };
-        // Whoever takes another step takes it alone.
+        // A stepper whose step differs takes it alone.
         for step in &mut steps {
             step.take_if(|step| step.kind() != kind);
         }

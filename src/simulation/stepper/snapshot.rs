@@ -150,7 +150,7 @@ pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What [`seal`] has made into `bytes`.
+/// Deserialises what [`seal`] has turned into `bytes`.
 ///
 /// # Errors
 /// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.

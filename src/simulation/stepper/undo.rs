@@ -24,7 +24,7 @@ impl Undo {
         self.saved.take_if(|_| self.kept)
     }
 
-    /// Keeps `saved` again.
+    /// Puts `saved` back.
     pub(super) fn give_back(&mut self, saved: Box<SavedRun>) {
         self.saved = Some(saved);
     }

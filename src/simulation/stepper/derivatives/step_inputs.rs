@@ -21,7 +21,7 @@ const HEAD_DIFFERENCES: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
 /// The place of the size of a host's changes among them.
 const HOST_CHANGE: usize = 2;
 
-/// How nearly.
+/// Relative tolerance for slopes to count as equal.
 const HEAD_LINEARITY: f64 = 1e-6;
 
 /// What a drive with a lag gives is differenced over this part of its input, or of what bends the rod by much, and half of it.
