@@ -430,7 +430,7 @@ impl Stepper {
         let outcome = self.advance_by(h, look);
         if outcome.is_err() {
             if self.now.state.t == start {
-                self.undo_step(); // no step has begun
+                self.undo_step(); // no internal step was accepted
                 self.now.pending_time = pending_time;
             }
             self.discard_step();
