@@ -71,13 +71,13 @@ pub struct ExportArguments {
 }
 
 impl ExportArguments {
-    /// What the figures are turned into.
+    /// The formats to which figures are converted.
     fn formats(&self) -> Vec<PictureFormat> {
         let all = [(self.png, PictureFormat::Png), (self.pdf, PictureFormat::Pdf)];
         all.into_iter().filter_map(|(wanted, format)| wanted.then_some(format)).collect()
     }
 
-    /// The endings of the films that take the name of the scene.
+    /// The extensions of the films that are named after the scene.
     fn named_films(&self) -> impl Iterator<Item = &'static str> {
         [(self.gif, "gif"), (self.mp4, "mp4")].into_iter().filter_map(|(wanted, ending)| wanted.then_some(ending))
     }
@@ -86,14 +86,14 @@ impl ExportArguments {
         self.film.is_some() || self.named_films().next().is_some()
     }
 
-    /// How the films are made.
+    /// The settings of the films.
     fn film(&self) -> FilmSettings {
         let FilmSettings { sharpness, window: [first, last], .. } = FilmSettings::default();
         let window = [self.from.unwrap_or(first), self.until.unwrap_or(last)];
         FilmSettings { per_second: self.fps, speed: self.speed, sharpness, window }
     }
 
-    /// Turns the figures of `folder` into other files.
+    /// Converts the figures of `folder`.
     fn convert(&self, folder: &Path) -> Result<ExitCode> {
         let out = self.out.as_deref().unwrap_or(folder);
         let kept = picture::convert(folder, self.figures.as_deref(), &self.formats(), out, Claim::forced(self.force))?;
@@ -102,8 +102,8 @@ impl ExportArguments {
     }
 }
 
-/// Figures are those in the folder. For all else a run is computed again, equal to the bit: its tables hold neither velocities
-/// nor moments.
+/// Figures are read from the folder. For all other exports the run is repeated with bit-identical results, because its tables
+/// contain neither velocities nor moments.
 pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     for (name, time) in [("from", arguments.from), ("until", arguments.until)] {
         if let Some(time) = time.filter(|time| !time.is_finite()) {
@@ -136,7 +136,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             Err(error) => return Ok(refuse(&error)),
         },
     };
-    // A run is made again with its own overrides, unless others are named.
+    // A run is repeated with its own overrides, unless others are given.
     let set = match folder {
         Some(folder) if arguments.set.is_empty() => recorded_overrides(folder),
         _ => arguments.set.clone(),
@@ -206,7 +206,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     };
     for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {
         let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
-        // A folder of results lists its films; another one is left without a list.
+        // A folder of results lists its films; other folders get no list.
         let is_listed = arguments.film.as_ref() != Some(&path) || place.join(MANIFEST).exists();
         let mut held = is_listed.then(|| Folder::export(place, owner(), Claim::forced(arguments.force))).transpose()?;
         if let Some(held) = &mut held {
@@ -220,7 +220,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             raised()
         });
         drop(progress);
-        let _ = held.as_mut().map(Folder::relock); // what it lists is removed with it where no film came
+        let _ = held.as_mut().map(Folder::relock); // its list is removed with it if no film was written
         drop(held);
         if drawn == Err(Error::Interrupted) {
             let kept = if path.exists() { "; the earlier one is kept" } else { "" };

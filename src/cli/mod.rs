@@ -27,7 +27,7 @@ use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
 
-/// Exit codes, as a user's scripts rely on them.
+/// Exit codes, on which users' scripts rely.
 mod exit {
     /// The run failed; what was computed so far is kept.
     pub const FAILED: u8 = 1;
@@ -175,23 +175,23 @@ impl SceneArguments {
     }
 }
 
-/// The folder of a run's results unless another one is asked for.
+/// The default folder of a run's results.
 fn output_folder(scene: &Scene) -> PathBuf {
     PathBuf::from("out").join(&scene.name)
 }
 
-/// Says what files there are and what could not be written; the exit code of that.
+/// Prints which files were written and which could not be; returns the exit code.
 fn print_kept(kept: &WrittenFiles, folder: &Path) -> ExitCode {
     print_written(kept, folder, "report.html")
 }
 
-/// The same, with the file to `open`.
+/// Like [`print_kept`], with the file to `open`.
 fn print_written(kept: &WrittenFiles, folder: &Path, open: &str) -> ExitCode {
     if kept.lost.is_empty() {
         print_unless_quiet(&format!("{} files in {}: open {open}", kept.files.len(), folder.display()));
         return ExitCode::SUCCESS;
     }
-    // The first says why, and it is the same for the others.
+    // The first error gives the reason, which is the same for the others.
     kept.lost.iter().take(1).for_each(|error| print_error(&error.to_string()));
     let names = |paths: &mut dyn Iterator<Item = &PathBuf>| -> String {
         let names = paths.filter_map(|path| path.file_name()).map(|name| name.to_string_lossy());
@@ -240,10 +240,10 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// True where only errors are printed.
+/// True if only errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// Prints only errors from now on, if `is`.
+/// Sets whether only errors are printed from now on.
 fn set_quiet(is: bool) {
     QUIET.fetch_or(is, Ordering::Relaxed);
 }
@@ -252,17 +252,17 @@ fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Prints a line to standard output, unless nothing but errors is to be printed.
+/// Prints a line to standard output, unless only errors are printed.
 fn print_unless_quiet(line: &str) {
     if !is_quiet() {
         print(line);
     }
 }
 
-/// Why a line of output was lost, if one was.
+/// The reason why a line of output was lost, if any.
 static LOST_OUTPUT: OnceLock<String> = OnceLock::new();
 
-/// Prints a line of output; a closed pipe is not an error, and any other is told at the end, as the work goes on.
+/// Prints a line of output. A closed pipe is not an error; other errors are reported at the end, so that the work continues.
 fn print(line: &str) {
     let mut output = std::io::stdout();
     match progress::suspended(|| writeln!(output, "{line}").and_then(|()| output.flush())) {
@@ -271,7 +271,7 @@ fn print(line: &str) {
     }
 }
 
-/// Prints an error, or several, one a line.
+/// Prints an error, or several, one per line.
 fn print_error(text: &str) {
     progress::suspended(|| {
         for line in text.lines() {
@@ -280,7 +280,7 @@ fn print_error(text: &str) {
     });
 }
 
-/// Prints an error and ends as for wrong input.
+/// Prints an error and returns the exit code of wrong input.
 fn refuse(error: &Error) -> ExitCode {
     print_error(&error.to_string());
     ExitCode::from(exit::WRONG_INPUT)

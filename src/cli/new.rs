@@ -1,4 +1,4 @@
-//! `caudal new`: a commented scene to begin with.
+//! `caudal new`: writes a commented scene to start from.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -66,7 +66,7 @@ pub struct NewArguments {
     force: bool,
 }
 
-/// The lengths (m) and frequencies (Hz) that make sense here.
+/// Reasonable lengths (m) and frequencies (Hz).
 const LENGTHS: [f64; 2] = [1e-6, 1e3];
 const FREQUENCIES: [f64; 2] = [1e-4, 1e4];
 
@@ -98,7 +98,7 @@ pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A word as a shell takes it whole.
+/// Quotes a word for a shell.
 fn for_a_shell(word: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+:,@%".contains(c);
     match word.chars().all(is_plain) {
@@ -111,7 +111,7 @@ fn by_name<T: ValueEnum>(text: &str) -> Option<T> {
     T::from_str(text, true).ok()
 }
 
-/// The value that was given, or else the answer of a user at a terminal, or else the default.
+/// The given value; otherwise the answer of a user at a terminal, otherwise the default.
 fn asked<T: Copy>(
     given: Option<T>,
     question: &str,
@@ -140,18 +140,18 @@ fn asked<T: Copy>(
     }
 }
 
-/// A number without the rounding error of the product that it is.
+/// A product without its rounding error.
 fn short(x: f64) -> String {
     format!("{:e}", format!("{x:.11e}").parse().unwrap_or(x))
 }
 
-/// The scene, with a word on every key.
+/// The scene, with a comment on every key.
 fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, frequency: f64) -> String {
     let file = for_a_shell(&format!("{name}.toml")).replace(char::is_control, " "); // in a comment, which ends with its line
-    // A name is a folder's too, on any system.
+    // The name is also that of a folder, on any system.
     let quoted = toml::Value::String(name.replace(|c: char| c.is_control() || c == '\\', "-"));
     let [viscosity, density] = fluid.properties();
-    // So stiff that a body takes the shape it is told, in its own inertia and in the fluid; a tail so soft that it yields.
+    // A body is so stiff that it takes its prescribed shape despite its inertia and the fluid; a tail is so soft that it bends.
     let by_inertia = density * (frequency * length).powi(2);
     let by_viscosity = viscosity * frequency;
     let swims = kind != TemplateKind::Tail;

@@ -1,4 +1,4 @@
-//! Progress of a long command on a terminal: how much is done of what, at which rate, and the time left.
+//! Progress of a long command on a terminal: the amount done, the rate, and the time left.
 //!
 //! Work stores its position in an atomic number; a thread draws it ten times a second, without escape codes.
 
@@ -12,17 +12,17 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, P
 
 use super::is_quiet;
 
-/// Time between two pictures of the progress.
+/// Time between two updates.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// A command that is done within this shows no progress.
+/// A command that finishes within this time shows no progress.
 const SHORT: Duration = Duration::from_millis(500);
 
-/// Most and least cells of a bar.
+/// Maximum and minimum number of cells of a bar.
 const CELLS: usize = 24;
 const MIN_CELLS: usize = 4;
 
-/// Width of a terminal that does not tell its own.
+/// Width of a terminal of unknown width.
 const DEFAULT_WIDTH: u16 = 80;
 
 /// What is counted.
@@ -39,7 +39,7 @@ pub enum Unit {
     Parts,
 }
 
-/// Progress that is shown on a terminal until it is dropped; nothing is shown elsewhere, with `--quiet`, or of short work.
+/// Progress that is shown on a terminal until it is dropped; nothing is shown if there is no terminal, with `--quiet`, or for short work.
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
@@ -54,7 +54,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Progress {
-    /// Shows what is done of `total` in this unit, nothing so far.
+    /// Shows progress towards `total` in this unit, starting at zero.
     pub fn of(unit: Unit, total: f64) -> Self {
         let session = Session { first: 0.0, total, begun: Instant::now() };
         let counter = Arc::new(Counter {
@@ -85,12 +85,12 @@ impl Progress {
         Self { bar, counter }
     }
 
-    /// What is done by now.
+    /// Sets the amount done so far.
     pub fn set(&self, done: f64) {
         self.counter.done.store(done.to_bits(), Ordering::Relaxed);
     }
 
-    /// What is done of a list of `total`. A new list, and what was done of it before, does not count for the rate.
+    /// Sets the amount done of a list of `total`. A new list, and the amount of it done before, do not count for the rate.
     pub fn set_of(&self, done: f64, total: f64) {
         let mut session = locked(&self.counter.session);
         if session.total != total || done < self.counter.done() {
@@ -99,7 +99,7 @@ impl Progress {
         self.set(done);
     }
 
-    /// A word behind the numbers.
+    /// A note after the numbers.
     pub fn note(&self, note: impl Into<String>) {
         *locked(&self.counter.note) = note.into();
     }
@@ -117,14 +117,14 @@ impl Drop for Progress {
     }
 }
 
-/// Takes the progress off the terminal for good: before the program is ended from elsewhere.
+/// Removes the progress from the terminal for good, before another thread ends the program.
 pub fn clear() {
     if let Some(bar) = locked(&SHOWN).take() {
         bar.finish_and_clear();
     }
 }
 
-/// Calls `print` while no progress is on the terminal.
+/// Calls `print` while the progress is hidden.
 pub fn suspended<T>(print: impl FnOnce() -> T) -> T {
     let bar = locked(&SHOWN).clone();
     match bar {
@@ -133,27 +133,27 @@ pub fn suspended<T>(print: impl FnOnce() -> T) -> T {
     }
 }
 
-/// True if someone reads the standard error on a terminal that can return to the start of a line.
+/// True if standard error is a terminal that can return to the start of a line.
 fn is_attended() -> bool {
     let name = std::env::var_os("TERM");
     std::io::stderr().is_terminal() && name.map_or(cfg!(windows), |name| name != "dumb")
 }
 
-/// What is counted, and how far it is.
+/// The counted unit, and the current amount.
 #[derive(Debug)]
 struct Counter {
     unit: Unit,
     begun: Instant,
-    /// Bits of a number.
+    /// Bits of a floating-point number.
     done: AtomicU64,
     session: Mutex<Session>,
     note: Mutex<String>,
 }
 
-/// What is done without interruption.
+/// Work that is done without interruption.
 #[derive(Debug, Clone, Copy)]
 struct Session {
-    /// What was done before.
+    /// The amount done before.
     first: f64,
     total: f64,
     begun: Instant,
@@ -164,7 +164,7 @@ impl Counter {
         f64::from_bits(self.done.load(Ordering::Relaxed))
     }
 
-    /// The line on a terminal of so many columns.
+    /// The line for a terminal with this number of columns.
     fn line(&self, now: Instant, columns: usize) -> String {
         let so_far = now.duration_since(self.begun);
         if so_far < SHORT {
@@ -188,7 +188,7 @@ impl Counter {
         let rate = (done - first) / now.duration_since(begun).as_secs_f64();
         line += &if rate > 0.0 && rate.is_finite() {
             let most = if matches!(self.unit, Unit::AtMost(_)) { "at most " } else { "" };
-            // What no clock can count has no time left.
+            // No time left is shown if it is too long for a clock.
             let left = Duration::try_from_secs_f64(((total - done) / rate).max(0.0));
             let left =
                 left.map_or_else(|_| "endless".to_string(), |left| format!("{most}{} left", HumanDuration(left)));
@@ -199,7 +199,7 @@ impl Counter {
         if !note.is_empty() {
             line = format!("{line}  {note}");
         }
-        // The bar takes the room that the numbers leave.
+        // The bar fills the columns that the numbers leave.
         let cells = columns.saturating_sub(line.chars().count() + 1).min(CELLS);
         if cells >= MIN_CELLS {
             let full = (fraction * cells as f64) as usize;
@@ -210,7 +210,7 @@ impl Counter {
 }
 
 impl Unit {
-    /// A rate of so many per second, in the unit of time in which it is one or more.
+    /// A rate per second, in a unit of time in which it is one or more.
     fn rate(self, per_second: f64) -> String {
         match self {
             Self::SimulatedSeconds | Self::Parts => format!("{} s/s", in_sentence(per_second, 3)),
@@ -224,10 +224,10 @@ impl Unit {
     }
 }
 
-/// The standard error as a terminal on which one line is written over and over, without escape codes.
+/// Standard error as a terminal on which one line is overwritten repeatedly, without escape codes.
 #[derive(Debug, Default)]
 struct Terminal {
-    /// What is to be written at once.
+    /// Text to be written at once.
     pending: Mutex<String>,
 }
 
@@ -278,7 +278,7 @@ impl TermLike for Terminal {
     }
 
     fn flush(&self) -> std::io::Result<()> {
-        // Back to the start, so that an echoed ^C is written over.
+        // Return to the start, so that an echoed ^C is overwritten.
         let text = std::mem::take(&mut *locked(&self.pending)) + "\r";
         let mut out = std::io::stderr().lock();
         out.write_all(text.as_bytes())?;

@@ -62,7 +62,7 @@ pub fn run(
     let mut summary = Summary::of(&scene, &stepper, &outcome, &warnings);
     let mut compared = true;
     if verify && outcome.ending == Ending::Complete {
-        // A comparison that fails, or is interrupted, takes nothing from the run.
+        // A failed or interrupted comparison does not affect the run.
         let progress = Progress::of(Unit::SimulatedSeconds, stepper.time());
         progress.note("for comparison");
         let compare = |stepper: &mut Stepper| {
@@ -146,7 +146,7 @@ pub fn run(
     })
 }
 
-/// What a joint, the actuation, tendons, the motor of a hinge and a held head bore or gave at most; nothing of what they did not.
+/// The largest loads of joints, actuation, tendons, the motor of a hinge and a held head; parts without a load are left out.
 fn largest(summary: &Summary) -> Option<String> {
     let list = |name: &str, values: &[(Option<f64>, &str)]| {
         let there = values.iter().filter_map(|(value, unit)| Some((value.filter(|value| *value != 0.0)?, unit)));
@@ -179,14 +179,15 @@ fn largest(summary: &Summary) -> Option<String> {
     (!parts.is_empty()).then(|| format!("at most, the start included: {}", parts.join("; ")))
 }
 
-/// The same of the first cycles of `scene`, of which `stepper` is at the start; `None` where none of it is driven, or it takes long to find.
+/// The largest loads of the first cycles of `scene`, at whose start `stepper` is; `None` if nothing is driven, or if they take long
+/// to compute.
 pub(super) fn first_loads(scene: &Scene, mut stepper: Stepper) -> Option<String> {
     let period = scene.spectrum().slowest()?.recip();
     let ramp = scene.start.ramp_s.map_or(0.0, Positive::get);
     let time = (ramp + FIRST_CYCLES * period).min(scene.solver.duration_s.get());
     let model = stepper.model();
     let joints = model.rod.nodes as f64;
-    // Where all of the rod acts on all of it, a step takes as many times longer.
+    // With nonlocal forces a step takes longer by the number of joints.
     let coupled = if model.forces.global().is_some() { joints } else { 1.0 };
     if coupled * joints * time > MOST_JOINT_STEPS * scene.typical_step() {
         return None;
@@ -197,7 +198,7 @@ pub(super) fn first_loads(scene: &Scene, mut stepper: Stepper) -> Option<String>
         .map(|most| format!("{most}, in the first {} s", significant(time, 3)))
 }
 
-/// Ctrl-C ends the program, and leaves no progress on the terminal: where there are no files to complete.
+/// Makes Ctrl-C end the program and remove the progress from the terminal, for commands without files to complete.
 pub(super) fn end_at_interrupt() {
     let _ = ctrlc::set_handler(|| {
         progress::clear();
@@ -205,11 +206,11 @@ pub(super) fn end_at_interrupt() {
     });
 }
 
-/// A flag that Ctrl-C (or a request to terminate) raises; a second one ends the program at once.
+/// A flag that Ctrl-C (or a termination request) sets; a second one ends the program at once.
 pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = Arc::clone(&flag);
-    // Without a handler the run can still be ended, only less gently: no reason not to run.
+    // Without a handler the run can still be terminated, only less gently.
     let _ = ctrlc::set_handler(move || {
         if raised.swap(true, Ordering::Relaxed) {
             progress::clear();

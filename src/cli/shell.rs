@@ -1,4 +1,4 @@
-//! `caudal schema`, `caudal completions` and `caudal man`: what editors and shells know of scenes and of the command.
+//! `caudal schema`, `caudal completions` and `caudal man`: files for editors and shells.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -34,7 +34,7 @@ fn scene() -> serde_json::Value {
     Scene::schema()
 }
 
-/// Prints what `shell` completes the command by.
+/// Prints the completion script for `shell`.
 pub fn completions(shell: Shell) -> ExitCode {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "caudal", &mut text);
@@ -42,7 +42,7 @@ pub fn completions(shell: Shell) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Writes a page for the command and one for each of its parts to `folder`.
+/// Writes a man page for the command and one for each subcommand to `folder`.
 pub fn man(folder: &Path) -> Result<ExitCode> {
     let mut pages = Vec::new();
     collect(Cli::command(), "caudal", &mut pages);

@@ -123,7 +123,7 @@ pub struct StudyArguments {
     force: bool,
 }
 
-/// Makes a study, with a bar of its runs on a terminal, and writes what it found.
+/// Runs a study, with a progress bar on a terminal, and writes its findings.
 pub fn study(study: &StudyCommand) -> Result<ExitCode, Error> {
     let (common, study) = match study.clone() {
         StudyCommand::Modes { common, count } => (common, study::Study::Modes(ModesOptions { count })),

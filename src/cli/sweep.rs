@@ -87,7 +87,7 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode> {
     }
 }
 
-/// The cases that `arguments` ask for.
+/// The cases that `arguments` select.
 fn wanted(sweep: &Sweep, arguments: &SweepArguments) -> Vec<usize> {
     match arguments.shard {
         Some(shard) => shard.indices(sweep.size()),
@@ -124,7 +124,7 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     let name =
         arguments.shard.map_or_else(|| "cases".to_string(), |Shard { number, of }| format!("shard-{number}-of-{of}"));
     let name = format!("{name}{JOURNAL}");
-    // Only what is still to be done needs room.
+    // Only the remaining cases need disk space.
     let path = folder.join(&name);
     let left = || {
         let done = Journal::read(&path).ok();
@@ -141,7 +141,7 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
         held.begin_anew(arguments.shard.is_some().then_some(&name))?;
     }
     let mut journal = sweep.journal(&mut held, &name, &job)?;
-    held.let_others(); // at other shards; nobody else gets the folder while there are journals in it
+    held.let_others(); // at other shards; no other owner gets the folder while it contains journals
     let all = cases.len();
     cases.retain(|index| !journal.has(*index));
     if cases.len() < all {
@@ -185,7 +185,7 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     finish(&SweepResults::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
 }
 
-/// Table, figures and report, and a word on what failed.
+/// Writes table, figures and report, and reports failed cases.
 fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
     let WrittenSweep { kept, failed } = results.write(folder)?;
     for (index, ending) in failed.iter().take(3) {
@@ -217,7 +217,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
         }
     }
     paths.sort();
-    // One that is only begun has no results yet.
+    // A journal that was only created has no results yet.
     let journals: Vec<Journal> =
         paths.iter().filter_map(|path| Journal::read_begun(path).transpose()).collect::<Result<_>>()?;
     let claimed = || sweep.claim(&folder, &job, Claim::forced(common.force));

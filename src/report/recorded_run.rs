@@ -1,4 +1,4 @@
-//! A finished run as it is read back from its folder: summary, scene, curves of trajectory.csv, and the motion of the node table.
+//! A finished run read back from its folder: summary, scene, curves of trajectory.csv, and the motion of the node table.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ pub struct RecordedRun {
     pub scene: Option<Document>,
     /// The columns of trajectory.csv.
     pub curves: Curves,
-    /// Descriptions of what the folder lacks.
+    /// Descriptions of what is missing in the folder.
     pub missing: Vec<String>,
     nodes: NodeTable,
 }
@@ -187,7 +187,7 @@ impl RecordedRun {
     /// # Errors
     /// [`Error::Read`] for a damaged table of nodes.
     pub fn body(&self) -> Result<Option<(Scenery, Option<[f64; 2]>)>> {
-        // Tables of the scene that are gone leave it without widths.
+        // If tables of the scene are missing, the body has no widths.
         let Some(model) = self.scene.as_ref().and_then(|document| document.scene().ok()?.model().ok()) else {
             return Ok(None);
         };
@@ -206,7 +206,7 @@ fn drawn(count: usize) -> Vec<usize> {
     if count > 1 { Frame::nodes(count).collect() } else { (0..count).collect() }
 }
 
-/// Refuses what is not the folder of a run, and says what it is.
+/// Refuses a folder that is not that of a run, and describes it.
 fn check_folder(path: &Path) -> Result<()> {
     let refuse = |reason: String| Err(unreadable(path, reason));
     if path.is_file() {
@@ -252,7 +252,7 @@ fn scene_of(folder: &Path, summary: &Map<String, Value>) -> Option<Document> {
     })
 }
 
-/// The overrides with which the run in a folder was made, as its page shows them; none without a page.
+/// The overrides of the run in a folder, as its page shows them; none without a page.
 pub fn recorded_overrides(folder: &Path) -> Vec<String> {
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap_or_default();
     scene_on_page(Path::new(""), &page).map(|document| document.overrides().to_vec()).unwrap_or_default()
@@ -282,7 +282,7 @@ fn scene_on_page(file: &Path, page: &str) -> Option<Document> {
 
 /// A text without the escapes of HTML.
 fn unescaped(text: &str) -> String {
-    // The ampersand comes last, as it begins the others.
+    // The ampersand comes last, because the other escapes begin with it.
     let escapes = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&#x27;", "'"), ("&#x2f;", "/"), ("&amp;", "&")];
     escapes.iter().fold(text.to_string(), |text, (escape, sign)| text.replace(escape, sign))
 }
@@ -361,7 +361,7 @@ impl Curves {
     }
 }
 
-/// The part of the interval from `from` to `to` that has passed at `time`, within 0 and 1.
+/// The fraction of the interval from `from` to `to` that has passed at `time`, between 0 and 1.
 fn part(time: f64, from: f64, to: f64) -> f64 {
     if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 1.0 }
 }

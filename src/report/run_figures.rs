@@ -11,7 +11,7 @@ use crate::number_format::in_sentence;
 /// Number of earlier shapes in the background.
 const EARLIER_SHAPES: usize = 8;
 
-/// A cycle is drawn if it was recorded at least at so many times.
+/// A cycle is drawn if it was recorded at least at this many times.
 const LEAST_SAMPLES: usize = 8;
 
 /// Names of all possible figures of a run.
@@ -41,14 +41,14 @@ pub const FILES: [&str; 19] = [
 pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let chart =
         |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
-    // Curves of one variable each; those of a quantity that never changes say nothing that a number does not.
+    // Curves of one variable each; constant quantities are left out, since a number is enough.
     let in_time = |file: &str, title: &str, y: &str, curves: &[(&str, &str)], signs: &str| {
         let series = curves.iter().map(|(label, variable)| (label, record.curve("time_s", variable)));
         let series: Vec<_> = series.map(|(label, points)| Series::new(*label, points, Mark::Line)).collect();
         let moves = |series: &Series| series.points.windows(2).any(|pair| pair[0].1 != pair[1].1);
         let caption = format!("The {title} over time{signs}.");
         let figure = || Figure::of_chart(file, &caption, &chart(title, "time (s)", y, Scale::Linear, series.clone()));
-        // Of several quantities that not every scene has, all or none.
+        // Quantities that not every scene has: all of a group or none.
         let whole = series.iter().all(|series| !series.points.is_empty());
         (whole && series.iter().any(moves)).then(figure)
     };
@@ -278,10 +278,10 @@ const ARC_LENGTH: &str = "arc length from the head (m)";
 const KYMOGRAPH_PERIODS: f64 = 2.0;
 const MAX_KYMOGRAPH_CELLS: [usize; 2] = [40, 96];
 
-/// A rod that turns by less than this, rad, is straight but for rounding.
+/// A rod whose turning angles are below this, rad, is straight up to rounding.
 const STRAIGHT: f64 = 1e-9;
 
-/// The curvature over arc length and time, in the last two periods before the end, or in the whole run where none is known.
+/// The curvature over arc length and time, in the last two periods before the end, or in the whole run if the period is unknown.
 fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     let frames = record.frames();
     let end = frames.last()?.time;
@@ -297,7 +297,7 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     };
     let (places, times) = (of(inner.len(), places), of(recent.len(), times));
     let curvatures: Vec<Vec<f64>> = times.iter().map(|t| curvatures(&recent[*t].points)).collect();
-    // Of what keeps its shape, or is straight but for rounding, there is nothing to see.
+    // A rod of constant shape, or straight up to rounding, has no figure.
     let largest = curvatures.iter().flatten().fold(0.0, |most: f64, kappa| most.max(kappa.abs()));
     if largest * arcs[arcs.len() - 1] < STRAIGHT || curvatures.iter().all(|row| *row == curvatures[0]) {
         return None;
@@ -337,7 +337,7 @@ fn curvatures(points: &[[f64; 2]]) -> Vec<f64> {
     std::iter::once(0.0).chain(inner).chain([0.0]).collect()
 }
 
-/// Half the excursion across of each point from time `since` (s) on, over arc length.
+/// Half the lateral excursion of each point from time `since` (s) on, over arc length.
 fn amplitude(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
     let shapes = seen_along(record, since)?;
     let arcs = record.scenery().arc_lengths();
@@ -347,7 +347,7 @@ fn amplitude(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
     Some(arcs.iter().enumerate().map(|(i, arc)| (*arc, half(i))).collect())
 }
 
-/// Places whose curvature has a first harmonic below this part of the largest have no phase.
+/// Points whose first harmonic of curvature is below this fraction of the largest have no phase.
 const LEAST_HARMONIC: f64 = 0.02;
 
 /// The frames of the `period` (s) before the end, with the time (s) that each stands for: half the way to its neighbours, of which the last
@@ -356,7 +356,7 @@ const LEAST_HARMONIC: f64 = 0.02;
 fn of_last_period(record: &RunRecord, period: f64) -> Option<Vec<(&Frame, f64)>> {
     let end = record.frames().last()?.time;
     let mut frames = record.frames_since(end - period);
-    // That at the beginning is at the end again.
+    // The first frame of a period is also its last.
     frames.retain(|frame| frame.time > end - period * (1.0 - 1e-6));
     let (first, last) = (frames.first()?.time, frames.last()?.time);
     let weight = |i: usize| {
@@ -391,7 +391,7 @@ fn phase(record: &RunRecord, period: f64) -> Option<Vec<(f64, f64)>> {
     let mut lags: Vec<(f64, f64)> = Vec::new();
     let mut before: Option<Vector2<f64>> = None;
     for (arc, harmonic) in known {
-        // From one place to the next it turns by less than half a turn.
+        // From one point to the next the phase changes by less than half a turn.
         let step = before.map_or(0.0, |before| before.perp(harmonic).atan2(before.dot(harmonic)));
         lags.push((*arc, lags.last().map_or(0.0, |last| last.1) + step));
         before = Some(*harmonic);
@@ -417,7 +417,7 @@ fn power_along(record: &RunRecord, period: Option<f64>) -> Option<Vec<(f64, f64)
     let arcs = record.scenery().arc_lengths();
     let power = |frame: &Frame, i: usize| frame.loads.as_ref().map_or(0.0, |loads| loads.power[i]);
     let mean = |i: usize| weighted.iter().map(|(frame, weight)| weight * power(frame, i)).sum::<f64>() / span;
-    // Where the head is clamped there is a joint too.
+    // A clamped head also has a joint.
     let first = usize::from(weighted.iter().all(|(frame, _)| power(frame, 0) == 0.0));
     let points: Vec<_> = (first..arcs.len().saturating_sub(1)).map(|i| (arcs[i], mean(i))).collect();
     (weighted.len() >= LEAST_SAMPLES && points.iter().any(|point| point.1 != 0.0)).then_some(points)
@@ -518,13 +518,13 @@ mod tests {
 
     #[test]
     fn the_amplitude_along_a_short_wave_is_that_of_its_curvature_over_the_square_of_the_wave_number() {
-        // y'' = κ: a wave of the amplitude A of κ has that of y, A/k², where k = 2π/λ, but for the swing of the whole rod.
+        // y'' = κ: if κ is a wave of amplitude A, y is one of amplitude A/k², where k = 2π/λ, except for the swing of the whole rod.
         let record =
             recorded(&WAVE.replace("wavelength_m = 0.5", "wavelength_m = 0.25").replace("nodes = 41", "nodes = 101"));
         let amplitude = amplitude(&record, 1.5).unwrap();
         let inner = &amplitude[30..71];
         let mean = inner.iter().map(|point| point.1).sum::<f64>() / inner.len() as f64;
-        // Measured: 4 % off, for the swing.
+        // Measured: 4 % off, because of the swing.
         assert!((mean / (2.0 / (TAU / 0.25).powi(2)) - 1.0).abs() < 0.1, "{mean}");
     }
 

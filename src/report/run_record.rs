@@ -16,7 +16,7 @@ pub(super) const MAX_SAMPLES: usize = 2500;
 /// The same for frames of the animation.
 pub(super) const MAX_FRAMES: usize = 1200;
 
-/// The spectrum of the drive, which the times follow, is taken on no more nodes.
+/// The spectrum of the drive, which sets the times, is computed on at most this many nodes.
 const MAX_NODES_FOR_SPECTRUM: usize = 201;
 
 /// The times that are recorded.
@@ -29,8 +29,8 @@ pub enum RecordingTimes {
 }
 
 impl RecordingTimes {
-    /// Those that a scene asks for, after the initial state. If `stepper` takes its own steps instead of the scene's, they are at
-    /// the ends of the scene's.
+    /// The recorded times of a scene, after the initial state. If `stepper` takes its own steps instead of the scene's, they are at
+    /// the ends of the scene's steps.
     pub fn of(scene: &Scene, stepper: &Stepper) -> Self {
         let every = scene.record.every.map_or(1, |every| every.get() as u64);
         match (scene.record.interval_s, scene.step_control(), stepper.step_control()) {
@@ -54,7 +54,7 @@ impl RecordingTimes {
             Self::Steps(every, last) => {
                 let step = stepper.metrics().totals.steps;
                 if std::mem::replace(last, step) == step {
-                    return Ok(ControlFlow::Continue(())); // half a step
+                    return Ok(ControlFlow::Continue(())); // the first half of a halved step
                 }
                 look(&stepper.view(), step.is_multiple_of(*every))
             }
@@ -125,14 +125,14 @@ pub struct RunRecord {
     columns: Vec<&'static Variable>,
     samples: Thinned<Vec<f64>>,
     frames: Thinned<Frame>,
-    /// Frames and samples of the last periods before the end, which those of a long run are too far apart for.
+    /// Frames and samples of the last periods before the end, since those of a long run are too far apart.
     last: Vec<(Frame, Vec<f64>)>,
     last_times: Option<RecordingTimes>,
     scenery: Scenery,
     step: u64,
 }
 
-/// What is drawn and has no column in the tables.
+/// What is drawn but has no column in the tables.
 const DRAWN: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
 
 /// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
@@ -149,7 +149,7 @@ impl RunRecord {
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
         let model = stepper.model();
-        // Of a fine mesh the shapes of its phases are many whole states: the scene's spectrum is that of a coarse rod.
+        // The phases of a fine mesh would take too many whole states, so the scene's spectrum is computed on a coarse rod.
         let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
         let drive = if is_fine { scene.spectrum() } else { Spectrum::of_model(model) }.fastest();
         let wanted =
@@ -160,7 +160,7 @@ impl RunRecord {
                 RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1)
             }
         };
-        // The last periods before the end, if they are a part of the run.
+        // The last periods before the end, if they are only a part of the run.
         let last_times = drive.and_then(|frequency| {
             let spacing = 1.0 / (FRAMES_PER_PERIOD * frequency);
             let from = duration - LAST_PERIODS / frequency;
@@ -237,7 +237,7 @@ impl RunRecord {
         }
     }
 
-    /// What frames do not have, since it does not move by itself.
+    /// Data that frames do not contain, since it does not move by itself.
     pub fn scenery(&self) -> &Scenery {
         &self.scenery
     }
@@ -247,7 +247,7 @@ impl RunRecord {
         self.last.first().is_some_and(|(first, _)| first.time <= since)
     }
 
-    /// The frames from `since` (s) on: close together where that is in the last periods.
+    /// The frames from `since` (s) on, closely spaced if `since` is within the last periods.
     pub fn frames_since(&self, since: f64) -> Vec<&Frame> {
         match self.has_last_since(since) {
             true => {
@@ -262,7 +262,7 @@ impl RunRecord {
         }
     }
 
-    /// The curve of variable `y` against time from `since` (s) on: with samples close together where that is in the last periods.
+    /// The curve of variable `y` against time from `since` (s) on, with closely spaced samples if `since` is within the last periods.
     pub fn curve_since(&self, since: f64, y: &str) -> Vec<(f64, f64)> {
         let Some(y) = self.columns.iter().position(|variable| variable.name == y) else { return Vec::new() };
         let within = |sample: &&Vec<f64>| sample[0] >= since;

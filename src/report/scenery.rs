@@ -1,4 +1,4 @@
-//! What an animation shows beside the moving nodes: how wide the body is, how its head is held, and the tendons along it.
+//! What an animation shows in addition to the moving nodes: the width of the body, how its head is held, and the tendons along it.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use crate::model::Model;
 use crate::rod::Rod;
 use crate::tendons::Tendon;
 
-/// What does not change while a rod moves.
+/// Properties that do not change while a rod moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scenery {
     /// Half the width of the body in the plane of motion, m, at each point of a frame.
@@ -22,7 +22,7 @@ pub struct Scenery {
     /// The tendons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     tendons: Vec<TendonPath>,
-    /// The change of the flow along the normal of the interfaces, if it is not the same everywhere.
+    /// The change of the flow along the normal of the interfaces, if the flow is not uniform.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     shear: Option<Shear>,
 }
@@ -36,16 +36,16 @@ enum HeadSupport {
     Hinged,
 }
 
-/// Where a tendon is.
+/// The position of a tendon.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct TendonPath {
     /// Its distance from the axis of the rod, m, positive to the left seen from the head.
     offset: f64,
-    /// The first and last point of a frame beside it.
+    /// The first and last point of a frame along it.
     points: [usize; 2],
 }
 
-/// A flow that is not the same everywhere.
+/// A flow that is not uniform.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Shear {
     /// Unit normal of the interfaces.
@@ -57,7 +57,7 @@ struct Shear {
 }
 
 impl Scenery {
-    /// That of a model.
+    /// The scenery of a model.
     pub fn of(model: &Model) -> Self {
         let nodes = Frame::nodes(model.rod.nodes);
         let place = |k: usize| nodes.clone().position(|node| node >= k).unwrap_or_default();
@@ -78,14 +78,14 @@ impl Scenery {
         Self { head, tendons: model.tendons.iter().map(path).collect(), shear, ..Self::of_rod(&model.rod) }
     }
 
-    /// That of a rod alone.
+    /// The scenery of a rod alone.
     pub fn of_rod(rod: &Rod) -> Self {
         Self::of_nodes(rod, Frame::nodes(rod.nodes))
     }
 
-    /// That of a rod alone, of which these nodes are the points of a frame.
+    /// The scenery of a rod alone, whose frames have these nodes as points.
     pub(super) fn of_nodes(rod: &Rod, nodes: impl Iterator<Item = usize> + Clone) -> Self {
-        // Inside a head body, which is drawn over it, as where it leaves that.
+        // A tendon also begins inside a head body, which is drawn over it.
         let half_width = |k: usize| rod.sections.at(rod.xi(k.max(rod.front))).semi_axes()[0];
         Self {
             half_widths: nodes.clone().map(half_width).collect(),

@@ -10,7 +10,7 @@ use crate::metrics::TendonExtremes;
 use crate::system::Form;
 use crate::verification::Verification;
 
-/// Relative errors of the fluid model, or what it is uncertain by: of speed or thrust, and of power.
+/// Relative errors of the fluid model, or its uncertainty: of speed or thrust, and of power.
 #[derive(Debug, Clone, Copy, Serialize)]
 #[expect(missing_docs, reason = "the names say what they are")]
 pub struct FluidError {
@@ -24,7 +24,7 @@ impl From<[f64; 2]> for FluidError {
     }
 }
 
-/// What pulled each tendon did at most: a flat map of `max_tendon_1_tension_n` and so on.
+/// The largest tension, power, speed and travel of each tendon: a flat map of `max_tendon_1_tension_n` and so on.
 #[derive(Debug, Clone, Default)]
 pub struct TendonMaxima(pub Vec<TendonExtremes>);
 

@@ -92,7 +92,7 @@ pub fn cut(text: &str, size: f64, available: f64) -> String {
     text.chars().take_while(fits).chain(['…']).collect()
 }
 
-/// A text of this font size in lines of a width (px), at most so many; what does not fit is truncated.
+/// A text of this font size in at most `most` lines of a width (px); the rest is truncated.
 pub fn wrapped(text: &str, size: f64, available: f64, most: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split(' ') {
@@ -114,20 +114,20 @@ pub fn wrapped(text: &str, size: f64, available: f64, most: usize) -> Vec<String
     lines.iter().map(|line| cut(line, size, available)).collect()
 }
 
-/// The least font size that a title or a name of an axis is made smaller to, before it is cut, px: nine on a telephone, by the least
-/// width of figures there.
+/// Smallest font size of a title or an axis name, px, before it is truncated: nine on a phone, at the smallest width of figures
+/// there.
 const LEAST_SIZE: f64 = 11.0;
 
-/// A text of this font size, smaller and then truncated where that does not fit a width, px; and its font size.
+/// A text of this font size, which is reduced and then truncated if it does not fit a width, px; and its font size.
 fn fitted(text: &str, size: f64, available: f64) -> (String, f64) {
-    let size = size * (0.999 * available / width(text, size)).clamp((LEAST_SIZE / size).min(1.0), 1.0); // that much for rounding
+    let size = size * (0.999 * available / width(text, size)).clamp((LEAST_SIZE / size).min(1.0), 1.0); // with a margin for rounding
     (cut(text, size, available), size)
 }
 
 /// Distance of the strokes of a hatched cell along its sides, px.
 const HATCH: f64 = 7.0;
 
-/// The attribute of a group with a text under the cursor.
+/// The attribute of a group with a tooltip.
 pub const NOTE: &str = "class=\"note\"";
 
 /// Writer of an SVG document.
@@ -175,7 +175,7 @@ impl Svg {
         );
     }
 
-    /// Begins a group that has a text under the cursor.
+    /// Begins a group that has a tooltip.
     pub fn begin_note(&mut self, note: &str) {
         let lines: Vec<String> = note.lines().map(escaped).collect();
         let _ = writeln!(self.0, "<g {NOTE}><title>{}</title>", lines.join("\n"));
@@ -227,7 +227,7 @@ impl Svg {
         self.0 += "<path d=\"";
         let mut along = HATCH / 2.0;
         while along < width + height {
-            // Where x + y is this far from the upper left corner.
+            // Strokes at this distance of x + y from the upper left corner.
             let (left, right) = ((along - height).max(0.0), along.min(width));
             let [x0, y0, x1, y1] = [x + left, y + along - left, x + right, y + along - right].map(decimal);
             let _ = write!(self.0, "M{x0} {y0}L{x1} {y1}");
@@ -273,13 +273,13 @@ impl Svg {
         self.words(&halo, text, size, anchor, (&classes, Colour::SOFT));
     }
 
-    /// A title or the name of an axis in this room (px), centred at a point.
+    /// A title or the name of an axis within this width (px), centred at a point.
     pub fn heading(&mut self, at: (f64, f64), text: &str, size: f64, available: f64) {
         let (text, size) = fitted(text, size, available);
         self.text(at, &text, size, Anchor::Middle, Colour::INK);
     }
 
-    /// The name of an axis from below to above, in two lines where one has no room.
+    /// The name of an axis, read from bottom to top, in two lines if it does not fit one.
     pub fn upright_name(&mut self, (x, y): (f64, f64), text: &str, size: f64, available: f64) {
         match &wrapped(text, LEAST_SIZE, available, 2)[..] {
             [first, second] => {
@@ -290,7 +290,7 @@ impl Svg {
         }
     }
 
-    /// A heading from below to above.
+    /// A heading, read from bottom to top.
     pub fn upright_heading(&mut self, at: (f64, f64), text: &str, size: f64, available: f64) {
         let (text, size) = fitted(text, size, available);
         self.upright(at, &text, size, Colour::INK);
@@ -401,12 +401,12 @@ mod tests {
         let looks = |range: std::ops::Range<usize>| range.map(dashes).collect::<std::collections::BTreeSet<_>>().len();
         assert_eq!(looks(0..SERIES), SERIES);
         assert!((0..SERIES).all(|k| dashes(k) != dashes(k + SERIES)));
-        // What is beside a rod in an animation has the colours of its series.
+        // Other rods in an animation have the colours of series.
         let (style, player) = (include_str!("style.css"), include_str!("player.js"));
         assert_eq!(style.matches("--series-{{ loop.index0 }}").count(), 2, "light and dark");
         let first = crate::report::page::Animation::series_of_companion(0);
         assert!(player.contains(&format!("\"var(--series-\" + ({first} + i % 6) + \")\"")));
-        // However many there are, their lines differ from each other, from the first rod's and from that of centres of mass.
+        // The lines of any number of them differ from each other, from the first rod's and from that of centres of mass.
         let companions = (0..60).map(crate::report::page::Animation::series_of_companion);
         let seen: std::collections::BTreeSet<_> = companions.clone().chain([0, 1]).collect();
         assert_eq!(seen.len(), 62);
@@ -414,7 +414,7 @@ mod tests {
             let first = crate::report::page::Animation::series_of_companion(i % 6);
             assert!(![0, 1].contains(&(series % SERIES)) && series % SERIES == first, "{i}: {series}");
         }
-        // Four marks in turn, whatever their colour.
+        // Four marks in turn, independent of the colour.
         let mark = |k: usize| {
             let mut svg = Svg(String::new());
             svg.mark(k, (0.0, 0.0), 3.0, Colour::INK);

@@ -34,9 +34,9 @@ use super::unknowns::{FIXED_UNKNOWN, RANK_TOLERANCE, Unknowns};
 use crate::error::{Error, Result};
 use crate::sensitivity::{Parameter, Problem};
 
-/// Tolerances of stationarity: the largest component of the Lagrangian's gradient over the objective, or for least squares the cosine between
-/// residuals and columns of the Jacobian, as in MINPACK. A search continues down to the first, and has converged at the second; it stops there
-/// if the next step predicts a reduction below [`NEGLIGIBLE_REDUCTION`].
+/// Tolerances of stationarity: the largest component of the Lagrangian's gradient over the objective, or for least squares the
+/// cosine between residuals and columns of the Jacobian, as in MINPACK. A search continues down to the first, and has converged at
+/// the second; it stops there if the next step predicts a reduction below [`NEGLIGIBLE_REDUCTION`].
 const STATIONARITY_TOLERANCE: [f64; 2] = [1e-7, 1e-6];
 
 /// Least standard deviation of a target's coordinates, over the length.
@@ -54,8 +54,8 @@ const SMOOTHING_LENGTH: f64 = 0.3;
 /// Default of the largest number of iterations per start.
 pub(super) const DEFAULT_MAX_ITERATIONS: usize = 200;
 
-/// After this many quasi-Newton updates the Hessian is recomputed by finite differences of the gradient, with this step; its eigenvalues are at
-/// least this fraction of the largest.
+/// After this many quasi-Newton updates the Hessian is recomputed by finite differences of the gradient, with this step; its
+/// eigenvalues are at least this fraction of the largest.
 const HESSIAN_REFRESH_INTERVAL: usize = 15;
 const FINITE_DIFFERENCE_STEP: f64 = 1e-4;
 const MIN_RELATIVE_EIGENVALUE: f64 = 1e-6;
@@ -75,8 +75,9 @@ const MIN_TRUST_RADIUS: f64 = 1e-9;
 /// Predicted reductions below this fraction of the objective are indistinguishable from rounding.
 const ROUNDING_REDUCTION: f64 = 1e-13;
 
-/// Ratio of actual to predicted reduction below which the trust region shrinks, and a second-order correction is tried: along curved limits an
-/// exact penalty would otherwise reject all but the shortest steps (Maratos effect; Nocedal & Wright, section 18.3).
+/// Ratio of actual to predicted reduction below which the trust region shrinks, and a second-order correction is tried: along
+/// curved limits an exact penalty would otherwise reject all but the shortest steps (Maratos effect; Nocedal & Wright, section
+/// 18.3).
 const POOR_REDUCTION_RATIO: f64 = 0.25;
 
 /// Below this predicted reduction a step is judged by the gradients at both of its ends, since differences of values are rounding
