@@ -3,8 +3,8 @@
 //! EI(y⁗ + τ ẏ⁗) + m_a U² y″ + 2 m_a U ẏ′ + (m + m_a) ÿ = 0, which also describes a pipe that conveys fluid; τ is the damping time
 //! of the material. The wake takes the share χ of the force m_a U(ẏ + U y′) that the water exerts when it leaves the tip. In units
 //! of length L and time L²√((m + m_a)/EI), with u = U L √(m_a/EI), β = m_a/(m + m_a) and the damping time α, the Galerkin method
-//! with the modes φ_i of the clamped beam and their wave numbers λ_i gives ÿ_i + αλ_i⁴ ẏ_i + 2u√β Σ(∫φ_i φ_j′ − ½fφ_i(1)φ_j(1)) ẏ_j
-//! + λ_i⁴ y_i + u² Σ(∫φ_i φ_j″ − fφ_i(1)φ_j′(1)) y_j = 0, f = 1 − χ.
+//! with the modes φ_i of the clamped beam and their wave numbers λ_i gives ÿ_i + αλ_i⁴ ẏ_i + 2u√β Σ(∫φ_i φ_j′ − ½fφ_i(1)φ_j(1)) ẏ_j +
+//! λ_i⁴ y_i + u² Σ(∫φ_i φ_j″ − fφ_i(1)φ_j′(1)) y_j = 0, f = 1 − χ.
 //!
 //! Sources: R. W. Gregory & M. P. Païdoussis, Proc. R. Soc. A 293 (1966); M. P. Païdoussis, Fluid-Structure Interactions (1998).
 
