@@ -231,12 +231,9 @@ impl Assessment {
         let Ok(regime) = scene.regime() else { return Vec::new() };
         let mut facts = Vec::new();
         let mut fact = |name, text: String| facts.push(AssessmentLine { name, text });
-        let estimates = match (&scene.drag, scene.is_too_short_to_compare()) {
-            (Some(_), Some(reason)) => Err(reason),
-            (Some(_), None) => scene.fluid_estimates(),
-            (None, _) => {
-                return vec![AssessmentLine { name: "reactive force", text: describe_added_mass(&regime, rod) }];
-            }
+        let estimates = match &scene.drag {
+            Some(_) => scene.check_run_length().and_then(|()| scene.fluid_estimates()),
+            None => return vec![AssessmentLine { name: "reactive force", text: describe_added_mass(&regime, rod) }],
         };
         match &estimates {
             Ok(estimates) => {

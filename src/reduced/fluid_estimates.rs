@@ -95,11 +95,12 @@ impl ShortRun {
         Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
     }
 
-    /// Why the run of `duration` (s) that it is a part of says nothing of how laws differ, if so: all of it is the start.
-    pub fn is_too_short(&self, duration: f64) -> Option<String> {
-        let period = self.period.filter(|period| duration * (1.0 + ROUNDING) < LEAST_PERIODS * period)?;
+    /// Refuses to compare laws by a run of `duration` (s), of which this is a part, that ends before its second beat does.
+    pub fn check_run_length(&self, duration: f64) -> std::result::Result<(), String> {
+        let too_short = |period: &f64| duration * (1.0 + ROUNDING) < LEAST_PERIODS * period;
+        let Some(period) = self.period.filter(too_short) else { return Ok(()) };
         let [duration, period] = [duration, period].map(|time| significant(time, 3));
-        Some(format!(
+        Err(format!(
             "the run of {duration} s ends before the second beat, of {period} s each, does: all of it is the start"
         ))
     }

@@ -337,9 +337,16 @@ impl Cases {
         }
     }
 
-    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion,
-    /// if any.
-    pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Vec<Frame>) {
+    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion and
+    /// scenery, if any.
+    pub fn add(
+        &mut self,
+        index: usize,
+        levels: &[usize],
+        row: &Map<String, Value>,
+        motion: Vec<Frame>,
+        scenery: Option<Scenery>,
+    ) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
         let complete = row.get("complete") == Some(&Value::Bool(true));
@@ -356,16 +363,8 @@ impl Cases {
         self.unsettled += usize::from(complete && row.get("cycles_periodic") == Some(&Value::Bool(false)));
         if motion.len() > 1 {
             self.motions.insert(index, motion);
+            self.sceneries.extend(scenery.map(|scenery| (index, scenery)));
         }
-    }
-
-    fn animation(&self, index: usize, frames: &[Frame]) -> Animation {
-        self.sceneries.get(&index).into_iter().fold(Animation::of(frames), Animation::with_scenery)
-    }
-
-    /// What the animation of a case shows in addition to its nodes.
-    pub fn dress(&mut self, index: usize, scenery: Scenery) {
-        self.sceneries.insert(index, scenery);
     }
 
     /// The levels that are shown separately, with the indices of their cases.
@@ -872,7 +871,11 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
-                motions: self.motions.iter().map(|(index, frames)| (*index, self.animation(*index, frames))).collect(),
+                motions: self
+                    .motions
+                    .iter()
+                    .map(|(index, frames)| (*index, Animation::of(frames).with_scenery(self.sceneries.get(index))))
+                    .collect(),
             }),
         };
         render(include_str!("cases.html"), &content)
@@ -932,9 +935,15 @@ mod tests {
         for (i, way) in [(0, -0.002), (1, -1.4)] {
             let row =
                 json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way), None);
         }
-        cases.add(2, &[2], json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(), Vec::new());
+        cases.add(
+            2,
+            &[2],
+            json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(),
+            Vec::new(),
+            None,
+        );
         cases
     }
 
@@ -978,9 +987,9 @@ mod tests {
         for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
             let strouhal = (i != 1).then_some(0.1 + way);
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
-            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way), None);
         }
-        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new());
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new(), None);
         let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
@@ -999,7 +1008,7 @@ mod tests {
                 "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
                 "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
             });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5), None);
         }
         let all = captions(&cases);
         assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
@@ -1016,7 +1025,7 @@ mod tests {
         for i in 0..counts[0] * counts[1] {
             let (a, b) = (i / counts[1], i % counts[1]);
             let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
-            cases.add(i, &[a, b], row.as_object().unwrap(), Vec::new());
+            cases.add(i, &[a, b], row.as_object().unwrap(), Vec::new(), None);
         }
         cases
     }

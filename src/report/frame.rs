@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::fluid::{Fluid, Layers};
-use crate::rod::{Rod, bend, node};
+use crate::rod::{Rod, Spheroid, bend, node};
 use crate::variable::View;
 
 /// The rod at a time, for the animation.
@@ -45,9 +45,12 @@ impl Frame {
 
     /// Semi-axes (m) and angle (rad) of the body at the head of `rod`, whose nodes are at `q`.
     pub fn body(rod: &Rod, q: &[f64]) -> Option<[f64; 3]> {
-        let body = rod.body?;
-        let along = node(q, 1) - node(q, 0);
-        Some([body.along, body.across, along.y.atan2(along.x)])
+        rod.body.map(|body| Self::place_body(body, node(q, 0).into(), node(q, 1).into()))
+    }
+
+    /// Semi-axes (m) and angle (rad) of a `body` whose centre is the `head` and whose axis points to the `next` point.
+    pub(super) fn place_body(body: Spheroid, head: [f64; 2], next: [f64; 2]) -> [f64; 3] {
+        [body.along, body.across, (next[1] - head[1]).atan2(next[0] - head[0])]
     }
 
     /// The current frame.
@@ -87,6 +90,6 @@ impl Frame {
     /// The nodes at which a frame has points, for a rod with this number of nodes.
     pub fn nodes(nodes: usize) -> impl Iterator<Item = usize> + Clone {
         let points = Self::POINTS.min(nodes);
-        (0..points).map(move |i| i * (nodes - 1) / (points - 1))
+        (0..points).map(move |i| i * (nodes - 1) / (points - 1).max(1))
     }
 }

@@ -294,7 +294,7 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: RawJson(Animation::of(self.frames).with_scenery(self.scenery)),
+            motion: RawJson(Animation::of(self.frames).with_scenery(Some(self.scenery))),
         };
         render(include_str!("page.html"), &content)
     }
@@ -324,8 +324,8 @@ impl Animation {
     }
 
     /// Adds the data that frames do not contain.
-    pub fn with_scenery(self, scenery: &Scenery) -> Self {
-        Self { scenery: Some(scenery.clone()), ..self }
+    pub fn with_scenery(self, scenery: Option<&Scenery>) -> Self {
+        Self { scenery: scenery.cloned(), ..self }
     }
 
     /// The series of charts that has the colour of the `i`-th rod with a name beside the first: neither that of the first rod, which is the

@@ -1,6 +1,6 @@
 // Plays a motion: { times, points: packed x, y of the nodes at all times, relative to com, body: semi-axes and angle of a body around the
-// first node, if any, beside: [{ name, points, and if known half_widths, body }] of other rods }, and where they are known half_widths, head, tendons, shear, and at all
-// times moment, power, head_force and flow, packed. Call start once, play for every motion.
+// first node, if any, beside: [{ name, points, and if known half_widths, body }] of other rods }, and where they are known half_widths,
+// head, tendons, shear, and at all times moment, power, head_force and flow, packed. Call start once, play for every motion.
 let stage_view = null;
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 // The picture is drawn in units of the window's size, not in metres: browsers do not draw shapes of a few micrometres.
@@ -165,11 +165,11 @@ function place_body(ellipse, body, points) {
 function dress(k, points) {
   const widths = motion.half_widths;
   const half = (i) => unit * (widths ? widths[i] : 0), name = part("colour").value, coloured = name in FIELDS;
-  const wide = outline_of(points, widths);
-  part("outline").style.display = wide ? "" : "none"; part("segments").style.display = coloured ? "" : "none";
+  const outline = outline_of(points, widths);
+  part("outline").style.display = outline ? "" : "none"; part("segments").style.display = coloured ? "" : "none";
   part("outline").style.fill = coloured ? "none" : "";
-  part("rod").setAttribute("stroke-width", coloured ? 0 : wide ? 1.5 : 4);
-  part("outline").setAttribute("points", wide);
+  part("rod").setAttribute("stroke-width", coloured ? 0 : outline ? 1.5 : 4);
+  part("outline").setAttribute("points", outline);
   if (coloured) {
     const seen = (i) => Math.max(half(i), 2.5 * pixel()), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
     const values = FIELDS[name].of(k), size = size_of(name) || 1;
@@ -287,8 +287,8 @@ function show(k) {
   const paths = part("paths").checked ? [0, frame.length - 2] : [];
   part("ends").setAttribute("d", paths.map((i) => "M" + pairs(motion.points.slice(0, k + 1).flatMap((points) => [points[i], points[i + 1]]))).join(""));
   motion.beside.forEach((other, i) => {
-    const [outline, body, line] = part("beside").children[i].children, points = other.points[k], wide = outline_of(points, other.half_widths);
-    outline.setAttribute("points", wide); line.setAttribute("points", pairs(points)); line.setAttribute("stroke-width", wide ? 1.5 : 3);
+    const [sides, body, line] = part("beside").children[i].children, points = other.points[k], outline = outline_of(points, other.half_widths);
+    sides.setAttribute("points", outline); line.setAttribute("points", pairs(points)); line.setAttribute("stroke-width", outline ? 1.5 : 3);
     place_body(body, other.body?.[k], points);
   });
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));

@@ -11,6 +11,7 @@ use super::frame::Frame;
 use super::run_record::{MAX_SAMPLES, Thinned};
 use super::scenery::Scenery;
 use crate::error::{Error, Result};
+use crate::rod::Spheroid;
 use crate::scene::Document;
 use crate::wording::Phrase;
 
@@ -181,29 +182,20 @@ impl RecordedRun {
         Ok(rows.finish())
     }
 
-    /// The widths of the body at the nodes of its [`motion`](Self::motion), and the semi-axes (m) along and across of the body at its head,
-    /// if there is one; `None` if its scene is not known.
+    /// The widths of the body at the nodes of its [`motion`](Self::motion), and the body at its head, if there is
+    /// one; `None` if its scene is not known.
     ///
     /// # Errors
     /// [`Error::Read`] for a damaged table of nodes.
-    pub fn body(&self) -> Result<Option<(Scenery, Option<[f64; 2]>)>> {
-        // If tables of the scene are missing, the body has no widths.
-        let Some(model) = self.scene.as_ref().and_then(|document| document.scene().ok()?.model().ok()) else {
-            return Ok(None);
-        };
-        let (rod, nodes) = (&model.rod, self.nodes.nodes()?);
-        let shown: Vec<usize> = drawn(nodes.len()).into_iter().map(|place| nodes[place]).collect();
+    pub fn body(&self) -> Result<Option<(Scenery, Option<Spheroid>)>> {
+        let Some(scene) = self.scene.as_ref().and_then(|document| document.scene().ok()) else { return Ok(None) };
+        let (rod, nodes) = (scene.rod_on(scene.rod.nodes.get()), self.nodes.nodes()?);
+        let shown: Vec<usize> = Frame::nodes(nodes.len()).map(|place| nodes[place]).collect();
         if shown.iter().any(|node| *node >= rod.nodes) {
             return Ok(None);
         }
-        let scenery = Scenery::of_nodes(rod, shown.iter().copied());
-        Ok(Some((scenery, rod.body.map(|body| [body.along, body.across]))))
+        Ok(Some((Scenery::of_nodes(&rod, shown.iter().copied()), rod.body)))
     }
-}
-
-/// The places, among so many nodes in the order from the head to the tip, of those that are drawn.
-fn drawn(count: usize) -> Vec<usize> {
-    if count > 1 { Frame::nodes(count).collect() } else { (0..count).collect() }
 }
 
 /// Refuses a folder that is not that of a run, and describes it.
@@ -443,7 +435,7 @@ impl WindowBuilder {
 
     /// Takes the positions of `count` nodes at the next time; false if no more are needed.
     fn take(&mut self, time: f64, count: usize, at: impl Fn(usize) -> Result<[f64; 2]>) -> Result<bool> {
-        let positions = drawn(count).into_iter().map(at).collect::<Result<Vec<_>>>()?;
+        let positions = Frame::nodes(count).map(at).collect::<Result<Vec<_>>>()?;
         if time < self.window[0] {
             self.before = Some((time, positions));
             return Ok(true);

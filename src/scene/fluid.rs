@@ -579,9 +579,12 @@ impl Scene {
         (nodes, ShortRun::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
-    /// Why its run says nothing of how laws of the fluid differ, if it is too short for that.
-    pub fn is_too_short_to_compare(&self) -> Option<String> {
-        self.short_run_mesh().1.is_too_short(self.solver.duration_s.get())
+    /// Refuses to compare laws of the fluid by a run that is too short for that.
+    ///
+    /// # Errors
+    /// The reason.
+    pub fn check_run_length(&self) -> Result<(), String> {
+        self.short_run_mesh().1.check_run_length(self.solver.duration_s.get())
     }
 
     /// Its motion and power in a short run, and the flow around the rod in that motion.

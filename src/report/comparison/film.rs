@@ -6,6 +6,7 @@ use super::super::recorded_run::{RecordedRun, positions_at};
 use super::super::run_record::MAX_FRAMES;
 use super::super::scenery::Scenery;
 use crate::error::Result;
+use crate::rod::Spheroid;
 
 /// Recorded times (s) with positions of nodes (m).
 type Motion = Vec<(f64, Vec<[f64; 2]>)>;
@@ -48,16 +49,14 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
     let finest = motions.iter().map(within).max().unwrap_or(0);
     let frames = finest.clamp(2, 2 * MAX_FRAMES / shown.len());
     let time = |k: usize| window[0] + (window[1] - window[0]) * k as f64 / (frames - 1) as f64;
-    let frames_of = |run: &RecordedRun, motion: &Motion, head: Option<[f64; 2]>| -> Vec<Frame> {
+    let frames_of = |run: &RecordedRun, motion: &Motion, head: Option<Spheroid>| -> Vec<Frame> {
         let frame = |time: f64| {
             let points = positions_at(motion, time);
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
             let com = ["x_com_m", "y_com_m"].map(|name| run.curves.at(time, name));
             let com = [com[0].unwrap_or_else(|| mean(0)), com[1].unwrap_or_else(|| mean(1))];
             let body = match (head, &points[..]) {
-                (Some([along, across]), [[x, y], [next_x, next_y], ..]) => {
-                    Some([along, across, (next_y - y).atan2(next_x - x)])
-                }
+                (Some(body), [head, next, ..]) => Some(Frame::place_body(body, *head, *next)),
                 _ => None,
             };
             Frame { time, points, com, body, medium: None, loads: None }
@@ -76,7 +75,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
         rods.iter().filter(|(_, frames, _)| size(frames) < SPECK * largest).map(|(label, ..)| label.to_string());
     let specks = specks.collect();
     let Some(((_, first, scenery), others)) = rods.split_first() else { return Ok(None) };
-    let one = scenery.iter().fold(Animation::of(first), Animation::with_scenery);
+    let one = Animation::of(first).with_scenery(scenery.as_ref());
     let animation =
         others.iter().fold(one, |film, (label, frames, scenery)| film.with_companion(label, frames, scenery.as_ref()));
     Ok(Some(Film { animation, window, specks }))

@@ -642,7 +642,7 @@ impl Design {
         };
         let shown = format!("In grey: the same with {BASELINE}.");
         let scenery = Scenery::of_rod(rod);
-        let motion = Animation::of(&frames(after)).with_scenery(&scenery);
+        let motion = Animation::of(&frames(after)).with_scenery(Some(&scenery));
         Some((motion.with_companion("", &frames(before), Some(&scenery)), shown))
     }
 }

@@ -128,12 +128,11 @@ impl<'a> SweepResults<'a> {
             for (kind, value) in own.iter_mut().zip(sweep.values(&case)) {
                 *kind = ColumnType::widened(*kind, &json(&value));
             }
-            if let Some(scenery) = &row.scenery {
-                cases.dress(index, scenery.clone());
-            }
             match row {
-                Cow::Borrowed(row) => cases.add(index, &case.levels, &row.quantities, row.frames.clone()),
-                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.frames),
+                Cow::Borrowed(row) => {
+                    cases.add(index, &case.levels, &row.quantities, row.frames.clone(), row.scenery.clone())
+                }
+                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.frames, row.scenery),
             }
         }
         // A quantity that is a list in some cases and null in others is a list.
