@@ -28,7 +28,7 @@ use crate::system::{Form, System};
 
 /// Up to this many nodes shapes are computed from dense matrices: beyond, vectors lose digits (2e-8 of the first frequency
 /// at 129 nodes), and the iteration needs that many.
-const DENSE: usize = 65;
+pub const DENSE: usize = 65;
 
 /// Convergence of the Krylov iteration, relative to the largest eigenvalue of (K + σM)⁻¹M.
 const TOLERANCE: f64 = 1e-12;
@@ -134,6 +134,15 @@ impl Modes {
         });
         let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
         Ok(Self { bending: bending?, stretching: stretching?, drag, winches })
+    }
+
+    /// Upper bounds of the highest frequencies of `matrices`, in place of all frequencies: by sums of rows of M and K (S. A.
+    /// Gershgorin, 1931). `None` where M is not diagonally dominant. Their [`stable_steps`](Self::stable_steps) are at
+    /// most those of the modes, at a cost that grows as N.
+    pub fn bounded(matrices: &Matrices, winches: f64) -> Option<Self> {
+        let [bending, stretching] = ModeKind::BOTH.map(|axis| Some(vec![matrices.highest_bound(axis)?]));
+        let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
+        Some(Self { bending: bending?, stretching: stretching?, drag, winches })
     }
 
     /// The lowest of all.
@@ -278,6 +287,22 @@ impl Matrices {
             self.coupled(damping, i).map(part).sum()
         };
         self.free.along(axis.entry()).map(row).fold(0.0, f64::max)
+    }
+
+    /// A bound of the highest frequency along `axis`, rad/s. With M and K scaled by the root of the diagonal of M, ω² ≤ ‖M⁻¹‖ ‖K‖ in the
+    /// norm of the largest sum of a row, and ‖M⁻¹‖ ≤ 1/min(1 − Σ|mᵢⱼ|), i ≠ j. `None` where M is not diagonally dominant.
+    fn highest_bound(&self, axis: ModeKind) -> Option<f64> {
+        let unknowns = || self.free.along(axis.entry());
+        let scaled =
+            |matrix: &BandMatrix, i: usize, j: usize| matrix.entry(i, j).abs() / (self.mass[i] * self.mass[j]).sqrt();
+        let stiffness = |i: usize| self.coupled(&self.stiffness, i).map(|j| scaled(&self.stiffness, i, j)).sum::<f64>();
+        let inertia = |i: usize| {
+            let others = self.coupled(&self.inertia, i).filter(|j| *j != i);
+            1.0 - others.map(|j| scaled(&self.inertia, i, j)).sum::<f64>()
+        };
+        let least = unknowns().map(inertia).fold(f64::INFINITY, f64::min);
+        let largest = unknowns().map(stiffness).fold(0.0, f64::max);
+        (least > 0.0).then(|| (largest / least).sqrt())
     }
 
     /// Damping ratio ζ = φᵀCφ / (2ω φᵀMφ) of a mode; `None` without damping.

@@ -1,6 +1,7 @@
 //! Assessment of a scene before its run: dimensionless numbers, the models and fluid laws that apply, and warnings where model or
 //! method leave their range.
 
+use std::cell::OnceCell;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use nalgebra::Vector2;
@@ -11,10 +12,10 @@ use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, LawInputs, MIN_LOG_SLENDERNESS};
 use crate::fluid::{Fluid, Force, Forces};
 use crate::head::{Hinge, Signal, pose};
-use crate::integrator::{Method, StepControl};
+use crate::integrator::{Integrator, Method, StepControl};
 use crate::metrics::Energy;
 use crate::model::{Drive, Mechanics, Model, chain};
-use crate::modes::{Matrices, Modes, StableSteps};
+use crate::modes::{self, Matrices, Modes, StableSteps};
 use crate::number_format::{signed, significant, two_digits};
 use crate::reduced::MODELS;
 use crate::reduced::fluid_estimates::SAFETY_FACTOR;
@@ -123,11 +124,45 @@ pub struct Assessment {
 struct AssessmentBasis {
     /// The flow around the rod, or why it is unknown.
     regime: std::result::Result<Regime, String>,
-    /// The modes, and whether they are of a coarser mesh.
-    modes: Modes,
+    /// The natural modes, and whether they are of a coarser mesh.
+    natural: NaturalModes,
     is_coarse: bool,
     /// The spectrum of what drives the rod.
     spectrum: Spectrum,
+}
+
+/// The natural modes of a model, of which a run needs the lowest and a bound of the highest only.
+struct NaturalModes {
+    matrices: Matrices,
+    /// What winches add, see [`Modes::winches`].
+    winches: f64,
+    /// All of them, once they are needed.
+    all: OnceCell<Modes>,
+}
+
+impl NaturalModes {
+    fn all(&self) -> Result<&Modes> {
+        if let Some(all) = self.all.get() {
+            return Ok(all);
+        }
+        let all = Modes::of_matrices(&self.matrices, self.winches)?;
+        Ok(self.all.get_or_init(|| all))
+    }
+
+    /// The largest steps of `method` that amplify none of them, if these are smaller than `step`.
+    fn stable_steps_below(
+        &self,
+        step: f64,
+        method: &dyn Integrator,
+        damping: Option<&Damping>,
+    ) -> Result<Option<StableSteps>> {
+        let exceeded = |modes: &Modes| modes.stable_steps(method, damping).filter(|steps| step > steps.largest);
+        // Bounds of the frequencies cost far less, and most steps are shorter than they ask.
+        match Modes::bounded(&self.matrices, self.winches) {
+            Some(bounds) if self.all.get().is_none() && exceeded(&bounds).is_none() => Ok(None),
+            _ => Ok(exceeded(self.all()?)),
+        }
+    }
 }
 
 impl Assessment {
@@ -152,7 +187,8 @@ impl Assessment {
     /// The numbers and the warnings.
     fn begin(scene: &Scene, stepper: &Stepper) -> Result<(Self, AssessmentBasis)> {
         let is_coarse = scene.rod.nodes.get() as u64 > MAX_NODES_FOR_MODES;
-        let model = scene.with_nodes_up_to(MAX_NODES_FOR_MODES).model()?;
+        let coarse = scene.with_nodes_up_to(MAX_NODES_FOR_MODES);
+        let model = coarse.model()?;
         let regime = scene.regime();
         let spectrum = Spectrum::of_model(&model);
         let omega = spectrum.strongest().map(|frequency| TAU * frequency);
@@ -167,10 +203,16 @@ impl Assessment {
         let (is_inertial, spacing) = (model.forces.are_inertial(), model.rod.spacing);
         let dry = model.rod.sections.line_density(0.5);
         let winches = model.tendons.stiffness_over_inertia(&model.rod);
+        let lowest =
+            if model.rod.nodes > modes::DENSE { modes::lowest_of_model(coarse.model()?, 1).ok() } else { None };
         let matrices = Matrices::of_natural_modes(model)?;
         let line_density = if is_inertial { matrices.line_density(spacing) } else { dry };
-        let modes = Modes::of_matrices(&matrices, winches)?;
-        let (rod, first_frequency) = (&stepper.model().rod, modes.lowest());
+        let natural = NaturalModes { matrices, winches, all: OnceCell::new() };
+        let first_frequency = match lowest.as_deref() {
+            Some([first, ..]) => first.frequency,
+            _ => natural.all()?.lowest(),
+        };
+        let rod = &stepper.model().rod;
         let mut assessment = Self {
             first_frequency,
             tip_amplitude,
@@ -190,10 +232,10 @@ impl Assessment {
         assessment.warn_of_waves(scene, rod);
         // Of a coarser mesh it is another.
         if !is_coarse {
-            assessment.warn_of_limit(scene, stepper, &modes)?;
+            assessment.warn_of_limit(scene, stepper, &natural)?;
         }
         assessment.warn(scene, stepper, &drive, spectrum.fastest().map(|frequency| TAU * frequency));
-        Ok((assessment, AssessmentBasis { regime, modes, is_coarse, spectrum }))
+        Ok((assessment, AssessmentBasis { regime, natural, is_coarse, spectrum }))
     }
 
     /// All warnings before a run.
@@ -289,7 +331,7 @@ impl Assessment {
     }
 
     fn describe(&mut self, scene: &Scene, stepper: &Stepper, basis: &AssessmentBasis) -> Result<()> {
-        let AssessmentBasis { regime, modes, is_coarse, spectrum } = basis;
+        let AssessmentBasis { regime, natural, is_coarse, spectrum } = basis;
         let regime = regime.as_ref();
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
@@ -370,7 +412,7 @@ impl Assessment {
                 let given = scene.actuation.is_some() && damping.rate == DampedRate::Elastic;
                 fact(
                     "damping of the material",
-                    describe_damping(damping, rod, modes, drive.map(|omega| (omega, given))),
+                    describe_damping(damping, rod, natural.all()?, drive.map(|omega| (omega, given))),
                 )
             }
             None if scene.rod.youngs_modulus_pa.is_some_and(|modulus| modulus.get() < MAX_SOFT_MODULUS_PA) => fact(
@@ -688,20 +730,19 @@ impl Assessment {
         }
     }
 
-    /// Warns of steps with which the scene's method amplifies one of `modes`.
-    fn warn_of_limit(&mut self, scene: &Scene, stepper: &Stepper, modes: &Modes) -> Result<()> {
+    /// Warns of steps with which the scene's method amplifies a natural mode.
+    fn warn_of_limit(&mut self, scene: &Scene, stepper: &Stepper, natural: &NaturalModes) -> Result<()> {
         if stepper.view().dynamics.mechanics == Mechanics::Full
             && let StepControl::Fixed(step) = stepper.step_control()
             && let Some(StableSteps { largest, frequency, limit }) =
-                modes.stable_steps(&*scene.integrator()?, stepper.model().rod.damping.as_ref())
-            && step > largest
+                natural.stable_steps_below(step, &*scene.integrator()?, stepper.model().rod.damping.as_ref())?
         {
             let named = Method::named(scene.integrator_name()).filter(|method| method.implicit);
             let other = named.map_or("an implicit method".to_string(), |method| {
                 format!("other parameters of {}, which is {}", method.name, method.stability)
             });
             let hertz = significant(frequency / TAU, 4);
-            let whose = if modes.winches > 0.0 {
+            let whose = if natural.winches > 0.0 {
                 "the highest frequency of rod and taut winches, at most"
             } else {
                 "the rod's natural frequency of"

@@ -1,6 +1,7 @@
 //! Natural modes: frequencies of the beam on any mesh, shapes that solve K φ = ω² M φ, and matrices others can read.
 
 use crate::common;
+use caudal::assessment::Assessment;
 use caudal::modes::{Matrices, ModeKind, Modes, lowest};
 use common::{DRAG, GLYCEROL, rod, scene};
 
@@ -19,6 +20,55 @@ fn the_lowest_frequencies_are_those_of_all_frequencies_on_coarse_and_fine_meshes
                 assert!((mode.frequency / wanted - 1.0).abs() < digits, "{nodes} {head}: {} {wanted}", mode.frequency);
             }
         }
+    }
+}
+
+#[test]
+fn bounds_enclose_the_highest_frequencies_of_all_scenes() {
+    let (mut compared, mut loosest) = (0, 1.0_f64);
+    for path in common::all_scene_files() {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let Ok(scene) = common::document_of(&path, &text, &[]).scene() else { continue };
+        if scene.rod.nodes.get() > 65 {
+            continue;
+        }
+        let matrices = Matrices::of_natural_modes(scene.model().unwrap()).unwrap();
+        let all = Modes::of_matrices(&matrices, 0.0).unwrap();
+        let bounds = Modes::bounded(&matrices, 0.0).unwrap_or_else(|| panic!("{path:?} has none"));
+        for (bound, own) in [(&bounds.bending, &all.bending), (&bounds.stretching, &all.stretching)] {
+            // Measured: at most 1.315.
+            let ratio = bound[0] / own.last().unwrap();
+            assert!((1.0 - 1e-12..1.5).contains(&ratio), "{path:?}: {ratio}");
+            (compared, loosest) = (compared + 1, loosest.max(ratio));
+        }
+    }
+    println!("{compared} axes, at most {loosest:.3} times");
+    assert!(compared > 40);
+}
+
+#[test]
+fn a_run_warns_of_fine_meshes_as_check_does() {
+    for (model, changes) in [
+        ("baseline", &["rod.nodes=129", "solver.integrator=symplectic-euler", "solver.time_step_s=1e-6"][..]),
+        ("baseline", &["rod.nodes=129", "solver.integrator=symplectic-euler", "solver.time_step_s=1e-9"]),
+        ("baseline", &["rod.nodes=129", "solver.time_step_s=1e-3", "start.kind=jump"]),
+        ("baseline", &["rod.nodes=301", "solver.time_step_s=1e-3", "start.kind=jump"]),
+        ("eel", &["rod.nodes=101"]),
+        ("driven-head", &["rod.nodes=101"]),
+    ] {
+        let text = std::fs::read_to_string(format!("models/{model}.toml")).unwrap();
+        let scene = common::scene_of(&text, changes);
+        let stepper = caudal::stepper::Stepper::of(&scene).unwrap();
+        let [run, check] = [Assessment::of_run(&scene, &stepper), Assessment::of(&scene, &stepper)].map(Result::unwrap);
+        assert_eq!(run.warnings, check.warnings, "{model} {changes:?}");
+        assert_eq!(run.first_frequency, check.first_frequency);
+        println!("{model} {changes:?}: {:?}", run.warnings);
+        let coarse = scene.with_nodes_up_to(201).model().unwrap();
+        let all = Modes::of_model(coarse).unwrap();
+        // Measured: 3e-9.
+        assert!((run.first_frequency / all.lowest() - 1.0).abs() < 1e-7, "{model}: {}", run.first_frequency);
+        let beyond = run.warnings.iter().any(|warning| warning.contains("limit of stability"));
+        assert_eq!(beyond, changes.contains(&"solver.time_step_s=1e-6"));
     }
 }
 
