@@ -1,7 +1,7 @@
 //! Tendons: cables along the rod, offset from its centreline, that pull its edges together and bend its joints.
 //!
-//! A cable at the distance d to the left of the rod, from node a to node b, is shorter than the rod by 2 d
-//! tan(θ_k/2) = d κ_k at every joint that it passes. Its length is Λ = Σ ℓ_e − d Σ κ_k, exactly. A tension T does the
+//! A cable at the distance d to the left of the rod, from node a to node b, is shorter than the rod by
+//! 2 d tan(θ_k/2) = d κ_k at every joint that it passes. Its length is Λ = Σ ℓ_e − d Σ κ_k, exactly. A tension T does the
 //! work −T dΛ: it adds T to the tension of the edges, a [`Force`], and an active moment T d to the joints, see
 //! [`ActiveMoments`](crate::model::ActiveMoments). A tendon that begins where a held head or a body holds the rod is
 //! attached to it, and passes the half-cell joint there.
@@ -59,8 +59,8 @@ pub struct Winch {
 }
 
 impl Winch {
-    /// The tension T (N) of a cable stretched by x, and dT/dx: zero below x = 0, T = k x²/2w up to w, and T = k
-    /// (x − w/2) beyond.
+    /// The tension T (N) of a cable stretched by x, and dT/dx: zero below x = 0, T = k x²/2w up to w, and
+    /// T = k (x − w/2) beyond.
     pub fn tension(&self, stretch: f64) -> [f64; 2] {
         let Self { stiffness, take_up, .. } = *self;
         let part = (stretch / take_up).clamp(0.0, 1.0);

@@ -190,8 +190,8 @@ impl Section {
         }
     }
 
-    /// Form drag coefficient C_d, based on the depth, in flow across the section. Ellipse, disc and membrane: 2 − 0.9
-    /// t/D, from 2 for a plate to 1.1 for the disc and thicker sections (S. F. Hoerner, Fluid-Dynamic Drag, 1965).
+    /// Form drag coefficient C_d, based on the depth, in flow across the section. Ellipse, disc and membrane:
+    /// 2 − 0.9 t/D, from 2 for a plate to 1.1 for the disc and thicker sections (S. F. Hoerner, Fluid-Dynamic Drag, 1965).
     /// Rectangle with sharp edges: 2 up to t/D = 0.2, 2.4 at 0.7, 1.0 at 5 and 0.9 from 10 on, linear in ln(t/D) in
     /// between (EN 1991-1-4:2005, figure 7.23).
     pub fn form_drag(&self) -> f64 {
@@ -237,7 +237,7 @@ fn elliptic(m: f64, rest: f64) -> [f64; 2] {
 /// so that D/2 = 2R S(m) and t/2 = 2R S(1 − m), with S as in [`elliptic`].
 fn conformal(aspect: f64) -> [f64; 2] {
     let thin = aspect.min(aspect.recip());
-    // Solves S(x)/S(1 − x) = thin. The left side is convex, so Newton's method decreases monotonically from ½; its
+    // Solves S(x)/S(1 − x) = thin. The left side is convex, so Newton's method decreases monotonically from ½; the
     // slope is ¼π/S(1 − x)² (Legendre).
     let sides = |x: f64| [elliptic(1.0 - x, x)[1], elliptic(x, 1.0 - x)[1]];
     let (mut x, mut next) = (1.0, 0.5);
