@@ -102,8 +102,8 @@ pub struct Wave {
 }
 
 /// The factor by which `harmonics` (n, h_n) increase the number of steps that resolve the phase of a sum of sines. A
-/// third-order method resolves the rate n h_n of each harmonic as well as the largest of the rates if its steps are n
-/// (n h_n/max n h_n)^⅓ times shorter.
+/// third-order method resolves the rate n h_n of each harmonic as well as the largest of the rates if its steps are
+/// n (n h_n/max n h_n)^⅓ times shorter.
 pub(crate) fn fastest(harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let rate = |(order, size): (f64, f64)| (order * size).abs();
     let most = harmonics.clone().map(rate).fold(0.0, f64::max);

@@ -1,6 +1,6 @@
 //! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k, ψ_k = 2πft − φ₀ − 2πs_k/λ, with h₁ = 1
-//! and the further harmonics h₂, h₃, … of `harmonics`. With `moment_amp_n_m`, M_k(t) = r M_amp (e₀ + e₁ ξ_k) Σ_n h_n
-//! sin nψ_k.
+//! and the further harmonics h₂, h₃, … of `harmonics`. With `moment_amp_n_m`,
+//! M_k(t) = r M_amp (e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k.
 
 use std::f64::consts::TAU;
 

@@ -1,7 +1,7 @@
 //! Buoyancy in a layered medium: −ρ(x) V g on every node, where V is the volume that it displaces.
 //!
-//! With gravity along the normal of the layers, the fluid at rest is in equilibrium, and buoyancy has the potential V
-//! g·ν ∫ρ dh.
+//! With gravity along the normal of the layers, the fluid at rest is in equilibrium, and buoyancy has the potential
+//! V g·ν ∫ρ dh.
 
 use std::ops::Range;
 

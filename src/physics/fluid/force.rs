@@ -1,10 +1,10 @@
 //! External forces on the rod: a list of forces, each with exact derivatives, stored energy and dissipated power.
 //!
-//! A force acts on the two ends of every edge. It is written as what *opposes* the motion, M a + ∇E + ΣF = W, and may depend
-//! on positions, velocities and accelerations of both nodes, on the edge between them, and on time. Its derivatives are given
-//! along a [`Direction`], so a force never sees a step size, and in a form that serves positions and the chain form alike:
-//! for either end, how the force changes where the whole edge moves with that end, and how it changes where the edge vector
-//! e = x_{k+1} − x_k changes while that end stays.
+//! A force acts on the two ends of every edge. Its sign is that of a resistance, which *opposes* the motion:
+//! M a + ∇E + ΣF = W. It may depend on positions, velocities and accelerations of both nodes, on the edge between them,
+//! and on time. Its derivatives are taken along a [`Direction`], so a force never sees a step size, and have a form that
+//! suits both the positions and the chain form: for each end, the derivative with respect to a translation of the whole
+//! edge, and the derivative with respect to the edge vector e = x_{k+1} − x_k while that end stays.
 
 use std::any::Any;
 use std::ops::Range;
@@ -249,7 +249,7 @@ pub trait FusedForce {
         None
     }
 
-    /// Its [`powers`] on `edges` of `rod`, which moves through `fluid`, the same along all of them.
+    /// Its [`powers`] on `edges` of `rod`, which moves through the uniform `fluid`.
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers;
 }
 
@@ -271,8 +271,8 @@ pub trait GlobalForce: Coupling {
     );
 }
 
-/// A force on the rod. [`audit`](super::audit::audit) compares what an implementation states about itself with finite
-/// differences.
+/// A force on the rod. [`audit`](super::audit::audit) checks the statements of an implementation about itself against
+/// finite differences.
 pub trait Force: std::fmt::Debug + Send + Sync + Any {
     /// Its name.
     fn name(&self) -> &'static str;
@@ -360,7 +360,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         Vector2::zeros()
     }
 
-    /// ∂/∂p of its [`momentum`](Self::momentum); that of a force in one fluid is linear in its density.
+    /// ∂/∂p of its [`momentum`](Self::momentum). By default the momentum is linear in the density of a uniform fluid.
     fn momentum_by_parameter(&self, key: Key, rod: &Kinematics<'_>, axis: Vector2<f64>) -> f64 {
         if key != DENSITY || !self.parameters().contains(&DENSITY) {
             return 0.0;
@@ -380,7 +380,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// The destination of the power that it dissipates, which is all of its power if it stores no energy. `None` if it
-    /// dissipates nothing: a spring has to say so, because the default is that of drag.
+    /// dissipates nothing. A spring must return that, because the default is drag.
     fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Drag)
     }

@@ -300,7 +300,7 @@ impl Layers {
     /// The number of `places` before the first that is outside `span`; the first place is always counted.
     #[inline]
     pub fn within(&self, span: &Span, places: &[[f64; 2]]) -> usize {
-        // Two places at a time, for speed.
+        // Two places per SIMD operation.
         let (normal, low, high) = (pair(self.normal), f64x2::from(span.low), f64x2::from(span.high));
         let inside = |[one, other]: &[[f64; 2]; 2]| {
             let [x, y] = f64x2::transpose([f64x2::new(*one) * normal, f64x2::new(*other) * normal]);

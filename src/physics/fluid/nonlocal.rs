@@ -492,8 +492,7 @@ impl Coupling for Nonlocal {
         /// Size of the last term relative to the solution: Newton's method gains no more than four digits per
         /// iteration.
         const SERIES_TOLERANCE: f64 = 1e-5;
-        /// With more terms the series counts as divergent, and only its first term is used, which omits the change of
-        /// positions.
+        /// With more terms the series counts as divergent, and only its first term is used, which neglects D.
         const MAX_TERMS: u32 = 8;
         let mut guard = self.last();
         let flow = &mut *guard;

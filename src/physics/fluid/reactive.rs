@@ -3,9 +3,9 @@
 //! T_f = ½∫m w² dℓ with m = ¼πρC D², C of the section ([`Section::added`](crate::rod::Section::added)), w = V·n and the
 //! *current* length dℓ. The force is exactly that of this energy, −δT_f/δx. The wake that leaves the tail exerts the
 //! force F_tip = m(L) χ S (u w n − ½w² t) on the last node, with S = 1 if the tip moves ahead of the water (u ≤ 0),
-//! falling to 0 if it moves backwards. In the discretisation, with e = x_{k+1} − x_k, ℓ = |e|, λ = ė·n and c = ρ/ΔL ∫
-//! ¼πC D² ds over half an edge, T_f = Σ ½ c ℓ w_i². The opposing force on end i is p_i = c[(ℓ a·n + ℓ̇ w − λu) n − λ w
-//! t], with ±G on the two ends, G = Σ_i c(½w² t − u w n).
+//! falling to 0 if it moves backwards. In the discretisation, with e = x_{k+1} − x_k, ℓ = |e|, λ = ė·n and
+//! c = ρ/ΔL ∫ ¼πC D² ds over half an edge, T_f = Σ ½ c ℓ w_i². The opposing force on end i is
+//! p_i = c[(ℓ a·n + ℓ̇ w − λu) n − λ w t], with ±G on the two ends, G = Σ_i c(½w² t − u w n).
 //!
 //! Sources: M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674
 //! (2011).

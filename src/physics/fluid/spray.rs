@@ -2,8 +2,8 @@
 //!
 //! If the added mass c ℓ grows at the rate ċ ℓ > 0, half of the work of von Kármán's force ċ ℓ w goes into the moving
 //! fluid, and the other half into a jet. If it decreases, no suction holds the rod back. Both cases result from the
-//! force of the added mass itself and, on every end, ½ g ℓ |ρ̇| w n with g = c/ρ and ρ̇ = ∇ρ·V, whose power ½ g ℓ |ρ̇|
-//! w² is never negative.
+//! force of the added mass itself and, on every end, ½ g ℓ |ρ̇| w n with g = c/ρ and ρ̇ = ∇ρ·V, whose power
+//! ½ g ℓ |ρ̇| w² is never negative.
 //!
 //! Source: Th. von Kármán, NACA TN 321 (1929).
 
