@@ -1,6 +1,7 @@
 //! Sine wave: the curvature of the curve y = b sin(kx − ωt) travelling along its own arc:
-//! κ̄_k(t) = r ΔL (e₀ + e₁ ξ_k) κ(ψ_k), ψ_k = 2πft − φ₀ − 2πs_k/λ, where λ is the wavelength along the rod and `slope` is the maximum slope, bk. The
-//! amplitude that a host sets, 1 by default, multiplies the curvature.
+//! κ̄_k(t) = r ΔL (e₀ + e₁ ξ_k) κ(ψ_k), ψ_k = 2πft − φ₀ − 2πs_k/λ,
+//! where λ is the wavelength along the rod and `slope` is the maximum slope, bk. The amplitude that a host sets, 1 by
+//! default, multiplies the curvature.
 //!
 //! With X = ωt − kx, κ = bk² sin X/(1 + b²k² cos² X)^{3/2} and dψ/dX = (2π/S)(1 + b²k² cos² X)^½, where S = kλ is the
 //! integral of that root over a period. κ is odd in ψ and even about its crest, so it is a series of odd sines of ψ,

@@ -93,7 +93,7 @@ pub fn add(values: &mut [f64], k: usize, vector: Vector2<f64>) {
 pub enum MassLumping {
     /// ρAΔL at every node, as in the source study; total mass ρAL·N/(N−1), mesh error of first order.
     Uniform,
-    /// Every half of an edge at its own node; total mass ∫ρA ds, mesh error of second order.
+    /// The mass of each half edge at its own node; total mass ∫ρA ds, mesh error of second order.
     #[default]
     Tributary,
 }

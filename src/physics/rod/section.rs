@@ -191,9 +191,9 @@ impl Section {
     }
 
     /// Form drag coefficient C_d, based on the depth, in flow across the section. Ellipse, disc and membrane:
-    /// 2 − 0.9 t/D, from 2 for a plate to 1.1 for the disc and thicker sections (S. F. Hoerner, Fluid-Dynamic Drag, 1965).
-    /// Rectangle with sharp edges: 2 up to t/D = 0.2, 2.4 at 0.7, 1.0 at 5 and 0.9 from 10 on, linear in ln(t/D) in
-    /// between (EN 1991-1-4:2005, figure 7.23).
+    /// 2 − 0.9 t/D, from 2 for a plate to 1.1 for the disc and thicker sections (S. F. Hoerner, Fluid-Dynamic Drag,
+    /// 1965). Rectangle with sharp edges: 2 up to t/D = 0.2, 2.4 at 0.7, 1.0 at 5 and 0.9 from 10 on, linear in ln(t/D)
+    /// in between (EN 1991-1-4:2005, figure 7.23).
     pub fn form_drag(&self) -> f64 {
         match self.shape {
             Shape::Round | Shape::Ellipse => 2.0 - self.slim() * 0.9,
