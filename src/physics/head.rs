@@ -1,4 +1,4 @@
-//! How a held head moves: position and angle as functions of time, from a scene or from a host.
+//! Motion of a held head: position and angle as functions of time, from a scene or a host.
 
 pub mod hinge;
 pub mod pose_extrapolation;
@@ -9,46 +9,48 @@ pub use hinge::{Hinge, MotorCommand};
 pub use pose_extrapolation::{HeadInput, HostHead, RedundantHeadInputs};
 use serde::{Deserialize, Serialize};
 
-/// A value with its first and second rate.
+/// A value with its first and second time derivatives.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sample {
     /// The value.
     pub value: f64,
-    /// Its rate, per s.
+    /// First derivative, per s.
     pub rate: f64,
-    /// The rate of that, per s².
+    /// Second derivative, per s².
     pub acceleration: f64,
 }
 
-/// The smallest number of steps that resolve a period of the drive, or a ramp.
+/// Minimum number of steps per period of the drive, or per ramp.
 pub const RESOLVING_STEPS_PER_PERIOD: f64 = 16.0;
 
-/// The fewest steps between two rows of a table where rows are too far apart to be foretold by their neighbours.
+/// Minimum number of steps between two rows of a table if their neighbours do not predict them.
 const STEPS_PER_ROW: f64 = 8.0;
 
-/// The fewest steps over rows that are foretold by the first and the last of them.
+/// Minimum number of steps over rows that are predicted by the first and the last of them.
 const STEPS_PER_INTERPOLATED_SPAN: f64 = 3.0;
 
-/// Rows are foretold where the cubic misses them by no more than this part of how far they are from an even motion between the
-/// first and the last: of a sinusoid they go over a twelfth to a sixth of its period.
+/// Rows are predicted if the error of the cubic through the first and the last row is at most this fraction of the
+/// rows' maximum distance from the straight line between the two. For a sinusoid such a span is a twelfth to a sixth of
+/// its period.
 const INTERPOLATION_TOLERANCE: f64 = 2.6e-2;
 
-/// Rounding of rows, in parts of the largest of their values.
+/// Rounding error of row values, relative to the largest of them.
 const ROW_ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// A row of a table that is no further than this part of the distance between rows is reached.
+/// A time within this fraction of the row spacing of a row counts as the time of the row.
 const ROW_TIME_TOLERANCE: f64 = 1e-9;
 
-/// A second rate that changes at a row by more than this part of it jumps there.
+/// The second derivative jumps at a row if it changes there by more than this fraction.
 const MIN_ACCELERATION_JUMP: f64 = 1e-2;
 
-/// Where it changes by more than this part of it, another motion begins: what it does is not known from its first step.
+/// If the second derivative changes by more than this fraction at a row, a new motion begins, and the step there does
+/// not extend over several rows.
 const MAX_RELATIVE_JUMP: f64 = 0.5;
 
 /// A scalar function of time.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Signal {
-    /// Always the same.
+    /// A constant value.
     Constant(f64),
     /// offset + amplitude·sin(2πft + phase).
     Sinusoid {
@@ -61,7 +63,7 @@ pub enum Signal {
         /// Offset.
         offset: f64,
     },
-    /// Cubic Hermite between rows; the first and last value are held outside.
+    /// Cubic Hermite interpolation between rows; outside, the first or last value.
     Table(Vec<Row>),
 }
 
@@ -77,7 +79,7 @@ pub struct Row {
 }
 
 impl Signal {
-    /// A table without rates: each row's rate is that of the parabola through it and its neighbours.
+    /// A table without rates: the rate of a row is that of the parabola through it and its neighbours.
     pub fn table_without_rates(points: &[[f64; 2]]) -> Self {
         let slope = |a: usize, b: usize| (points[b][1] - points[a][1]) / (points[b][0] - points[a][0]);
         let rate = |k: usize| match points.len() {
@@ -94,7 +96,7 @@ impl Signal {
         Self::Table(points.iter().enumerate().map(row).collect())
     }
 
-    /// Its value, where that is always the same.
+    /// The value of a constant signal.
     pub fn constant(&self) -> Option<f64> {
         match self {
             Self::Constant(value) => Some(*value),
@@ -102,7 +104,7 @@ impl Signal {
         }
     }
 
-    /// The least and the largest value, of a table those of its rows.
+    /// Minimum and maximum; for a table, those of its rows.
     pub fn range(&self) -> [f64; 2] {
         match self {
             Self::Constant(value) => [*value; 2],
@@ -111,7 +113,7 @@ impl Signal {
         }
     }
 
-    /// The root mean square over its period, or over the rows of a table.
+    /// Root mean square over a period, or over the rows of a table.
     pub fn root_mean_square(&self) -> f64 {
         match self {
             Self::Constant(value) => value.abs(),
@@ -125,13 +127,13 @@ impl Signal {
         }
     }
 
-    /// Its integral from time zero to `t` (s).
+    /// The integral from time zero to `t` (s).
     pub fn integral(&self, t: f64) -> f64 {
         match self {
             Self::Constant(value) => value * t,
             Self::Sinusoid { amplitude, frequency, phase, offset } => {
                 let half = std::f64::consts::PI * frequency * t;
-                // The mean of the sine over the time is that of its middle, less by sin(x)/x.
+                // The mean of the sine over the interval is its value at the midpoint times sin(x)/x.
                 let part = if half == 0.0 { 1.0 } else { half.sin() / half };
                 (offset + amplitude * part * (half + phase).sin()) * t
             }
@@ -141,7 +143,7 @@ impl Signal {
                 times.insert(0, t.min(0.0));
                 times.push(t.max(0.0));
                 let part = |span: &[f64]| {
-                    // Cubic between rows, so that Simpson's rule is exact.
+                    // The signal is cubic between rows, so Simpson's rule is exact.
                     let [from, to] = [span[0], span[1]];
                     (self.at(from).value + 4.0 * self.at(0.5 * (from + to)).value + self.at(to).value) * (to - from)
                         / 6.0
@@ -151,7 +153,8 @@ impl Signal {
         }
     }
 
-    /// The longest step (s) from time `t` (s) that resolves it, whatever its size, or one of at least `wanted` (s).
+    /// The longest step (s) from time `t` (s) that resolves the signal, whatever its amplitude. The search stops at
+    /// steps of `wanted` (s) or more.
     pub fn longest_step(&self, t: f64, wanted: f64) -> f64 {
         match self {
             Self::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
@@ -162,7 +165,7 @@ impl Signal {
         }
     }
 
-    /// Half of the range of its rate, which does not change if a constant speed is added to the motion.
+    /// Half the range of the rate. Adding a constant speed to the motion does not change it.
     pub fn rate_amplitude(&self) -> f64 {
         match self {
             Self::Constant(_) => 0.0,
@@ -175,7 +178,8 @@ impl Signal {
         }
     }
 
-    /// The signal at time `t` (s) as it comes there: at a row of a table its second rate is that of the rows before.
+    /// The left-hand limit of the signal at time `t` (s): at a row of a table, the second derivative is that of the
+    /// interval before.
     pub fn before(&self, t: f64) -> Sample {
         if let Self::Table(rows) = self {
             let next = row_at(rows, t).unwrap_or_else(|| rows.partition_point(|row| row.time < t));
@@ -186,7 +190,7 @@ impl Signal {
         self.at(t)
     }
 
-    /// True where its second rate jumps at time `t` (s): at a row of a table.
+    /// True if the second derivative jumps at time `t` (s), at a row of a table.
     pub fn jumps_at(&self, t: f64) -> bool {
         let Self::Table(rows) = self else { return false };
         row_at(rows, t).is_some_and(|at| jumps(rows, at, MIN_ACCELERATION_JUMP))
@@ -223,12 +227,12 @@ impl Signal {
     }
 }
 
-/// Least and largest of `values`.
+/// Minimum and maximum of `values`.
 fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], x| [least.min(x), most.max(x)])
 }
 
-/// The row that is reached at time `t` (s), or was just then, but for rounding.
+/// The row whose time is `t` (s), up to rounding.
 fn row_at(rows: &[Row], t: f64) -> Option<usize> {
     let after = rows.partition_point(|row| row.time <= t);
     let [from, to] = [after.wrapping_sub(1), after].map(|at| rows.get(at));
@@ -240,16 +244,17 @@ fn row_at(rows: &[Row], t: f64) -> Option<usize> {
     }
 }
 
-/// True where the second rate changes at row `at` by more than this `part` of it.
+/// True if the second derivative changes by more than the fraction `part` at row `at`.
 fn jumps(rows: &[Row], at: usize, part: f64) -> bool {
     let Some([from, row, to]) = at.checked_sub(1).and_then(|before| rows.get(before..before + 3)) else { return false };
     let [before, after] = [hermite(from, row, row.time), hermite(row, to, row.time)].map(|sample| sample.acceleration);
     (after - before).abs() > part * before.abs().max(after.abs())
 }
 
-/// The longest step (s) from time `t` (s) in a table: to the next row where it rests or moves evenly, else a part of the way between rows, or
-/// of the way over as many rows as the cubic through the first and the last of them foretells. The same for a motion that goes on
-/// at some speed beside it. No more rows are looked at than a step of `wanted` (s) needs.
+/// The longest step (s) from time `t` (s) in a table. It ends at the next row if the signal is constant or linear up to
+/// there. Otherwise it is a fraction of the row spacing, or of the time over as many rows as the cubic through the
+/// first and the last of them predicts. Adding a constant speed to the motion does not change it. No more rows are
+/// examined than a step of `wanted` (s) needs.
 fn longest_in_table(rows: &[Row], t: f64, wanted: f64) -> f64 {
     let at = row_at(rows, t);
     let after = at.map_or_else(|| rows.partition_point(|row| row.time <= t), |at| at + 1);
@@ -281,11 +286,11 @@ fn longest_in_table(rows: &[Row], t: f64, wanted: f64) -> f64 {
         longest = longest.max((last.time - from.time) / STEPS_PER_INTERPOLATED_SPAN);
         reached = last.time;
     }
-    // What is beyond the rows that were looked at may be a burst.
+    // There may be a burst beyond the examined rows.
     longest.min(reached - t)
 }
 
-/// The cubic with the values and rates of `from` and `to`, at time `t`.
+/// The cubic Hermite polynomial through the values and rates of `from` and `to`, at time `t`.
 pub fn hermite(from: &Row, to: &Row, t: f64) -> Sample {
     let span = to.time - from.time;
     let z = (t - from.time) / span;
@@ -310,7 +315,7 @@ pub fn pose(motion: &HeadMotion, t: f64) -> Pose {
     motion.each_ref().map(|signal| signal.at(t))
 }
 
-/// The same as it comes there, see [`Signal::before`].
+/// The left-hand limit of the pose at time `t` (s), see [`Signal::before`].
 pub fn pose_before(motion: &HeadMotion, t: f64) -> Pose {
     motion.each_ref().map(|signal| signal.before(t))
 }
@@ -329,18 +334,18 @@ mod tests {
 
     #[test]
     fn the_longest_step_in_a_table_is_a_third_of_the_rows_that_a_cubic_foretells_or_an_eighth_of_one() {
-        // A cubic is foretold as far as its rows are doubled: from 0 over 1, 2, 3, 5 and 9 of 10 rows.
+        // The cubic predicts all rows, and spans grow by doubling: from row 0 to rows 1, 2, 3, 5 and 9 of 10.
         let cubic = rows((0..=10).map(f64::from), |t| [t * t * t, 3.0 * t * t]);
         assert_eq!(longest_in_table(&cubic, 0.0), 9.0 / 3.0);
         assert_eq!(longest_in_table(&cubic, 0.5), 9.0 / 3.0);
-        // What shakes from row to row is not foretold.
+        // A fast oscillation is not predicted.
         let shaken = rows((0..=10).map(f64::from), |t| [(2.0 * t).sin(), 2.0 * (2.0 * t).cos()]);
         assert_eq!(longest_in_table(&shaken, 2.0), 1.0 / 8.0);
-        // At rest and in even motion the next row is the limit, before and after all rows the first of them and nothing.
+        // In linear motion the next row is the limit; before all rows the first row, after all rows none.
         let even = rows((0..=4).map(f64::from), |t| [2.0 * t, 2.0]);
         assert_eq!([longest_in_table(&even, 1.25), longest_in_table(&even, -3.0)], [0.75, 3.0]);
         assert_eq!(longest_in_table(&even, 4.0), f64::INFINITY);
-        // Of a step that is short enough for one row nothing more is told.
+        // If one row interval allows the wanted step, no further rows are examined.
         assert_eq!(longest(&cubic, 0.0, 0.1), 1.0 / 8.0);
         assert_eq!(longest(&cubic, 0.0, 1.5), 5.0 / 3.0);
     }

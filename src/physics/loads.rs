@@ -1,4 +1,4 @@
-//! Loads that turn with the rod.
+//! Loads that rotate with the rod.
 
 use std::ops::Range;
 
@@ -8,26 +8,26 @@ use crate::fluid::force::{EdgeForce, Force, ForceAccumulator, Kinematics, PowerK
 use crate::fluid::validity::Validity;
 use crate::linear::{Block, Direction, pair};
 
-/// A load that turns with an edge.
+/// A load that rotates with an edge.
 #[derive(Debug, Clone, Copy)]
 struct FollowerLoad {
     edge: usize,
-    /// The end of the edge that it acts on.
+    /// The end of the edge on which it acts.
     end: usize,
     /// f_t and f_n, N.
     force: Vector2<f64>,
 }
 
-/// Forces of constant size in the axes of the edges before their nodes, like those of jets or propellers: F = f_t t + f_n n. They have
-/// no potential; ∂F/∂e = (f_t n − f_n t) nᵀ/ℓ.
+/// Follower forces: constant forces in the axes of the edges before their nodes, such as jets or propellers,
+/// F = f_t t + f_n n. They have no potential; ∂F/∂e = (f_t n − f_n t) nᵀ/ℓ.
 #[derive(Debug, Clone)]
 pub struct FollowerLoads {
-    /// In the order of their edges.
+    /// Sorted by edge.
     loads: Vec<FollowerLoad>,
 }
 
 impl FollowerLoads {
-    /// Forces (N) along and across the edge before each node, at the head along and across the first edge.
+    /// Forces (N) along and across the edge before each node; at the head, along and across the first edge.
     pub fn new(at_nodes: impl IntoIterator<Item = (usize, Vector2<f64>)>) -> Self {
         let load = |(node, force): (usize, _)| FollowerLoad {
             edge: node.saturating_sub(1),

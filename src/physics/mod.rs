@@ -1,4 +1,4 @@
-//! The rod and all that acts on it, which know no time step; a [`model`] is all of them as one system.
+//! The rod and everything that acts on it, without time steps; a [`model`] combines them into one system.
 
 pub mod rod;
 

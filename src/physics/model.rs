@@ -1,6 +1,7 @@
-//! The model: rod, actuation, forces, loads and head together are one [`System`].
+//! The model: rod, actuation, forces, loads and head as one [`System`].
 //!
-//! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
+//! A [`Model`] is constant and shared. [`Dynamics`] is one run of it: the inputs of a host, and the quantities that
+//! depend on time.
 
 pub mod chain;
 pub mod deformed_rod;
@@ -42,13 +43,13 @@ use crate::start::{Start, add_spin};
 use crate::system::{Form, Linearisation, Link, RankOne, State, System};
 use crate::tendons::{MAX_TENDONS, Pull, Tendon, Tendons, slack_below_zero};
 
-/// An edge shorter than this part of its rest length counts as collapsed.
+/// An edge shorter than this fraction of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
 
-/// An edge whose direction turns beyond the angle of this cosine, 150°, in one step went through zero length.
+/// An edge whose direction turns by more than the angle of this cosine, 150°, in one step went through zero length.
 const REVERSED: f64 = -0.87;
 
-/// The least length that an edge of `rod` may have, m, and the one that it must be less than.
+/// The minimum length of an edge of `rod`, m, and the exclusive upper bound.
 pub(crate) fn lengths_allowed(rod: &Rod) -> [f64; 2] {
     [COLLAPSED * rod.shortest(), f64::INFINITY]
 }
@@ -80,58 +81,60 @@ pub enum Mechanics {
 pub struct Model {
     /// The rod.
     pub rod: Rod,
-    /// Actuation and its drive as the scene has it.
+    /// Actuation and its drive, as in the scene.
     pub actuation: Option<(Box<dyn Actuation>, Drive)>,
-    /// True where it gives active moments (N m), not natural curvatures.
+    /// True if the actuation gives active moments (N m) instead of natural curvatures.
     pub active_moments: bool,
-    /// What it and a host give a joint at the most, if there is a limit: a dimensionless curvature, or N m of active moments.
+    /// Limit of the drive at a joint, including a host's contribution, if there is a limit: a dimensionless curvature,
+    /// or N m of active moments.
     pub largest_drive: Option<f64>,
-    /// The time (s) of the first-order lag between what it and a host ask for and what the drive gives, before that limit.
+    /// Time constant (s) of the first-order lag between the demand, including a host's, and the output of the drive,
+    /// before that limit.
     pub lag: Option<f64>,
     /// The tendons; their pull on the edges is one of the forces.
     pub tendons: Tendons,
     /// How the run starts.
     pub start: Start,
-    /// What acts on the rod from outside, beside constant loads.
+    /// External forces on the rod, apart from constant loads.
     pub forces: Forces,
-    /// The fluid as the scene has it, at time zero where its flow changes by itself.
+    /// The fluid as in the scene, at time zero if its flow depends on time.
     pub fluid: Fluid,
-    /// The velocity of its flow where that changes by itself, m/s.
+    /// Velocity of a flow that depends on time, m/s.
     pub flow: Option<[Signal; 2]>,
-    /// What lies beyond it; `None` in a uniform medium.
+    /// Interfaces and the fluids beyond them; `None` in a uniform medium.
     pub layers: Option<Layers>,
     /// Constant force of gravity and point loads (N), two entries per node.
     pub load: Option<Vec<f64>>,
-    /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` where the scene has none.
+    /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` without buoyancy.
     pub buoyancy: Option<Vec<f64>>,
-    /// Motion of a held head; `None` is a free head. The angle of one on a hinge is the commanded one.
+    /// Motion of a held head; `None` for a free head. With a hinge, the angle is the commanded one.
     pub head: Option<HeadMotion>,
     /// The hinge of a held head whose angle is free.
     pub hinge: Option<Hinge>,
-    /// The time to which a host's pose of that head belongs.
+    /// The time to which a pose of the head set by a host refers.
     pub head_input: HeadInput,
-    /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
+    /// Initial spin of a free rod about its centre of mass, in addition to that of the start, rad/s.
     pub spin: f64,
-    /// Curvature κ_k at the start beside what the start gives it, one entry per node; `None` where there is none.
+    /// Initial curvature κ_k in addition to that of the start, one entry per node; `None` if there is none.
     pub initial_curvature: Option<Vec<f64>>,
 }
 
-/// The wave of natural curvatures that the moments of `actuation` bend an unloaded `rod` to.
+/// The wave of natural curvatures to which the moments of `actuation` bend an unloaded `rod`.
 pub(crate) fn bending(actuation: &dyn Actuation, rod: &Rod) -> Box<dyn Actuation> {
-    // Whole joints' worth: half of it is taken where a joint is half.
+    // Values of full joints; those of a half-cell joint are halved later.
     let flexible = |k: usize| if rod.joints().contains(&k) { 1.0 / (rod.joint[k] * rod.joint_part(k)) } else { 0.0 };
     actuation.profiled(&(0..rod.nodes).map(flexible).collect::<Vec<_>>(), &vec![0.0; rod.nodes])
 }
 
 impl Model {
-    /// A hash of the model, including every bit of every number, and of the solver settings `solved`. Your own forces
-    /// and actuations are included by their `Debug` output.
+    /// A hash of the model, including every bit of every number, and of the solver settings `solved`. Custom forces and
+    /// actuations are included by their `Debug` output.
     pub fn fingerprint(&self, solved: &impl std::fmt::Debug) -> u128 {
         XxHash3_128::oneshot(format!("{} {solved:?} {self:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }
 
-    /// Shows `look` the actuation as one of natural curvatures, with its drive: of moments those that they bend the unloaded rod to, and of a
-    /// drive that lags those of its steady wave.
+    /// Calls `look` with the actuation as a wave of natural curvatures, and its drive. Active moments are converted to
+    /// the curvatures to which they bend the unloaded rod, and a lagged drive to its steady wave.
     pub(crate) fn with_curvature_wave<R>(&self, look: impl FnOnce(&dyn Actuation, Drive) -> R) -> Option<R> {
         let (actuation, drive) = self.actuation.as_ref()?;
         let lagging = self.lag.map(|tau| actuation.filtered(&lag::steady(tau, TAU * drive.frequency), self.rod.nodes));
@@ -142,8 +145,8 @@ impl Model {
         Some(look(&**actuation, *drive))
     }
 
-    /// The fully developed natural curvature of each joint at that `phase` (rad) of the actuation, within its limit, as
-    /// [`with_curvature_wave`](Self::with_curvature_wave) shows it; zero without one.
+    /// The fully developed natural curvature of each joint at this `phase` (rad) of the actuation, within its limit,
+    /// see [`with_curvature_wave`](Self::with_curvature_wave); zero without actuation.
     pub(crate) fn natural_curvature(&self, phase: f64) -> Vec<f64> {
         let (rod, mut natural) = (&self.rod, vec![0.0; self.rod.nodes]);
         self.with_curvature_wave(|actuation, drive| {
@@ -164,60 +167,60 @@ impl Model {
         2 * self.rod.nodes + usize::from(self.hinge.is_some())
     }
 
-    /// True where the material of the rod, or the bearing of a hinge, dissipates.
+    /// True if the material of the rod or the bearing of a hinge dissipates energy.
     pub fn is_damped(&self) -> bool {
         self.rod.damping.is_some() || self.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
     }
 
-    /// True where what drives the rod follows from its state: the motor of a hinge, or a winch.
+    /// True if a drive of the rod depends on its state: the motor of a hinge, or a winch.
     pub(crate) fn has_motor_or_winch(&self) -> bool {
         self.hinge.is_some() || self.tendons.iter().any(|tendon| tendon.winch().is_some())
     }
 
-    /// True where the drive has a limit or a lag, and does not give what it is asked for.
+    /// True if the drive has a limit or a lag, so that its output differs from the demand.
     pub fn filters_drive(&self) -> bool {
         self.largest_drive.is_some() || self.lag.is_some()
     }
 
-    /// Half of what the speed (m/s) of its head varies by in the scene's own motion.
+    /// Half the range of the speed (m/s) of the head in the scene's motion.
     pub fn head_speed_amplitude(&self) -> f64 {
         let Some([x, y, angle]) = &self.head else { return 0.0 };
         x.rate_amplitude().max(y.rate_amplitude()).max(angle.rate_amplitude() * self.rod.length)
     }
 }
 
-/// What a host may set while it runs; starts as the scene has it.
+/// The inputs that a host may set during a run; initially those of the scene.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Inputs {
     /// Drive of the actuation.
     pub drive: Drive,
     /// Phase offset φ₀, rad.
     pub phase_offset: f64,
-    /// Time (s) and phase (rad) at which the frequency last changed: the phase goes on without a jump.
+    /// Time (s) and phase (rad) at the last change of the frequency, where the phase is continuous.
     phase_origin: [f64; 2],
-    /// A host's own natural curvature at each joint (1/m), one entry per node.
+    /// Natural curvature of each joint set by a host (1/m), one entry per node.
     pub natural: Option<Vec<f64>>,
-    /// A host's own active moment of each joint (N m), one entry per node.
+    /// Active moment of each joint set by a host (N m), one entry per node.
     pub moment: Option<Vec<f64>>,
-    /// What a host adds to the tension of each tendon, N.
+    /// A host's contribution to the tension of each tendon, N.
     pub tension: [f64; MAX_TENDONS],
-    /// What a host adds to the length that a winch gives each tendon, m.
+    /// A host's contribution to the length that a winch prescribes for each tendon, m.
     pub winch: [f64; MAX_TENDONS],
-    /// What a host adds to the torque (N m) and to the commanded angle (rad) of a hinge.
+    /// A host's contributions to the torque (N m) and to the commanded angle (rad) of a hinge.
     pub hinge: MotorCommand,
-    /// What a drive that lags still gives of the inputs before these; `None` while these are the first ones.
+    /// The output of a lagged drive at the last change of its inputs; `None` before the first change.
     pub lagging: Option<LagState>,
-    /// A host's forces (N), two entries per node.
+    /// Forces set by a host (N), two entries per node.
     pub force: Option<Vec<f64>>,
-    /// The fluid, that before the first interface where there are layers.
+    /// The fluid; with layers, the one before the first interface.
     pub fluid: Fluid,
     /// True once a host has set the flow, which then no longer follows the scene.
     pub flow_taken: bool,
-    /// What lies beyond it.
+    /// Interfaces and the fluids beyond them.
     pub layers: Option<Layers>,
-    /// A host's motion of the head, of those coordinates that it moves.
+    /// Motion of the head set by a host, for the coordinates that it drives.
     pub head: Option<Box<HostHead>>,
-    /// What a host has said of the other coordinates, which they do anyway.
+    /// Inputs of a host for the other coordinates, which repeat their present motion.
     pub(crate) redundant_head_inputs: RedundantHeadInputs,
 }
 
@@ -228,7 +231,7 @@ impl Clone for Inputs {
         Self { natural, moment, force, head, lagging, ..*self }
     }
 
-    /// Allocates nothing where there is room.
+    /// Does not allocate if there is room.
     fn clone_from(&mut self, other: &Self) {
         let (mut natural, mut moment) = (self.natural.take(), self.moment.take());
         let (mut force, mut head, mut lagging) = (self.force.take(), self.head.take(), self.lagging.take());
@@ -242,7 +245,7 @@ impl Clone for Inputs {
 }
 
 impl Inputs {
-    /// The inputs that leave the model as the scene has it.
+    /// The inputs as in the scene.
     pub fn of(model: &Model) -> Self {
         Self {
             drive: model.actuation.as_ref().map_or(Drive { amplitude: 0.0, frequency: 0.0 }, |(_, drive)| *drive),
@@ -263,7 +266,7 @@ impl Inputs {
         }
     }
 
-    /// True if these act on the rod as `other` do, whatever the head does next.
+    /// True if these inputs act on the rod like `other`, apart from the motion of the head.
     pub fn act_as(&self, other: &Self) -> bool {
         let parts =
             |inputs: &Self| (inputs.drive, inputs.phase_offset, inputs.phase_origin, inputs.fluid, inputs.layers);
@@ -278,7 +281,7 @@ impl Inputs {
 
     /// Changes the frequency (Hz) at time `t` (s), keeping the phase.
     pub fn set_frequency(&mut self, frequency: f64, t: f64) {
-        let frequency = frequency + 0.0; // no minus zero
+        let frequency = frequency + 0.0; // no negative zero
         if frequency != self.drive.frequency {
             self.phase_origin = [t, self.cycle(t)];
             self.drive.frequency = frequency;
@@ -291,7 +294,7 @@ impl Inputs {
         phase + TAU * self.drive.frequency * (t - start)
     }
 
-    /// The drive at time `t` (s), where the inputs go on by `extrapolation`.
+    /// The drive at time `t` (s), with inputs that follow `extrapolation`.
     pub(crate) fn drive_state(&self, start: &Start, t: f64, extrapolation: Option<&InputExtrapolation>) -> DriveState {
         let [gain, gain_rate] = start.gain(t);
         let (amplitude, gain_acceleration) = (self.drive.amplitude, start.gain_acceleration(t));
@@ -313,7 +316,7 @@ impl Inputs {
         drive
     }
 
-    /// The wave of the drive at time `t` (s), where the inputs go on by `extrapolation`.
+    /// The wave of the drive at time `t` (s), with inputs that follow `extrapolation`.
     pub(crate) fn wave(&self, start: &Start, t: f64, extrapolation: Option<&InputExtrapolation>) -> Wave {
         let DriveState { size: [size, size_rate, _], phase: [phase, phase_rate, _] } =
             self.drive_state(start, t, extrapolation);
@@ -325,7 +328,8 @@ impl Inputs {
     }
 }
 
-/// The drive of the actuation at one time: it gives S g(φ), its size S and its phase φ, each with its first two rates.
+/// The drive of the actuation at one time: its output is S g(φ), with the size S and the phase φ, each with two time
+/// derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct DriveState {
     /// S, dS/dt and d²S/dt².
@@ -335,14 +339,14 @@ pub(crate) struct DriveState {
 }
 
 impl DriveState {
-    /// What g, dg/dφ and d²g/dφ² have in d²κ̄/dt²: S″, 2S′φ′ + Sφ″ and Sφ′².
+    /// The coefficients of g, dg/dφ and d²g/dφ² in d²κ̄/dt²: S″, 2S′φ′ + Sφ″ and Sφ′².
     fn acceleration(&self) -> [f64; 3] {
         let ([size, rate, second], [_, speed, quickening]) = (self.size, self.phase);
         [second, 2.0 * rate * speed + size * quickening, size * speed * speed]
     }
 }
 
-/// Active moments M_k of the joints (N m), conjugate to their curvatures, beside the natural curvatures that these have without them, and
+/// Active moments M_k of the joints (N m), conjugate to their curvatures, and the natural curvatures without them, with
 /// the rates of both (per s), one entry per node.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ActiveMoments {
@@ -352,12 +356,12 @@ pub struct ActiveMoments {
     pub rate: Vec<f64>,
     /// Natural curvature.
     pub natural: Vec<f64>,
-    /// Its rate.
+    /// Rate of the natural curvature.
     pub natural_rate: Vec<f64>,
 }
 
 impl ActiveMoments {
-    /// None, of `nodes` nodes.
+    /// Zeros for `nodes` nodes.
     pub(crate) fn zeros(nodes: usize) -> Self {
         let zeros = || vec![0.0; nodes];
         Self { moment: zeros(), rate: zeros(), natural: zeros(), natural_rate: zeros() }
@@ -369,7 +373,8 @@ impl ActiveMoments {
         }
     }
 
-    /// Keeps the natural curvature and its rate, and adds M_k/B_k and its rate to them; where `rod` has no joint moments become zero.
+    /// Stores the natural curvature and its rate, and adds M_k/B_k and its rate to them. Moments are set to zero where
+    /// `rod` has no joint.
     fn bend(&mut self, rod: &Rod, [natural, rate]: [&mut [f64]; 2]) {
         self.natural.copy_from_slice(natural);
         self.natural_rate.copy_from_slice(rate);
@@ -382,7 +387,7 @@ impl ActiveMoments {
     }
 }
 
-/// Moves the arc of a hinge in a `state` of `nodes` nodes back by `increment` along `direction`.
+/// Subtracts `increment` along `direction` from the arc of a hinge in a `state` of `nodes` nodes.
 fn move_arc_back(nodes: usize, direction: Direction, increment: f64, state: &mut State) {
     let parts = [(&mut state.q, direction.q), (&mut state.v, direction.v), (&mut state.a, direction.a)];
     for (values, along) in parts {
@@ -392,7 +397,7 @@ fn move_arc_back(nodes: usize, direction: Direction, increment: f64, state: &mut
     }
 }
 
-/// An array of a host's inputs, if it has set it.
+/// An array of a host's inputs, if it is set.
 type InputArray = fn(&Inputs) -> Option<&[f64]>;
 
 fn own_moment(inputs: &Inputs) -> Option<&[f64]> {
@@ -403,53 +408,55 @@ fn own_curvature(inputs: &Inputs) -> Option<&[f64]> {
     inputs.natural.as_deref()
 }
 
-/// Adds the active moments (N m) of `tendons` of these `tensions` (N) to those of the joints, one entry per node.
+/// Adds the active moments (N m) of `tendons` at these `tensions` (N) to those of the joints, one entry per node.
 fn add_tendon_moments(tendons: &Tendons, tensions: &[f64], moments: &mut [f64]) {
     for (tendon, tension) in tendons.iter().zip(tensions) {
         moments[tendon.joints.clone()].iter_mut().for_each(|moment| *moment += tension * tendon.offset);
     }
 }
 
-/// A model in motion: its inputs and all that follows from time and inputs alone, with room to work in.
+/// A model in motion: its inputs, the quantities that follow from time and inputs, and work arrays. The current time is
+/// that of the last [`System::move_to`].
 #[derive(Debug)]
 pub struct Dynamics {
     /// The model.
     pub model: Arc<Model>,
-    /// What is kept of the rod's mechanics.
+    /// The included mechanics.
     pub mechanics: Mechanics,
-    /// The host's inputs at the time last moved to.
+    /// The host's inputs at the current time.
     pub inputs: Inputs,
     /// The extrapolation of the inputs, if the host has set derivatives.
     pub extrapolation: Option<Box<InputExtrapolation>>,
-    /// Curvature κ̄_k without moment at the time last moved to, one entry per node; zero where there is no joint. It is the natural one, and
-    /// with active moments that which they bend the joint to: m_k = B_k(κ_k − κ̄_k) = B_k(κ_k − natural) − M_k.
+    /// Curvature κ̄_k without moment at the current time, one entry per node; zero where there is no joint. It is the
+    /// natural curvature, or with active moments the curvature to which they bend the joint:
+    /// m_k = B_k(κ_k − κ̄_k) = B_k(κ_k − natural) − M_k.
     pub natural: Vec<f64>,
     /// dκ̄_k/dt, 1/s.
     pub natural_rate: Vec<f64>,
-    /// The limit of the actuation, where there is one.
+    /// The limit of the actuation, if there is one.
     saturation: Option<Saturation>,
     winches: Option<Box<Winches>>,
-    /// The active moments in them, where there are any.
+    /// The active moments, if there are any.
     pub active: Option<ActiveMoments>,
-    /// The tension of each tendon, N, and its rate, N/s, at the time last moved to.
+    /// The tension of each tendon, N, and its rate, N/s, at the current time.
     pub tensions: [[f64; MAX_TENDONS]; 2],
-    /// Pose of a held head at the time last moved to; the angle of one on a hinge is that of the state that was looked at last.
+    /// Pose of a held head at the current time; with a hinge, its angle is that of the last evaluated state.
     pub held: Option<Pose>,
-    /// What the motor of a hinge is asked for at the time last moved to.
+    /// Inputs of the motor of a hinge at the current time.
     pub command: MotorCommand,
-    /// What the last assembly in the chain form left of the equation of a hinge.
+    /// Residual of a hinge in the last assembly in the chain form.
     hinge_residual: Option<HingeResidual>,
-    /// Where the step ends (s) that is under way, or was made last: there the head is as the step brings it, see
+    /// End (s) of the present or last step. At this time the pose of the head is the left-hand limit, see
     /// [`Signal::before`].
     pub(crate) step_end: Option<f64>,
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
-    /// Rates of strain of the rod as it was last deformed; `None` of an elastic one.
+    /// Strain rates of the rod as last deformed; `None` if it is elastic.
     pub(crate) rates: Option<StrainRates>,
-    /// The fluid along the rod as it was last deformed; nothing in a uniform medium.
+    /// The fluid along the rod as last deformed; empty in a uniform medium.
     runs: FluidRuns,
-    /// Room for forces and loads.
+    /// A buffer for forces and loads.
     applied: Vec<f64>,
     /// A buffer for derivatives of forces that are not used.
     pub(crate) unused: Vec<f64>,
@@ -457,7 +464,7 @@ pub struct Dynamics {
 }
 
 impl Dynamics {
-    /// The model at time zero with the scene's own inputs.
+    /// The model at time zero with the scene's inputs.
     pub fn new(model: Arc<Model>) -> Self {
         let nodes = model.rod.nodes;
         let mut dynamics = Self {
@@ -488,25 +495,25 @@ impl Dynamics {
         dynamics
     }
 
-    /// The first state of a run: positions and velocities at time zero, accelerations zero.
+    /// The initial state of a run: positions and velocities at time zero, zero accelerations.
     pub fn first_state(&mut self) -> State {
         self.first_state_in(Form::Positions)
     }
 
-    /// What of the `values` of a state there is of the nodes, two entries per node.
+    /// The entries of nodes in the `values` of a state, two per node.
     pub(crate) fn of_nodes(&self, mut values: Vec<f64>) -> Vec<f64> {
         values.truncate(2 * self.model.rod.nodes);
         values
     }
 
-    /// Places `state` at the start.
+    /// Writes the initial positions and velocities to `state`.
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
         let [curvature, rate] = self.free_of_moment([&self.natural, &self.natural_rate].map(Vec::clone));
         let Model { rod, start, spin, initial_curvature, hinge, .. } = &*self.model;
         start.place(rod, [&curvature, &rate], initial_curvature.as_deref(), self.held.as_ref(), state);
         if let (Some(_), Some([_, _, angle])) = (hinge, &self.held) {
-            // A rod that is placed at rest has a head at rest.
+            // A rod that starts at rest has a head at rest.
             let spin = if matches!(start, Start::Shaped) { angle.rate } else { 0.0 };
             for (values, angle) in [(&mut state.q, angle.value), (&mut state.v, spin)] {
                 if let Some(arc) = values.get_mut(2 * rod.nodes) {
@@ -521,7 +528,8 @@ impl Dynamics {
         self.resist_opening(state);
     }
 
-    /// Gives the links of a damped rod without strain what resists the rates of their lengths: forces are unknowns of the chain form.
+    /// Sets the forces in the links of a damped, unstrained rod to the damping of their length rates: forces are
+    /// unknowns of the chain form.
     fn resist_opening(&self, state: &mut State) {
         let Model { rod, .. } = &*self.model;
         let Some(damping) = &rod.damping else { return };
@@ -533,8 +541,8 @@ impl Dynamics {
         }
     }
 
-    /// The curvature at every node and its rate (1/s) with which the rod follows this `natural` curvature and its rate without a moment at
-    /// the start. Linear in these.
+    /// The curvature at every node and its rate (1/s) with which the rod follows `natural`, a curvature and its rate,
+    /// without a moment at the start. Linear in `natural`.
     pub(crate) fn free_of_moment(&self, mut natural: [Vec<f64>; 2]) -> [Vec<f64>; 2] {
         if let Some(damping) = &self.model.rod.damping {
             let omega = self.initial_angular_frequency();
@@ -546,20 +554,20 @@ impl Dynamics {
         natural
     }
 
-    /// 2πf of the actuation at the start, rad/s; zero without one.
+    /// 2πf of the actuation at the start, rad/s; zero without actuation.
     pub(crate) fn initial_angular_frequency(&self) -> f64 {
         let driven = self.model.actuation.is_some();
         if driven { self.inputs.wave(&self.model.start, 0.0, self.extrapolation.as_deref()).phase_rate } else { 0.0 }
     }
 
-    /// Takes over `inputs` as a whole.
+    /// Replaces the inputs by `inputs`.
     pub fn restore(&mut self, inputs: &Inputs) {
         self.inputs.clone_from(inputs);
     }
 
-    /// Takes over what a host says of coordinate `i` (x, y, angle) of a held head at time `t` (s): its derivative of `order`
-    /// 0 to 3, given as such, or as a `derivative` of another input. The first words that say what is so anyway change
-    /// nothing: start values leave the head to the scene.
+    /// Stores the derivative of `order` 0 to 3 that a host sets for coordinate `i` (x, y, angle) of a held head at time
+    /// `t` (s). `derivative` is true if it is set as a derivative of another input. The host drives a coordinate from
+    /// the first input on that differs from its present motion: start values leave the head to the scene.
     pub fn set_head_derivative(&mut self, t: f64, i: usize, order: usize, value: f64, derivative: bool) {
         let Some(pose) = &self.held else { return };
         let now = pose[i];
@@ -576,20 +584,20 @@ impl Dynamics {
         head.set_derivative(t, i, now, order, value, derivative);
     }
 
-    /// Hands the flow over to the host: it stays constant until it is set again.
+    /// Hands the flow over to the host; it stays constant until it is set again.
     pub fn take_over_flow(&mut self) -> &mut Vector2<f64> {
         self.inputs.flow_taken = true;
         self.inputs.fluid.acceleration = Vector2::zeros();
         &mut self.inputs.fluid.flow
     }
 
-    /// Evaluates natural curvature and head pose at time `t` (s), where no state is yet.
+    /// Evaluates natural curvature and head pose at time `t` (s) before there is a state.
     pub(crate) fn evaluate_at(&mut self, t: f64) {
         self.evaluate(t);
     }
 
-    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry per node, and of the active moments in them, when the inputs change
-    /// by `by`.
+    /// The first-order change of κ̄ and dκ̄/dt at time `t` (s), one entry per node, and of the active moments in them,
+    /// when the inputs change by `by`.
     pub(crate) fn natural_change(
         &self,
         by: &Inputs,
@@ -626,7 +634,7 @@ impl Dynamics {
             active.moment.iter_mut().zip(own).for_each(|(moment, own)| *moment += own);
         }
         if let Some(tau) = self.model.lag {
-            // What a drive that lags gives does not jump; its rate does, by that of (x − y)/τ.
+            // The output of a lagged drive does not jump; its rate does, by the jump of (x − y)/τ.
             let (given, rate) = if *active_moments {
                 (&mut active.moment[..], &mut active.rate[..])
             } else {
@@ -647,11 +655,11 @@ impl Dynamics {
         active.bend(rod, [natural, rate]);
     }
 
-    /// Finds how a head that a host moves goes on from time `t` to `end` (s), where a step of the host ends; it `begins` at
-    /// `t`, or the host has spoken in the middle of it.
+    /// Computes the motion of a head that a host drives, from time `t` to `end` (s), the end of the host's step.
+    /// `begins` is true if the step begins at `t`, false if the host has set the pose within it.
     ///
-    /// Returns how far (m, m, rad) a new pose is from where the head would have been without it, and a new velocity (m/s, m/s, rad/s)
-    /// from the one that it would have had.
+    /// Returns the differences of a new pose (m, m, rad), and of a new velocity (m/s, m/s, rad/s), from the motion
+    /// without it.
     pub fn fit_head_extrapolation(&mut self, t: f64, end: f64, begins: bool) -> [[f64; 2]; 3] {
         match (&mut self.inputs.head, &self.held, &self.model.head) {
             (Some(host), Some(pose), Some(motion)) => host.fit([t, end], pose, self.model.head_input, motion, begins),
@@ -659,11 +667,11 @@ impl Dynamics {
         }
     }
 
-    /// True where the run starts with a pose of the head that a host gives before the first step, at time `t` (s), for time
-    /// `t` or for the end of the step. A pose for time `t` that differs from the scene's no more than rounding leaves the head
-    /// to the scene's motion; one for the end of a step is a target unless it is too far for a step.
+    /// True if the run starts with a head pose that a host sets before the first step, at time `t` (s), for time `t` or
+    /// for the end of the step. A pose for time `t` that equals the scene's within a tolerance leaves the head to the
+    /// scene. A pose for the end of a step is a target, unless it is too far for one step.
     pub(crate) fn starts_elsewhere(&self, t: f64, step_end: Option<f64>) -> bool {
-        /// Parts of the length, and angles in rad.
+        /// Fractions of the length, and angles in rad.
         const START_POSE_TOLERANCE: f64 = 1e-6;
         const MAX_TARGET_DISTANCE: f64 = 0.1;
         let (Some(host), Some(motion)) = (&self.inputs.head, &self.model.head) else { return false };
@@ -677,7 +685,7 @@ impl Dynamics {
         host.has_started() || moves || host.largest_relative_offset(motion, time, reaches) > 1.0
     }
 
-    /// Places `state` anew at the start, at time `t` (s), with the pose of the head that a host gives.
+    /// Resets `state` to the start, at time `t` (s), with the pose of the head set by a host.
     pub(crate) fn start_with_host(&mut self, t: f64, state: &mut State) {
         if let Some(host) = &mut self.inputs.head {
             host.start(t);
@@ -690,8 +698,8 @@ impl Dynamics {
         self.move_to(t, state);
     }
 
-    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node, and d²M_k/dt² (N m/s²) of active moments to `active`, which is
-    /// empty without.
+    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node, and d²M_k/dt² (N m/s²) of active moments
+    /// to `active`, which is left empty if there are none.
     pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64], active: &mut Vec<f64>) {
         out.fill(0.0);
         let Model { rod, active_moments, .. } = &*self.model;
@@ -721,8 +729,8 @@ impl Dynamics {
         }
     }
 
-    /// The tension of tendon `i` at time `t` (s), N, with its first two rates: the scene's, which grows with the ramp of the start, and what
-    /// the host adds.
+    /// The tension of tendon `i` at time `t` (s), N, with two time derivatives: the scene's, multiplied by the start
+    /// ramp, plus the host's.
     fn pull(&self, i: usize, t: f64) -> Sample {
         let Model { tendons, start, .. } = &*self.model;
         let Some(Pull::Tension(tension)) = tendons.get(i).map(|tendon| &tendon.pull) else { return Sample::default() };
@@ -739,7 +747,7 @@ impl Dynamics {
         })
     }
 
-    /// Adds the second derivative of what the drive gives, before its limit, with what a host adds, to `out`.
+    /// Adds the second derivative of the drive's output before its limit, including a host's contribution, to `out`.
     fn add_drive_acceleration(&self, t: f64, out: &mut [f64]) {
         let Model { actuation, start, lag, active_moments, .. } = &*self.model;
         if let Some(tau) = lag {
@@ -752,7 +760,8 @@ impl Dynamics {
         self.add_own(2, t, *active_moments, 1.0, out);
     }
 
-    /// Adds `factor` times the derivative of `order` of a host's own natural curvatures (dimensionless), or of its active `moments`, to `out`.
+    /// Adds `factor` times the derivative of `order` of a host's natural curvatures (dimensionless), or of its active
+    /// `moments`, to `out`.
     fn add_own(&self, order: usize, t: f64, moments: bool, factor: f64, out: &mut [f64]) {
         let (of, factor) = match moments {
             true => (own_moment as InputArray, factor),
@@ -767,7 +776,7 @@ impl Dynamics {
         }
     }
 
-    /// Evaluates natural curvature and head pose at time `t`.
+    /// Evaluates natural curvature, tensions and head pose at time `t` (s).
     fn evaluate(&mut self, t: f64) {
         self.follow_extrapolation(t);
         for i in 0..self.model.tendons.len() {
@@ -775,7 +784,7 @@ impl Dynamics {
             (self.tensions[0][i], self.tensions[1][i]) = (value, rate);
         }
         let Model { rod, actuation, start, active_moments, tendons, .. } = &*self.model;
-        // All of it follows from inputs and time, and nothing from what was before.
+        // Everything follows from inputs and time, nothing from earlier values.
         if *active_moments || self.inputs.moment.is_some() || !tendons.is_empty() {
             self.active.get_or_insert_with(|| ActiveMoments::zeros(rod.nodes)).clear();
         } else {
@@ -793,7 +802,7 @@ impl Dynamics {
             }
         }
         let Model { rod, active_moments, tendons, .. } = &*self.model;
-        // What lags is given already, with what a host adds.
+        // The output of a lagged drive already includes a host's contribution.
         let [curvature_lags, moment_lags] =
             [false, true].map(|moments| self.model.lag.is_some() && *active_moments == moments);
         let extrapolation = self.extrapolation.as_ref().map(|extrapolation| extrapolation.rate());
@@ -828,7 +837,7 @@ impl Dynamics {
         self.command = self.command_at(t);
     }
 
-    /// What the motor of a hinge is asked for at time `t` (s): the torque grows with the ramp of the start.
+    /// The inputs of the motor of a hinge at time `t` (s). The scene's torque is multiplied by the start ramp.
     fn command_at(&self, t: f64) -> MotorCommand {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else {
             return MotorCommand::default();
@@ -840,7 +849,7 @@ impl Dynamics {
         }
     }
 
-    /// The rate (per s) of what the motor of a hinge is asked for, at time `t` (s).
+    /// The rates (per s) of the inputs of the motor of a hinge at time `t` (s).
     pub(crate) fn command_rate(&self, t: f64) -> MotorCommand {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, self.pose(t, pose)) else {
             return MotorCommand::default();
@@ -852,7 +861,7 @@ impl Dynamics {
         MotorCommand { torque: gain * own.rate + gain_rate * own.value + torque, angle: angle.rate + turning }
     }
 
-    /// Takes the angle of a head on a hinge from `state`.
+    /// Takes the angle of a hinged head from `state`.
     fn follow_hinge(&mut self, state: &State) {
         let Model { rod, hinge, .. } = &*self.model;
         if let (Some(_), Some([_, _, angle])) = (hinge, &mut self.held) {
@@ -860,25 +869,26 @@ impl Dynamics {
         }
     }
 
-    /// The angle (rad) of a held head in `state`, with both rates.
+    /// The angle (rad) of a held head in `state`, with two time derivatives.
     fn head_angle(&self, state: &State) -> Option<Sample> {
         let Model { rod, hinge, .. } = &*self.model;
         let own = hinge.as_ref().map(|_| Hinge::angle(state, rod.nodes, rod.length));
         own.or_else(|| self.held.map(|[_, _, angle]| angle))
     }
 
-    /// T, the torque (N m) of the motor of a hinge, where the head is as in the state that was looked at last.
+    /// Motor torque T (N m) of a hinge, at the head angle of the last evaluated state.
     pub fn hinge_torque(&self) -> f64 {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return 0.0 };
         hinge.torque(self.command, angle.value)[0]
     }
 
-    /// The equation of a hinge with its derivatives along `direction`, of the rod as it was last deformed; `None` without a hinge.
+    /// The equation of a hinge with its derivatives along `direction`, for the rod as last deformed; `None` without a
+    /// hinge.
     pub(crate) fn hinge_equation(&self, direction: Direction) -> Option<HingeEquation> {
         let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) else { return None };
         let Joint { couple, stiffness } = self.joints[0];
         let own = hinge.residual(self.command, *angle, couple, direction);
-        // Each row as a force, each column by an arc.
+        // Rows are scaled to forces, columns to arcs.
         let per_length = 1.0 / self.model.rod.length;
         let edge = &self.edges[0];
         let damped = self.rates.as_ref().map(|rates| (rates.viscosity[0], rates.edges[0].spin_slope(edge, direction)));
@@ -893,7 +903,8 @@ impl Dynamics {
         })
     }
 
-    /// Writes the equation of a hinge in the place of the first one of node 0, which is prescribed, with what it has in common with node 1.
+    /// Writes the equation of a hinge, with its coupling to node 1, in place of the first equation of node 0, which is
+    /// prescribed.
     fn write_hinge(&self, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) {
         let direction = jacobian.as_ref().map_or(Direction::POSITIONS, |jacobian| jacobian.direction);
         let Some(equation) = self.hinge_equation(direction) else { return };
@@ -903,12 +914,12 @@ impl Dynamics {
         }
     }
 
-    /// Where a held head is at time `t` (s) of the last step, and its velocity (m/s).
+    /// Position (m) and velocity (m/s) of a held head at time `t` (s) of the last step.
     pub(crate) fn head_place(&self, t: f64) -> Option<[Vector2<f64>; 2]> {
         self.pose(t, pose_before).map(|[x, y, _]| [Vector2::new(x.value, y.value), Vector2::new(x.rate, y.rate)])
     }
 
-    /// Where a held head is at time `t` (s), by what `own` says of the scene's own motion of it.
+    /// Pose of a held head at time `t` (s); `own` evaluates the scene's motion.
     fn pose(&self, t: f64, own: fn(&HeadMotion, f64) -> Pose) -> Option<Pose> {
         let mut pose = own(self.model.head.as_ref()?, t);
         if let Some(host) = &self.inputs.head {
@@ -919,7 +930,7 @@ impl Dynamics {
         Some(pose)
     }
 
-    /// The rod deformed as `state` says, whose time this was last moved to: by its links where it has any, else by its positions.
+    /// The rod deformed as in `state`, at the current time: by its links if it has any, else by its positions.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::EdgeCollapse`], [`Error::FoldOver`].
@@ -949,7 +960,7 @@ impl Dynamics {
         Ok(())
     }
 
-    /// Finds the rates of strain of the rod as it was just deformed, and what its joints resist them with.
+    /// Computes the strain rates of the rod as just deformed, and adds their damping to the joints.
     #[inline(never)] // most rods are elastic
     fn strain(&mut self, state: &State) {
         let Self { model, edges, joints, kappa, natural_rate, rates, held, .. } = self;
@@ -965,12 +976,12 @@ impl Dynamics {
         }
     }
 
-    /// The damping of the rod with its rates of strain as it was last deformed; `None` of an elastic one.
+    /// The damping of the rod with its strain rates as last deformed; `None` if it is elastic.
     pub fn damped(&self) -> Option<KelvinVoigt<'_>> {
         KelvinVoigt::of(self.model.rod.damping.as_ref(), self.rates.as_ref())
     }
 
-    /// Finds the fluid along a rod at `q`.
+    /// Finds the fluid along a rod with positions `q`.
     fn locate_fluid(&mut self, q: &[f64]) {
         match &self.inputs {
             Inputs { layers: Some(layers), fluid, .. } => _ = self.runs.find(layers, *fluid, q),
@@ -995,18 +1006,18 @@ impl Dynamics {
         }
     }
 
-    /// The tangent that a held head prescribes before the first joint.
+    /// The tangent before the first joint that a held head prescribes.
     pub(crate) fn clamp_tangent(&self) -> Option<Vector2<f64>> {
         self.held.as_ref().map(|pose| self.along_head(pose))
     }
 
-    /// The same in `state`, at the time last moved to.
+    /// The clamp tangent in `state`, at the current time.
     fn clamp_tangent_of(&self, state: &State) -> Option<Vector2<f64>> {
         let [x, y, _] = self.held?;
         Some(self.along_head(&[x, y, self.head_angle(state)?]))
     }
 
-    /// The same in the state `before` that a step begins at.
+    /// The clamp tangent in the state `before`, at the beginning of a step.
     pub(crate) fn clamp_tangent_before(&self, before: &State) -> Option<Vector2<f64>> {
         let mut pose = self.pose(before.t, pose_before)?;
         if self.model.hinge.is_some() {
@@ -1041,7 +1052,7 @@ impl Dynamics {
         self.loads_by_source().into_iter().flatten()
     }
 
-    /// The constant load, that of a host, and buoyancy.
+    /// The constant load, the host's load, and buoyancy.
     pub(crate) fn loads_by_source(&self) -> [Option<(&[f64], f64)>; 3] {
         fn with(force: &Option<Vec<f64>>, factor: f64) -> Option<(&[f64], f64)> {
             force.as_deref().map(|force| (force, factor))
@@ -1050,13 +1061,13 @@ impl Dynamics {
         [with(&self.model.load, 1.0), with(&self.inputs.force, 1.0), buoyancy]
     }
 
-    /// True where any constant or host force acts.
+    /// True if any constant force, host force or buoyancy acts.
     pub fn is_loaded(&self) -> bool {
         self.loads().next().is_some()
     }
 
-    /// Work (J) of the constant and host forces on the way from positions `from` to `to` over the `times` (s); forces that
-    /// change by themselves are taken in the middle.
+    /// Work (J) of the constant and host forces from positions `from` to `to` over the `times` (s). Time-dependent
+    /// forces are evaluated at the middle of the interval.
     pub fn load_work(&mut self, times: [f64; 2], from: &[f64], to: &[f64]) -> f64 {
         if !self.is_loaded() {
             return 0.0;
@@ -1067,7 +1078,7 @@ impl Dynamics {
         work
     }
 
-    /// Moves the inputs on to time `t` (s), where they go on by themselves.
+    /// Updates extrapolated and time-dependent inputs to time `t` (s).
     fn follow_extrapolation(&mut self, t: f64) {
         if let Some(extrapolation) = &mut self.extrapolation {
             extrapolation.at(t, &mut self.inputs);
@@ -1079,12 +1090,12 @@ impl Dynamics {
         }
     }
 
-    /// True where the acceleration of the head jumps at time `t` (s), by the scene's own motion.
+    /// True if the acceleration of the head jumps at time `t` (s) in the scene's motion.
     pub(crate) fn head_jumps_at(&self, t: f64) -> bool {
         self.own_head().any(|signal| signal.jumps_at(t))
     }
 
-    /// The scene's own motions of the head, of those coordinates that no host moves.
+    /// The scene's motion of the head coordinates that no host drives.
     fn own_head(&self) -> impl Iterator<Item = &Signal> {
         let host = self.inputs.head.as_deref();
         let hosts = move |i: usize| host.and_then(|host| host.axes[i].as_ref()).is_some_and(|axis| axis.moves());
@@ -1092,8 +1103,9 @@ impl Dynamics {
         signals.filter(move |(i, _)| !hosts(*i)).map(|(_, signal)| signal)
     }
 
-    /// The longest step (s) from time `t` (s), which this was last moved to, that resolves what drives the rod, however little
-    /// that moves it: the wave, the ramp of the start, the signals of head and flow; or one of at least `wanted` (s).
+    /// The longest step (s) from the current time `t` (s) that resolves the drives of the rod, whatever their
+    /// amplitude: the wave, the start ramp, the signals of head, flow, tendons and hinge. The search stops at steps of
+    /// `wanted` (s) or more.
     pub fn longest_step(&self, t: f64, wanted: f64) -> f64 {
         let Model { actuation, start, flow, tendons, hinge, .. } = &*self.model;
         let own_flow = flow.iter().flatten().filter(|_| !self.inputs.flow_taken);
@@ -1121,10 +1133,10 @@ impl Dynamics {
         longest
     }
 
-    /// The time (s) from `t` (s) in which the phase `turn`s by that much (rad).
+    /// The time (s) from `t` (s) in which the phase changes by `turn` (rad).
     fn longest_turn(&self, turn: f64, drive: &DriveState, t: f64) -> f64 {
         let Some(extrapolation) = self.extrapolation.as_deref() else { return turn / drive.phase[1].abs() };
-        // |φ′|h, |φ″|h²/2, …: where several are there, each has its share.
+        // |φ′|h, |φ″|h²/2, …: the nonzero terms have equal shares.
         let rate = |order: usize| {
             let frequency =
                 if order <= HIGHEST_ORDER { extrapolation.derivative(order, t, |i| i.drive.frequency) } else { 0.0 };
@@ -1144,8 +1156,8 @@ impl Dynamics {
         longest
     }
 
-    /// What changing densities and moving interfaces bring with the fluid that they put around the rod: its energy, W, and its
-    /// momentum, N. It has the velocity of what was there before.
+    /// The rates at which changing densities and moving interfaces change the energy (W) and the momentum (N) of the
+    /// fluid around the rod. New fluid has the velocity of the fluid that it replaces.
     pub(crate) fn medium_change_rates(&self, rod: &Kinematics<'_>, workspace: &mut [f64]) -> (f64, Vector2<f64>) {
         let (mut power, mut force) = (0.0, Vector2::zeros());
         let Some(extrapolation) = &self.extrapolation else { return (power, force) };
@@ -1162,7 +1174,7 @@ impl Dynamics {
         (power, force)
     }
 
-    /// Refuses interfaces that do not follow each other along their normal at time `t` (s).
+    /// Checks that the interfaces follow each other along their normal at time `t` (s).
     ///
     /// # Errors
     /// [`Error::BadValue`].
@@ -1182,7 +1194,7 @@ impl Dynamics {
         }
     }
 
-    /// The energy (J) of the loads that depend on the place `q`.
+    /// The energy (J) of the position-dependent loads at positions `q`.
     fn placed(&self, q: &[f64]) -> f64 {
         let loads = self.model.forces.iter().filter(|force| force.power_kind() == Some(PowerKind::Load));
         loads.map(|load| load.energy(&self.kinematics_of(0.0, &self.edges, [q; 3]), 0.0, None)).sum()
@@ -1192,7 +1204,7 @@ impl Dynamics {
         self.loads_along(|k| node(to, k) - node(from, k)).0
     }
 
-    /// Σ F·d over the constant and host forces and buoyancy F, d the `motion` of a node, and ΣF (N).
+    /// Σ F·d over the constant and host forces and buoyancy F, where d is the `motion` of a node, and ΣF (N).
     pub(crate) fn loads_along(&self, motion: impl Fn(usize) -> Vector2<f64>) -> (f64, Vector2<f64>) {
         let (mut along, mut total) = (0.0, Vector2::zeros());
         for (forces, factor) in self.loads() {
@@ -1205,7 +1217,7 @@ impl Dynamics {
         (along, total)
     }
 
-    /// How a rod of these `edges` moves at time `t` (s) with positions, velocities and accelerations `motion`.
+    /// The kinematics of a rod with these `edges` at time `t` (s), with positions q, velocities v and accelerations a.
     pub fn kinematics_of<'a>(&'a self, t: f64, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Kinematics<'a> {
         Kinematics {
             t,
@@ -1220,24 +1232,24 @@ impl Dynamics {
         }
     }
 
-    /// How the rod moves in `state`, as which it was deformed last.
+    /// The kinematics of the rod in `state`, the last one to which it was deformed.
     fn moving<'a>(&'a self, State { t, q, v, a, .. }: &'a State) -> Kinematics<'a> {
         Kinematics { around: (&self.runs).into(), ..self.kinematics_of(*t, &self.edges, [q, v, a]) }
     }
 
-    /// The flow (m/s) at the place `x`.
+    /// The flow (m/s) at position `x` (m).
     pub fn flow_at(&self, x: Vector2<f64>) -> Vector2<f64> {
         self.fluid_at(x).flow
     }
 
-    /// The fluid at place `x` (m).
+    /// The fluid at position `x` (m).
     pub fn fluid_at(&self, x: Vector2<f64>) -> Fluid {
         let Inputs { fluid, layers, .. } = &self.inputs;
         layers.map_or(*fluid, |layers| layers.at(*fluid, layers.height(x)).fluid)
     }
 
-    /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s); none where the fluid is not the same
-    /// everywhere.
+    /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s); `None` in a layered medium,
+    /// or without forces.
     pub fn towing_force(&self, speed: f64) -> Option<f64> {
         self.towing_force_in(self.inputs.fluid, speed)
     }
@@ -1249,14 +1261,14 @@ impl Dynamics {
         (uniform && !forces.is_empty()).then(|| forces.towing(rod, fluid, speed))
     }
 
-    /// The time (s) in which a stretching wave passes the rod.
+    /// The time (s) that a stretching wave needs to cross the rod.
     pub fn crossing_time(&self) -> f64 {
         let rod = &self.model.rod;
         (rod.total_mass() * rod.length / rod.ea).sqrt()
     }
 
-    /// The largest speed (m/s) of the rod's own motion in `state`, which is the same in any frame: against its head, where that
-    /// is held, else against its centre of mass, and of that against the fluid.
+    /// The largest speed (m/s) of the rod in `state`, independent of the frame: relative to its head if that is held,
+    /// else relative to its centre of mass, including the speed of that relative to the fluid.
     pub fn own_speed(&self, state: &State) -> f64 {
         let rod = &self.model.rod;
         let [own, drift] = if self.model.head.is_some() {
@@ -1275,17 +1287,17 @@ impl Dynamics {
         state.v.as_chunks().0.iter().map(against).fold(drift.amax(), f64::max)
     }
 
-    /// The kinetic energy that node 0 has at unit speed, times 2, kg.
+    /// Twice the kinetic energy of node 0 at unit speed, kg.
     pub fn head_mass(&self) -> f64 {
         if self.mechanics == Mechanics::Overdamped { 0.0 } else { self.model.rod.mass[0] }
     }
 
-    /// The moments m_k (N m) that hold the rod in the shape that it has in `state`, from balance alone: the nodes j beyond joint k
-    /// need m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F forces and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
-    /// the force (N) that a held head must exert, zero for a free one.
+    /// Computes the moments m_k (N m) that hold the rod in its shape in `state`, from balance alone: the nodes j beyond
+    /// joint k need m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), with forces and loads F (whatever EI and EA are).
+    /// Returns Σ (M a_j − F_j), the force (N) that a held head must exert, zero for a free one.
     ///
     /// # Errors
-    /// Those of [`shape`](Self::shape).
+    /// Errors of [`shape`](Self::shape).
     pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Result<Vector2<f64>> {
         let mut applied = std::mem::take(&mut self.applied);
         applied.resize(state.q.len(), 0.0);
@@ -1304,7 +1316,7 @@ impl Dynamics {
         Ok(force)
     }
 
-    /// Writes the forces (N) that oppose the motion `rod`, less loads, to `out`, two entries per node.
+    /// Writes the forces (N) that oppose the motion `rod`, minus the loads, to `out`, two entries per node.
     pub fn write_applied(&self, rod: &Kinematics<'_>, out: &mut [f64]) {
         out.fill(0.0);
         self.subtract_loads(out);
@@ -1329,10 +1341,10 @@ impl Dynamics {
         }
     }
 
-    /// M a − F at `state` for every node, that of a held head too, where it is the force the head must exert.
+    /// M a − F at `state` for every node, including a held head, where it is the force that the head must exert.
     ///
     /// # Errors
-    /// Those of [`System::assemble`].
+    /// Errors of [`System::assemble`].
     pub fn unconstrained(
         &mut self,
         state: &State,
@@ -1364,7 +1376,7 @@ impl Dynamics {
 }
 
 impl Dynamics {
-    /// True where a guess keeps the lengths of edges, see [`better_guess`](System::better_guess).
+    /// True if a guess preserves edge lengths, see [`better_guess`](System::better_guess).
     pub(crate) fn keeps_lengths(&self, direction: Direction) -> bool {
         let rod = &self.model.rod;
         PI * PI * rod.ea * direction.q >= rod.total_mass() * rod.length * direction.a
@@ -1444,9 +1456,9 @@ impl System for Dynamics {
         state.move_all_back(direction, increment);
     }
 
-    /// In positions every edge keeps its length, where the step does not resolve the slowest stretching mode: a guess that
-    /// turns edges too far stretches them, and that tension, as large as what bends the rod, costs Newton's method an
-    /// iteration or two.
+    /// In the positions form, edge lengths are preserved if the step does not resolve the slowest stretching mode. A
+    /// guess that turns edges too far would stretch them, and that tension, as large as the bending forces, costs
+    /// Newton's method one or two iterations.
     fn better_guess(&self, from: &State, direction: Direction, to: &mut State) {
         to.guess_links(from);
         if !to.links.is_empty() || !self.keeps_lengths(direction) {
@@ -1464,13 +1476,13 @@ impl System for Dynamics {
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
-        // Each state beside the head as it was then: a head may turn far within a step.
+        // Each state with its own pose of the head, which may turn far within a step.
         let clamp_tangents =
             self.clamp_tangent_before(before).zip(self.clamp_tangent_of(after)).map(|(before, after)| [before, after]);
         if lengths::least_turn(clamp_tangents, before.q.as_chunks().0, after.q.as_chunks().0)
             .is_some_and(|cos| cos >= 0.0)
         {
-            return Ok(()); // as nearly always
+            return Ok(()); // almost always
         }
         let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], clamp_tangents.unwrap_or_default()];
         let mut folded = None;
@@ -1482,11 +1494,11 @@ impl System for Dynamics {
             if turned < 0.0 && turned < REVERSED * old.norm() * new.norm() {
                 return Err(Error::EdgeCollapse { time_s: after.t, node: k, length_m: new.norm() });
             }
-            // cos of the turning at node k, times a positive number; zero where there is no edge before.
+            // Cosine of the turning angle at node k, times a positive number; zero if there is no edge before.
             let cos = [edges[0].dot(&old), edges[1].dot(&new)];
             if cos[0].min(cos[1]) < 0.0 && folded.is_none() {
                 let sin = [edges[0].perp(&old), edges[1].perp(&new)];
-                // From one side to the other, and the way over ±180° is the shorter one.
+                // The turning angle changed sign, and the path through ±180° is the shorter one.
                 if sin[0] * sin[1] < 0.0 && cos[0] / cos[0].hypot(sin[0]) + cos[1] / cos[1].hypot(sin[1]) < 0.0 {
                     folded = Some(k);
                 }

@@ -1,4 +1,4 @@
-//! How a run starts: the gain of the actuation in time, and the first positions and velocities.
+//! The start of a run: the gain of the actuation over time, and the initial positions and velocities.
 
 use nalgebra::{Rotation2, Vector2};
 
@@ -10,15 +10,15 @@ use crate::system::State;
 /// The kind of start.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Start {
-    /// The straight resting rod is released into the full actuation (the source study's).
+    /// The straight rod, at rest, is released into the full actuation (as in the source study).
     Jump,
     /// The actuation grows over `duration` (s) by r = 10z³ − 15z⁴ + 6z⁵, z = t/duration: twice differentiable.
     Ramp {
-        /// τ, s.
+        /// Duration, s.
         duration: f64,
     },
-    /// The rod starts in the shape of its natural curvature and moves with it, without momentum; where its material resists that motion,
-    /// as late as it follows without a moment.
+    /// The rod starts in the shape of its natural curvature and moves with it, with zero momentum. If its material
+    /// damps this motion, the shape lags as in motion without moments.
     #[default]
     Shaped,
 }
@@ -35,7 +35,7 @@ impl Start {
         }
     }
 
-    /// r and all of its derivatives after time `t` (s), or those `before` it.
+    /// r and all of its derivatives just after time `t` (s), or just `before` it.
     pub fn gain_jet(&self, t: f64, before: bool) -> Jet {
         let mut jet = Jet::default();
         jet[0] = 1.0;
@@ -64,10 +64,10 @@ impl Start {
         }
     }
 
-    /// Writes the first positions and velocities into `state`.
+    /// Writes the initial positions and velocities to `state`.
     ///
-    /// `curvature` and its `rate` (1/s) are those of every node where the rod is free of moments, `initial_curvature`
-    /// is curvature beside that which the start gives, and `held` the pose of a held head.
+    /// `curvature` and its `rate` (1/s) are those of every node of a rod free of moments, `initial_curvature` is added
+    /// to the curvature of the start, and `held` is the pose of a held head.
     pub fn place(
         &self,
         rod: &Rod,
@@ -112,8 +112,8 @@ impl Start {
     }
 }
 
-/// The unstretched chain with turnings from `curvature`, from node 0 at `origin` moving at `speed`, its base direction
-/// `angle` turning at `spin`.
+/// The unstretched chain with turning angles from `curvature`. Node 0 is at `origin` and moves at `speed`; the
+/// direction before the first joint is `angle`, rotating at `spin`.
 fn chain(
     rod: &Rod,
     curvature: &[f64],
@@ -144,8 +144,8 @@ fn chain(
     }
 }
 
-/// Moves and turns the rod, and its velocities with it, so that its centre of mass is the straight rod's and the
-/// mass-weighted squared distance to the straight rod is least.
+/// Translates and rotates the rod, with its velocities, so that its centre of mass is that of the straight rod and the
+/// mass-weighted squared distance to the straight rod is minimal.
 fn straighten(rod: &Rod, state: &mut State) {
     let straight = |k: usize| Vector2::new(rod.arc_length(k), 0.0);
     let centre = rod.mean(&state.q);

@@ -1,12 +1,14 @@
-//! Tendons: cables along the rod, at a distance from its centreline, that pull its edges together and bend its joints.
+//! Tendons: cables along the rod, offset from its centreline, that pull its edges together and bend its joints.
 //!
-//! A cable at the distance d to the left of the rod, from node a to node b, is shorter than the rod by 2 d tan(θ_k/2) = d κ_k at every
-//! joint that it passes: its length is Λ = Σ ℓ_e − d Σ κ_k, exactly. A tension T does the work −T dΛ: it adds T to the tension of the
-//! edges, a [`Force`], and is an active moment T d of the joints, see [`ActiveMoments`](crate::model::ActiveMoments). A tendon that
-//! begins where a held head or a body holds the rod is fastened to it, and passes the half-cell joint there.
+//! A cable at the distance d to the left of the rod, from node a to node b, is shorter than the rod by
+//! 2 d tan(θ_k/2) = d κ_k at every joint that it passes. Its length is Λ = Σ ℓ_e − d Σ κ_k, exactly. A tension T does the
+//! work −T dΛ: it adds T to the tension of the edges, a [`Force`], and an active moment T d to the joints, see
+//! [`ActiveMoments`](crate::model::ActiveMoments). A tendon that begins where a held head or a body holds the rod is
+//! attached to it, and passes the half-cell joint there.
 //!
-//! A winch gives a length instead, through the stiffness of the cable: T = f(Λ − Λ_c). So T follows from the whole of the motion, and
-//! Newton's matrix has a part that couples all nodes beside the cable, f′ ∂Λ/∂x ∂Λ/∂xᵀ, see [`RankOne`](crate::system::RankOne).
+//! A winch prescribes a length instead, through the stiffness of the cable: T = f(Λ − Λ_c). T then depends on the
+//! motion of all nodes along the cable, and Newton's matrix has a part that couples them all, f′ ∂Λ/∂x ∂Λ/∂xᵀ, see
+//! [`RankOne`](crate::system::RankOne).
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,7 +21,7 @@ use crate::head::{Sample, Signal};
 use crate::linear::{Block, Direction, pair};
 use crate::rod::{Edge, Rod, bend, node};
 
-/// The largest number of tendons of a rod.
+/// Maximum number of tendons of a rod.
 pub const MAX_TENDONS: usize = 4;
 
 /// A tendon.
@@ -27,36 +29,38 @@ pub const MAX_TENDONS: usize = 4;
 pub struct Tendon {
     /// Distance d from the centreline, m; positive to the left of the rod, from head to tip.
     pub offset: f64,
-    /// The edges that it runs along.
+    /// The edges along which it runs.
     pub edges: Range<usize>,
     /// The joints that it passes.
     pub joints: Range<usize>,
-    /// What pulls it.
+    /// The tension or the winch that pulls it.
     pub pull: Pull,
 }
 
 /// What pulls a tendon.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pull {
-    /// A tension, N, before the ramp of the start and without what a host adds.
+    /// A tension, N, without the start ramp and without the host's contribution.
     Tension(Signal),
     /// A winch.
     Winch(Winch),
 }
 
-/// A winch that gives a tendon a length through its stiffness.
+/// A winch that prescribes the length of a tendon through its stiffness.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Winch {
     /// Stiffness k of the cable, N/m.
     pub stiffness: f64,
-    /// Its length without tension Λ_c, m, before the ramp of the start, which leads there from the straight rod, and without what a host adds.
+    /// Unstretched length Λ_c of the cable, m, without the start ramp, which leads there from the straight rod, and
+    /// without the host's contribution.
     pub length: Signal,
-    /// The stretch w over which it takes up its slack, m.
+    /// The stretch w over which the cable takes up its slack, m.
     pub take_up: f64,
 }
 
 impl Winch {
-    /// The tension T (N) of a cable that is longer by x than without, and dT/dx: nothing below 0, k x²/2w up to w, and k (x − w/2) beyond.
+    /// The tension T (N) of a cable stretched by x, and dT/dx: zero below x = 0, T = k x²/2w up to w, and
+    /// T = k (x − w/2) beyond.
     pub fn tension(&self, stretch: f64) -> [f64; 2] {
         let Self { stiffness, take_up, .. } = *self;
         let part = (stretch / take_up).clamp(0.0, 1.0);
@@ -66,8 +70,8 @@ impl Winch {
 }
 
 impl Tendon {
-    /// The tendon that runs from `xi[0]` to `xi[1]` of `rod`, each the next node; `None` if no joint is between. `pull` says what pulls it if
-    /// it is so long (m) beside the straight rod.
+    /// The tendon from `xi[0]` to `xi[1]` of `rod`, each rounded to the nearest node; `None` if there is no joint in
+    /// between. `pull` returns what pulls it, given its length (m) along the straight rod.
     pub fn along(rod: &Rod, offset: f64, xi: [f64; 2], pull: impl FnOnce(f64) -> Pull) -> Option<Self> {
         let last = rod.nodes - 1;
         let [from, to] = xi.map(|xi| rod.front + (xi * (last - rod.front) as f64).round() as usize);
@@ -88,7 +92,7 @@ impl Tendon {
         }
     }
 
-    /// Its tension (N), or the length (m) that a winch gives it.
+    /// The tension (N), or the length (m) that a winch prescribes.
     pub fn signal(&self) -> &Signal {
         match &self.pull {
             Pull::Tension(signal) | Pull::Winch(Winch { length: signal, .. }) => signal,
@@ -100,17 +104,17 @@ impl Tendon {
         edges[self.edges.clone()].iter().map(|edge| edge.length).sum()
     }
 
-    /// Its length Λ (m) along these `edges`, where the joints have the curvatures `kappa`.
+    /// The length Λ (m) along these `edges`, at joint curvatures `kappa`.
     pub fn length(&self, edges: &[Edge], kappa: &[f64]) -> f64 {
         self.edge_length(edges) - self.offset * kappa[self.joints.clone()].iter().sum::<f64>()
     }
 
-    /// Calls `add` with ∂Λ/∂x at each node, where the joints have the curvatures `kappa`.
+    /// Calls `add` with the contributions to ∂Λ/∂x at each node, at joint curvatures `kappa`.
     pub fn visit_length_slopes(&self, edges: &[Edge], kappa: &[f64], mut add: impl FnMut(usize, Vector2<f64>)) {
         self.visit_slopes(edges, &mut add);
         for k in self.joints.clone() {
             let size = self.offset * bend::curvature_per_turning(kappa[k]);
-            // A joint turns by what its edge turns more than the one before.
+            // A joint turns by the rotation of its edge minus that of the edge before.
             let around = [Some((k, -size)), k.checked_sub(1).map(|before| (before, size))];
             for (e, size) in around.into_iter().flatten() {
                 let across = edges[e].n() * (size * edges[e].per_length);
@@ -120,7 +124,7 @@ impl Tendon {
         }
     }
 
-    /// Calls `add` with t of each of its edges at either end: ∂(Σ ℓ_e)/∂x.
+    /// Calls `add` with −t at the start and t at the end of each of its edges, the contributions to ∂(Σ ℓ_e)/∂x.
     pub fn visit_slopes(&self, edges: &[Edge], mut add: impl FnMut(usize, Vector2<f64>)) {
         for e in self.edges.clone() {
             add(e, -edges[e].t);
@@ -128,29 +132,29 @@ impl Tendon {
         }
     }
 
-    /// The rate of Σ ℓ_e (m/s), where the nodes move at `v`.
+    /// The rate of Σ ℓ_e (m/s) at node velocities `v`.
     pub fn edge_length_rate(&self, edges: &[Edge], v: &[f64]) -> f64 {
         self.edges.clone().map(|e| edges[e].t.dot(&(node(v, e + 1) - node(v, e)))).sum()
     }
 }
 
-/// The length (m) of these edges of the straight `rod`.
+/// The rest length (m) of these edges of `rod`.
 pub(crate) fn rest_length(rod: &Rod, edges: Range<usize>) -> f64 {
     edges.map(|e| rod.cells[e].rest).sum()
 }
 
-/// A tension, N, that is `pull` unless that is negative: a cable does not push.
+/// The tension `pull` (N), or zero if it is negative: a cable does not push.
 pub(crate) fn slack_below_zero(pull: Sample) -> Sample {
     if pull.value > 0.0 || pull.value == 0.0 && pull.rate > 0.0 { pull } else { Sample::default() }
 }
 
-/// The tendons of a rod; the force of their tension on the edges: F = −T t on the end of an edge, T t on its begin, with
-/// ∂(T t)/∂e = T n nᵀ/ℓ.
+/// The tendons of a rod, and the force of their tension on the edges: F = −T t on the end of an edge, T t on its start,
+/// with ∂(T t)/∂e = T n nᵀ/ℓ.
 #[derive(Debug, Clone, Default)]
 pub struct Tendons(Arc<[Tendon]>);
 
 impl Tendons {
-    /// These tendons, of which there are at most [`MAX_TENDONS`].
+    /// These tendons, at most [`MAX_TENDONS`].
     pub fn new(tendons: Vec<Tendon>) -> Self {
         Self(tendons.into())
     }
@@ -158,7 +162,8 @@ impl Tendons {
 
 #[cfg(feature = "faer")]
 impl Tendons {
-    /// A bound of what taut winches add to the largest ω² (1/s²) of the straight `rod`: Σ k Σ |∂Λ/∂x|²/m over the nodes that are free.
+    /// An upper bound of what taut winches add to the largest ω² (1/s²) of the straight `rod`: Σ k Σ |∂Λ/∂x|²/m over
+    /// the free nodes.
     pub(crate) fn stiffness_over_inertia(&self, rod: &Rod) -> f64 {
         let edges: Vec<Edge> = (0..rod.nodes - 1).map(|e| Edge::along(Vector2::x(), rod.cells[e].rest)).collect();
         let straight = vec![0.0; rod.nodes];

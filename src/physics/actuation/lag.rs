@@ -1,23 +1,24 @@
-//! The first-order lag of a drive: of x that is asked for it gives y, τ dy/dt = x − y.
+//! First-order lag of a drive: its output y follows the demand x by τ dy/dt = x − y.
 //!
-//! It is solved in closed form, so that what a drive gives follows from time and inputs alone, whatever the steps. Since the last change of
-//! the inputs, or the start or the end of a ramp, a drive asks for terms S(t) e^{inφ}, S a polynomial in time and dφ/dt = ω a constant. What
-//! it gives of these, beside the y of that moment, which fades as e^{−t/τ}, is e^{inφ} Z with
+//! The equation is solved in closed form, so the output depends on time and inputs only, not on the steps. Since the
+//! last change of the inputs, or the start or end of a ramp, the demand is a sum of terms S(t) e^{inφ}, with a
+//! polynomial S in time and constant dφ/dt = ω. The output is the y at that moment, which decays as e^{−t/τ}, plus
+//! e^{inφ} Z for each term, with
 //!
 //! Z = (1/τ) ∫ S(t − u) e^{−λu} du, λ = 1/τ + inω, over 0 < u < age.
 //!
-//! Where λ times the age is large, this is the difference of Σ_j (−1)^j S^{(j)}/(τ λ^{j+1}) at the two ends; where it is small, that would
-//! cancel, and Z is a sum over the moments ∫ x^j e^{−zx} dx.
+//! For large z = λ·age, this is the difference of Σ_j (−1)^j S^{(j)}/(τ λ^{j+1}) at the two ends. For small z that
+//! would cancel, and Z is a sum over the moments ∫ x^j e^{−zx} dx.
 
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
 use super::Actuation;
 
-/// Derivatives of a size: of the ramp's fifth order times an input's third.
+/// Number of derivatives of S, from the value on: S is a ramp of degree 5 times an input of degree 3.
 pub const ORDERS: usize = 9;
 
-/// A polynomial in time by its value and derivatives at one time.
+/// A polynomial in time, given by its value and derivatives at one time.
 pub type Jet = [f64; ORDERS];
 
 /// The product of two polynomials.
@@ -33,7 +34,7 @@ pub fn product(a: &Jet, b: &Jet) -> Jet {
     })
 }
 
-/// The derivatives, from that of `order` on, of the polynomial that has these at one time, at another one `later` (s).
+/// The derivatives, from `order` on, of the polynomial `jet` at a time `later` (s).
 fn shifted(jet: &Jet, order: usize, later: f64) -> Jet {
     std::array::from_fn(|j| {
         let terms = jet.get(j + order..).unwrap_or_default();
@@ -41,21 +42,23 @@ fn shifted(jet: &Jet, order: usize, later: f64) -> Jet {
     })
 }
 
-/// A time in which a drive asks for S e^{inφ}, S a polynomial.
+/// An interval in which the demand is S e^{inφ}, with a polynomial S.
 #[derive(Debug, Clone, Copy)]
 pub struct Piece {
-    /// S at its end.
+    /// S at the end of the interval.
     pub size: Jet,
-    /// How long it has lasted, s; `None` of one without a beginning.
+    /// Duration, s; `None` for an interval without a beginning.
     pub age: Option<f64>,
 }
 
 impl Piece {
-    /// Z at its end, and its first two derivatives by time if the piece goes on: up to that of `order`, the others are zero.
+    /// Z at the end of the interval, and its first two time derivatives if the interval continues. Derivatives above
+    /// `order` are zero.
     fn answer(&self, tau: f64, lambda: Complex<f64>, order: usize) -> [Complex<f64>; 3] {
-        /// Beyond, the sum over moments would cancel.
+        /// Above this |z|, the sum over moments would cancel.
         const LARGEST: f64 = 1.0;
-        /// Moments beyond those asked for, where the recursion begins: what is left of its start is 1/20! of it.
+        /// Number of further moments before the recursion reaches those needed: it reduces the error of its initial
+        /// value by 20!.
         const BEYOND: usize = 20;
         let long = |size: &Jet| {
             let sum = |sum: Complex<f64>, derivative: &f64| (Complex::from(*derivative) - sum) / lambda;
@@ -75,7 +78,7 @@ impl Piece {
             let (mut sum, mut moment) = (Complex::default(), Complex::default());
             for j in (0..ORDERS + BEYOND).rev() {
                 moment = (left + z * moment) / (j + 1) as f64;
-                // Σ_j S^{(j)} (−age)^j/j! of the moment of order j.
+                // Σ_j S^{(j)} (−age)^j/j! times the moment of order j.
                 let term = size.get(j).copied().unwrap_or(0.0);
                 sum = moment * term - sum * (age / (j + 1) as f64);
             }
@@ -90,7 +93,7 @@ impl Piece {
     }
 }
 
-/// What a drive gives that asks for S e^{inφ}.
+/// The output of a drive for the demand S e^{inφ}.
 #[derive(Debug, Clone, Copy)]
 pub struct LaggedWave {
     /// τ, s.
@@ -99,14 +102,14 @@ pub struct LaggedWave {
     pub phase: f64,
     /// ω = dφ/dt, rad/s.
     pub turning: f64,
-    /// S, and since when.
+    /// S in the present interval.
     pub now: Piece,
-    /// S in the piece before that, of the same ω.
+    /// S in the interval before, with the same ω.
     pub before: Option<Piece>,
 }
 
 impl LaggedWave {
-    /// The factor of e^{inφ} in the derivative of `order` 0, 1 or 2 of what the harmonic of order n gives.
+    /// The factor of e^{inφ} in the derivative of `order` 0, 1 or 2 of the output for the harmonic of order n.
     pub fn factor(&self, harmonic: f64, order: usize) -> Complex<f64> {
         let turning = harmonic * self.turning;
         let (along, lambda) = (Complex::new(0.0, turning), Complex::new(1.0 / self.tau, turning));
@@ -120,13 +123,14 @@ impl LaggedWave {
         factor + self.before.zip(self.now.age).map_or(Complex::default(), left) * fading(self.tau, order)
     }
 
-    /// Adds the derivative of `order` 0, 1 or 2 of what `actuation` gives to `out`, one entry per node.
+    /// Adds the derivative of `order` 0, 1 or 2 of the output for `actuation` to `out`, one entry per node.
     pub fn add(&self, actuation: &dyn Actuation, order: usize, out: &mut [f64]) {
         actuation.add_filtered(&|harmonic| self.factor(harmonic, order), self.phase, out);
     }
 }
 
-/// The part 1/(1 + inωτ) of a harmonic of order n that a drive of lag `tau` (s) gives of a steady wave of `turning` ω (rad/s).
+/// The transfer function 1/(1 + inωτ) of a drive with lag `tau` (s) for the harmonic of order n of a steady wave with
+/// phase rate `turning` ω (rad/s).
 pub fn steady(tau: f64, turning: f64) -> impl Fn(f64) -> Complex<f64> {
     move |harmonic| Complex::new(1.0, harmonic * turning * tau).inv()
 }
@@ -136,12 +140,12 @@ fn fading(tau: f64, order: usize) -> f64 {
     (0..order).fold(1.0, |factor, _| -factor / tau)
 }
 
-/// What a drive gave when its inputs changed last.
+/// The output of a drive at the last change of its inputs.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct LagState {
-    /// When, s.
+    /// Time of the change, s.
     pub since: f64,
-    /// y, one entry per node.
+    /// Output y, one entry per node.
     pub given: Vec<f64>,
 }
 
@@ -150,7 +154,7 @@ impl Clone for LagState {
         Self { since: self.since, given: self.given.clone() }
     }
 
-    /// Allocates nothing where there is room.
+    /// Does not allocate if there is room.
     fn clone_from(&mut self, other: &Self) {
         self.since = other.since;
         self.given.clone_from(&other.given);
@@ -158,7 +162,7 @@ impl Clone for LagState {
 }
 
 impl LagState {
-    /// Adds the derivative of `order` of what is left of it at time `t` (s) to `out`.
+    /// Adds the derivative of `order` of the decayed output at time `t` (s) to `out`.
     pub fn add(&self, tau: f64, t: f64, order: usize, out: &mut [f64]) {
         let left = ((self.since - t) / tau).exp() * fading(tau, order);
         out.iter_mut().zip(&self.given).for_each(|(out, given)| *out += left * given);

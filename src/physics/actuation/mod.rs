@@ -1,7 +1,8 @@
 //! Actuation: a wave of natural curvature or of active moment prescribed along the rod, one kind per file.
 //!
-//! A kind gives a number to each joint. Where the scene has `kappa_amp` it is the dimensionless natural curvature κ̄_k; where it has
-//! `moment_amp_n_m` it is the active moment M_k in N m, which bends the joint against its stiffness: m_k = B_k κ_k − M_k.
+//! A kind assigns a number to each joint. If the scene has `kappa_amp`, it is the dimensionless natural curvature κ̄_k.
+//! If it has `moment_amp_n_m`, it is the active moment M_k in N m, which bends the joint against its stiffness:
+//! m_k = B_k κ_k − M_k.
 
 pub mod lag;
 pub mod saturation;
@@ -32,7 +33,7 @@ pub struct ActuationKind {
 }
 
 impl std::fmt::Debug for ActuationKind {
-    /// Its name alone, which is the same in every run of the program.
+    /// The name only, which is the same in every run of the program.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
@@ -58,23 +59,23 @@ pub struct ActuationInputs<'a> {
     pub nodes: usize,
     /// Node at which the rod begins: 1 behind a body, see [`Rod::front`](crate::rod::Rod::front).
     pub front: usize,
-    /// Their spacing, m.
+    /// Node spacing, m.
     pub spacing: f64,
     /// [e₀, e₁] of the amplitude e₀ + e₁ξ along the rod.
     pub envelope: [f64; 2],
-    /// ℓ_ref, m; an amplitude is a turning per ℓ_ref, so 1 m makes it a curvature in 1/m. Of moments it is the spacing: an amplitude is
-    /// what a joint gets.
+    /// ℓ_ref, m. An amplitude is a turning angle per ℓ_ref, so 1 m makes it a curvature in 1/m. For moments it is the
+    /// spacing, so that the amplitude is the moment of a joint.
     pub reference_length: f64,
     /// `wavelength_m`.
     pub wavelength: f64,
-    /// `harmonics`: the sizes of the second, third, … over the first.
+    /// `harmonics`: the sizes of the second, third, … relative to the first.
     pub harmonics: &'a [f64],
     /// `slope`.
     pub slope: f64,
 }
 
 impl ActuationInputs<'_> {
-    /// Arc length of node `k` in spacings.
+    /// Arc length of node `k` in units of the spacing.
     pub fn place(&self, k: usize) -> f64 {
         k.saturating_sub(self.front) as f64
     }
@@ -85,7 +86,7 @@ impl ActuationInputs<'_> {
     }
 }
 
-/// Where a drive is in its cycle: what a joint is given is `gain`·`amplitude` times a function of `phase` alone.
+/// The phase and amplitude of a drive. The value at a joint is `gain`·`amplitude` times a function of `phase` alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wave {
     /// Amplitude, in the kind's own unit.
@@ -100,8 +101,8 @@ pub struct Wave {
     pub phase_rate: f64,
 }
 
-/// How many times the phase of a sum of sines of `harmonics` (n, h_n) counts for the steps that resolve them. A method of third order
-/// follows the rate n h_n of each as well as it follows the largest of the rates at some steps a period, where its steps are
+/// The factor by which `harmonics` (n, h_n) increase the number of steps that resolve the phase of a sum of sines. A
+/// third-order method resolves the rate n h_n of each harmonic as well as the largest of the rates if its steps are
 /// n (n h_n/max n h_n)^⅓ times shorter.
 pub(crate) fn fastest(harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let rate = |(order, size): (f64, f64)| (order * size).abs();
@@ -117,26 +118,28 @@ pub trait Actuation: std::fmt::Debug + Send + Sync {
     /// at a half-cell joint.
     fn add(&self, wave: Wave, given: &mut [f64], rate: &mut [f64]);
 
-    /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry per node.
+    /// Adds Σ_i `sizes[i]` times the `i`-th derivative of that function with respect to `phase` (rad) to `out`, one
+    /// entry per node.
     fn add_derivatives(&self, sizes: [f64; 3], phase: f64, out: &mut [f64]);
 
-    /// How many times the phase counts for the steps that resolve it: more than once where the function of phase has harmonics.
+    /// The factor by which harmonics increase the number of steps that resolve the phase; 1 without harmonics.
     fn fastest(&self) -> f64 {
         1.0
     }
 
-    /// Order n and relative size of every harmonic of the function of phase.
+    /// Order n and relative size of every harmonic of that function.
     fn harmonics(&self) -> Vec<(f64, f64)> {
         vec![(1.0, 1.0)]
     }
 
-    /// Wavelength λ along the rod, m, where it has one.
+    /// Wavelength λ along the rod, m, if there is one.
     fn wavelength(&self) -> Option<f64> {
         None
     }
 
-    /// Adds the imaginary part of `factor`(n) times each harmonic c_n e^{inφ}, n its order, of that function of `phase` φ (rad) to `out`, one
-    /// entry per node. By default from as many values of the function as its [`harmonics`](Self::harmonics) of whole orders need.
+    /// Adds the imaginary part of `factor`(n) c_n e^{inφ} for each harmonic of order n of that function of `phase` φ
+    /// (rad) to `out`, one entry per node. The default implementation evaluates the function at as many phases as its
+    /// [`harmonics`](Self::harmonics) of integer order require.
     fn add_filtered(&self, factor: &dyn Fn(f64) -> Complex<f64>, phase: f64, out: &mut [f64]) {
         let harmonics = self.harmonics();
         let count = 2.0 * harmonics.iter().fold(1.0, |most: f64, (order, _)| most.max(*order)) + 1.0;
@@ -148,13 +151,14 @@ pub trait Actuation: std::fmt::Debug + Send + Sync {
         }
     }
 
-    /// The same with each harmonic times `factor`(n). By default all of them are filtered as the first one is.
+    /// This actuation with each harmonic multiplied by `factor`(n). By default all of them are filtered like the first
+    /// one.
     fn filtered(&self, factor: &dyn Fn(f64) -> Complex<f64>, nodes: usize) -> Box<dyn Actuation> {
         let (size, angle) = factor(1.0).to_polar();
         self.profiled(&vec![size; nodes], &vec![-angle; nodes])
     }
 
-    /// The same with its amplitude times `factors`, and `phases` (rad) subtracted inside its function of phase, one entry a
-    /// node.
+    /// This actuation with its amplitude multiplied by `factors`, and `phases` (rad) subtracted in its function of
+    /// phase, one entry per node.
     fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation>;
 }

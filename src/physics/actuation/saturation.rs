@@ -1,15 +1,15 @@
-//! The smooth limit of a drive: of x that is asked for it gives y = m tanh(x/m).
+//! Smooth limit of a drive: its output for the demand x is y = m tanh(x/m).
 
-/// m tanh(x/m) of x that is `asked` where m is the `most`, and tanh(x/m).
+/// m tanh(x/m) and tanh(x/m) for the demand x `asked` and the limit m `most`.
 pub fn limited(asked: f64, most: f64) -> [f64; 2] {
     let part = (asked / most).tanh();
     [most * part, part]
 }
 
-/// What the joints are given of a drive with a limit, at one time.
+/// The limited demand at the joints, at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Saturation {
-    /// m, in the unit of the drive.
+    /// Limit m, in the unit of the drive.
     pub most: f64,
     /// tanh(x/m), one entry per node.
     part: Vec<f64>,
@@ -18,7 +18,7 @@ pub struct Saturation {
 }
 
 impl Saturation {
-    /// Of a drive of `nodes` nodes that gives `most` at the most.
+    /// Limits a drive with `nodes` nodes to `most`.
     pub fn new(most: f64, nodes: usize) -> Self {
         Self { most, part: vec![0.0; nodes], rate: vec![0.0; nodes] }
     }
@@ -28,7 +28,7 @@ impl Saturation {
         1.0 - self.part[k] * self.part[k]
     }
 
-    /// Limits `asked`, and its `rate` (per s).
+    /// Limits the demand `asked` and its `rate` (per s).
     pub fn limit(&mut self, asked: &mut [f64], rate: &mut [f64]) {
         self.rate.copy_from_slice(rate);
         for (k, (asked, rate)) in asked.iter_mut().zip(rate).enumerate() {
@@ -37,7 +37,7 @@ impl Saturation {
         }
     }
 
-    /// Makes of the first changes of x and dx/dt those of y and dy/dt.
+    /// Converts first-order changes of x and dx/dt to those of y and dy/dt.
     pub fn change(&self, asked: &mut [f64], rate: &mut [f64]) {
         for (k, (asked, rate)) in asked.iter_mut().zip(rate).enumerate() {
             let curve = -2.0 * self.part[k] * self.slope(k) / self.most;
@@ -46,7 +46,7 @@ impl Saturation {
         }
     }
 
-    /// Makes of d²x/dt² that of y.
+    /// Converts d²x/dt² to d²y/dt².
     pub fn second(&self, acceleration: &mut [f64]) {
         for (k, second) in acceleration.iter_mut().enumerate() {
             let curve = -2.0 * self.part[k] * self.slope(k) / self.most;

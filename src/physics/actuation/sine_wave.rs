@@ -1,10 +1,12 @@
-//! Sine wave: the curvature of the curve y = b sin(kx − ωt), which passes along its own arc: κ̄_k(t) = r ΔL (e₀ + e₁ ξ_k) κ(ψ_k),
-//! ψ_k = 2πft − φ₀ − 2πs_k/λ, where a wave is λ long along the rod and `slope` is its steepest, bk. A host's amplitude, 1 until
-//! it says otherwise, multiplies that.
+//! Sine wave: the curvature of the curve y = b sin(kx − ωt) travelling along its own arc:
+//! κ̄_k(t) = r ΔL (e₀ + e₁ ξ_k) κ(ψ_k), ψ_k = 2πft − φ₀ − 2πs_k/λ,
+//! where λ is the wavelength along the rod and `slope` is the maximum slope, bk. The amplitude that a host sets, 1 by
+//! default, multiplies the curvature.
 //!
-//! With X = ωt − kx, κ = bk² sin X/(1 + b²k² cos² X)^{3/2} and dψ/dX = (2π/S)(1 + b²k² cos² X)^½, S = kλ being the integral of that
-//! root over a period. κ is odd in ψ and even about its crest, so it is a sum of the odd sines of ψ, and their sizes fall
-//! geometrically; what is below rounding is left out. A small slope makes it the travelling wave of amplitude bk².
+//! With X = ωt − kx, κ = bk² sin X/(1 + b²k² cos² X)^{3/2} and dψ/dX = (2π/S)(1 + b²k² cos² X)^½, where S = kλ is the
+//! integral of that root over a period. κ is odd in ψ and even about its crest, so it is a series of odd sines of ψ,
+//! whose coefficients decay geometrically. Those below rounding are omitted. For a small slope it is the travelling
+//! wave of amplitude bk².
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -18,21 +20,22 @@ pub static KIND: ActuationKind = ActuationKind {
     build: |inputs| Box::new(TravellingWave::of(inputs, 1.0, harmonics(inputs.slope, inputs.wavelength).into_iter())),
 };
 
-/// The steepest slope: harmonics up to about the 200th count then.
+/// Maximum slope; with it, harmonics up to about the 200th count.
 pub const STEEPEST: f64 = 4.0;
 
-/// A smaller part of the first harmonic is none.
+/// Harmonics smaller than this fraction of the first are omitted.
 const LEAST: f64 = 1e-14;
 
-/// The highest order that is looked at, and parts of a quarter of a wave.
+/// Highest order that is considered.
 const HIGHEST: u32 = 399;
+/// Number of intervals in a quarter of a wave.
 const PARTS: usize = 512;
 
-/// Places and weights of Gauss's rule of three points on 0 … 1.
+/// Nodes and weights of the three-point Gauss rule on 0 … 1.
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// The harmonics (n, 1/m) of the curvature of a sine of this largest slope that is `wavelength` (m) long along its arc.
+/// The harmonics (n, 1/m) of the curvature of a sine with this maximum slope and `wavelength` (m) along its arc.
 fn harmonics(slope: f64, wavelength: f64) -> Vec<(f64, f64)> {
     let root = |x: f64| (1.0 + (slope * x.cos()).powi(2)).sqrt();
     let part = FRAC_PI_2 / PARTS as f64;
@@ -46,7 +49,8 @@ fn harmonics(slope: f64, wavelength: f64) -> Vec<(f64, f64)> {
     }
     let whole = 4.0 * arc;
     let wavenumber = whole / wavelength;
-    // (4/π) of the integral of κ sin nψ dψ over a quarter; the trapezoidal rule in X is exact to rounding, as all is periodic.
+    // 4/π times the integral of κ sin nψ dψ over a quarter. The integrand is periodic, so the trapezoidal rule in X is
+    // exact to rounding.
     let values: Vec<(f64, f64)> = places
         .iter()
         .map(|(x, arc)| {

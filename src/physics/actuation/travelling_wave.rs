@@ -1,5 +1,6 @@
-//! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k, ψ_k = 2πft − φ₀ − 2πs_k/λ, with h₁ = 1 and the further
-//! harmonics h₂, h₃, … of `harmonics`. With `moment_amp_n_m` M_k(t) = r M_amp (e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k.
+//! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k, ψ_k = 2πft − φ₀ − 2πs_k/λ, with h₁ = 1
+//! and the further harmonics h₂, h₃, … of `harmonics`. With `moment_amp_n_m`,
+//! M_k(t) = r M_amp (e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k.
 
 use std::f64::consts::TAU;
 
@@ -17,24 +18,25 @@ pub static KIND: ActuationKind = ActuationKind {
 
 /// A travelling wave of any shape, as a sum of sines, with a linear envelope.
 ///
-/// sin n(ψ − b_k) is expanded so that a time costs one sine and one cosine a harmonic, whatever the number of nodes.
+/// sin n(ψ − b_k) is expanded, so that each evaluation needs one sine and one cosine per harmonic, whatever the number
+/// of nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TravellingWave {
     harmonics: Vec<Harmonic>,
-    /// λ, m; infinite where all of the rod bends at once.
+    /// λ, m; infinite if the whole rod bends in phase.
     wavelength: f64,
     /// See [`Actuation::fastest`].
     fastest: f64,
 }
 
-/// Its part of order n.
+/// The harmonic of order n.
 #[derive(Debug, Clone, PartialEq)]
 struct Harmonic {
     /// n.
     order: f64,
     /// h_n.
     size: f64,
-    /// Its size times ΔL(e₀ + e₁ξ_k) times (cos n b_k, sin n b_k), b_k = 2πs_k/λ.
+    /// h_n (ΔL/ℓ_ref)(e₀ + e₁ξ_k) times (cos n b_k, sin n b_k), b_k = 2πs_k/λ.
     table: Vec<[f64; 2]>,
 }
 
@@ -46,7 +48,8 @@ impl TravellingWave {
         Self::of(inputs, inputs.reference_length, orders)
     }
 
-    /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n) with envelope and wavelength of `inputs`.
+    /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n), with the envelope and wavelength of
+    /// `inputs`.
     pub fn of(inputs: &ActuationInputs<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
         let ActuationInputs { nodes, spacing, envelope, wavelength, .. } = *inputs;
         let harmonic = |(order, part): (f64, f64)| {

@@ -1,4 +1,4 @@
-//! Checks of a force against finite differences, for the tests of your own forces.
+//! Checks of a force against finite differences, for tests of custom forces.
 
 use nalgebra::Vector2;
 
@@ -27,14 +27,19 @@ impl std::fmt::Display for Contradiction {
     }
 }
 
-/// Checks `force` on `rod` in random motions through `fluid`, with speeds of about one rod length per second and nodes off the
-/// straight rod by up to a fifth of an edge each way, and returns the statements that finite differences contradict: the slopes of [`evaluate`](Force::evaluate) by positions,
-/// velocities, accelerations and flow, [`is_of_fluid`](Force::is_of_fluid),
-/// [`is_the_same_everywhere`](Force::is_the_same_everywhere), [`is_linear`](Force::is_linear), the slopes of its
-/// [`energy`](Force::energy), that the energy of a force that dissipates nothing grows by its power and that one of
-/// [`PowerKind::Drag`] supplies none, and the derivatives by viscosity and density. Empty for a correct force.
+/// Checks `force` on `rod` in random motions through `fluid`, and returns the statements that finite differences
+/// contradict. It is empty for a correct force. Speeds are about one rod length per second, and nodes are off the
+/// straight rod by up to a fifth of an edge each way. Checked are:
 ///
-/// Its own parameters: [`audit_parameter`].
+/// - the derivatives of [`evaluate`](Force::evaluate) with respect to positions, velocities, accelerations and flow;
+/// - [`is_of_fluid`](Force::is_of_fluid), [`is_the_same_everywhere`](Force::is_the_same_everywhere) and
+///   [`is_linear`](Force::is_linear);
+/// - the derivatives of its [`energy`](Force::energy);
+/// - that the energy of a force that dissipates nothing grows by its power, and that a force of [`PowerKind::Drag`]
+///   supplies none;
+/// - the derivatives with respect to viscosity and density.
+///
+/// For other parameters see [`audit_parameter`].
 pub fn audit(force: &dyn Force, rod: &Rod, fluid: Fluid) -> Vec<Contradiction> {
     let mut found = Found::default();
     for seed in 0..MOTIONS {
@@ -55,7 +60,7 @@ pub fn audit(force: &dyn Force, rod: &Rod, fluid: Fluid) -> Vec<Contradiction> {
     found.0
 }
 
-/// The same for the parameter `key` of your own force, which `build` makes from a value of that parameter.
+/// The same for the parameter `key` of a custom force, which `build` creates from a value of that parameter.
 pub fn audit_parameter<F: Force>(
     key: Key,
     value: f64,
@@ -78,7 +83,7 @@ pub fn audit_parameter<F: Force>(
     found.0
 }
 
-/// The worst error of each statement.
+/// The largest error of each statement.
 #[derive(Default)]
 struct Found(Vec<Contradiction>);
 
@@ -112,14 +117,14 @@ impl Dice {
     }
 }
 
-/// A rod that moves.
+/// A moving rod.
 #[derive(Clone)]
 struct TrialMotion {
     t: f64,
     /// Positions, velocities, accelerations.
     parts: [Vec<f64>; 3],
     fluid: Fluid,
-    /// The sizes that these are changed by.
+    /// The sizes of changes of these parts.
     sizes: [f64; 3],
 }
 
@@ -128,7 +133,7 @@ impl TrialMotion {
         let (count, length) = (2 * rod.nodes, rod.arc_length(rod.nodes - 1));
         let spacing = length / (rod.nodes - 1) as f64;
         for _ in 0..16 {
-            dice.roll(); // the first ones look alike
+            dice.roll(); // the first numbers are similar
         }
         let mut q = dice.many(count, 0.2 * spacing);
         q.chunks_exact_mut(2).enumerate().for_each(|(k, at)| at[0] += rod.arc_length(k));
@@ -167,14 +172,14 @@ impl TrialMotion {
         moved
     }
 
-    /// The same with every node at another place, or faster.
+    /// The same motion with `by` added to the positions (`part` 0) or velocities (`part` 1) of all nodes.
     fn shifted(&self, part: usize, by: Vector2<f64>) -> Self {
         let mut shifted = self.clone();
         shifted.parts[part].chunks_exact_mut(2).for_each(|x| (0..2).for_each(|i| x[i] += by[i]));
         shifted
     }
 
-    /// The derivatives of the force.
+    /// Checks the derivatives of the force.
     fn slopes(&self, force: &dyn Force, seed: usize, found: &mut Found) {
         let (mut dice, count) = (Dice(1001 + seed as u64), self.parts[0].len());
         let (none, own) = (vec![0.0; count], largest(&self.force(force)));
@@ -194,7 +199,7 @@ impl TrialMotion {
         }
     }
 
-    /// Where and against what the force is.
+    /// Checks whether the force depends on position and on the frame of the fluid.
     fn frames(&self, force: &dyn Force, found: &mut Found) {
         let own = self.force(force);
         let by = Vector2::new(0.6, -0.8) * (3.0 * self.sizes[1]);
@@ -218,7 +223,7 @@ impl TrialMotion {
         }
     }
 
-    /// The derivatives of the energy, and where it comes from.
+    /// Checks the derivatives of the energy, and its balance with the power.
     fn energy(&self, force: &dyn Force, seed: usize, found: &mut Found) {
         let (mut dice, count) = (Dice(2001 + seed as u64), self.parts[0].len());
         let mut by = [(); 3].map(|()| vec![0.0; count]);
@@ -233,13 +238,13 @@ impl TrialMotion {
         let scale = dot(&self.force(force).iter().map(|f| f.abs()).collect::<Vec<_>>(), &vec![self.sizes[1]; count]);
         match force.power_kind() {
             None | Some(PowerKind::Load) => {}
-            // The default: a force that stores energy and does not say so would have it counted as dissipated.
+            // Drag is the default: if a force stores energy without declaring it, that would count as dissipated.
             Some(PowerKind::Drag) if power < 0.0 => {
                 return found.add("power_kind() = Drag, that of a force that supplies no power", -power / scale);
             }
             Some(_) => return,
         }
-        // Where the rod moves with the fluid's frame, as the energy of a fluid's force is that of motion against it.
+        // The fluid's frame moves on too, because the energy of a force of the fluid is that of motion relative to it.
         let rate = difference(|h| {
             let mut later = self.moved([&self.parts[1], &self.parts[2], &vec![0.0; count]], Vector2::zeros(), h);
             later.t += h;
@@ -252,7 +257,8 @@ impl TrialMotion {
         );
     }
 
-    /// The derivatives by a parameter of a `value`; `at` says force and energy where it is changed.
+    /// Checks the derivatives with respect to a parameter with this `value`; `at` returns force and energy for a
+    /// changed parameter.
     fn parameter(
         &self,
         force: &dyn Force,
@@ -276,13 +282,13 @@ impl TrialMotion {
     }
 }
 
-/// The derivative of `f` at 0, by central differences, extrapolated.
+/// The derivative of `f` at 0, by central differences with Richardson extrapolation.
 fn difference(f: impl Fn(f64) -> Vec<f64>) -> Vec<f64> {
     let central = |h: f64| -> Vec<f64> { f(h).iter().zip(f(-h)).map(|(a, b)| (a - b) / (2.0 * h)).collect() };
     central(2e-4).iter().zip(central(1e-4)).map(|(coarse, fine)| (4.0 * fine - coarse) / 3.0).collect()
 }
 
-/// How far `a` is from `b`, over the largest of `b` and `scale`.
+/// The largest difference between `a` and `b`, relative to the largest of `b` and `scale`.
 fn relative_difference(a: &[f64], b: &[f64], scale: f64) -> f64 {
     let far = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     let not_finite = a.iter().chain(b).any(|x| !x.is_finite());

@@ -1,16 +1,16 @@
-//! A rigid spheroid before the rod: its drag, and the fluid that it accelerates.
+//! A rigid spheroid in front of the rod: its drag, and the inertia of the fluid around it.
 //!
-//! The body's centre is node 0, and the neck from there to the rod, node 1, turns with it: t is the body's axis, V the
-//! velocity of its centre against the fluid, φ̇ = n·(v₁ − v₀)/ℓ its spin. A force f on the centre and a couple C act as
-//! f − (C/ℓ) n on node 0 and (C/ℓ) n on node 1, so both fluids are one representation:
+//! The body's centre is node 0, and the neck from there to node 1, where the rod begins, turns with it: t is the body's
+//! axis, V the velocity of its centre relative to the fluid, and φ̇ = n·(v₁ − v₀)/ℓ its angular velocity. A force f on
+//! the centre and a couple C act as f − (C/ℓ) n on node 0 and (C/ℓ) n on node 1. Both forces have this form:
 //!
-//! - drag opposes with f = Σ_i (μH_i + ½ρA_iC_i|V_i|)V_i along and across the body, and C = μH_r φ̇;
+//! - the opposing drag is f = Σ_i (μH_i + ½ρA_iC_i|V_i|)V_i along and across the body, and C = μH_r φ̇;
 //! - the fluid's energy T = ½m∥(V·t)² + ½m⊥(V·n)² + ½Jφ̇² gives f = d(m∥u t + m⊥w n)/dt and C = Jφ̈ − (m∥ − m⊥)uw, with
 //!   Munk's moment.
 //!
-//! Coefficients of a spheroid are those of S. Chwang & T. Y.-T. Wu, J. Fluid Mech. 67 (1975) and H. Lamb, Hydrodynamics
-//! (1932), articles 114–115 and 121; all of them follow from Λ = (atanh e − e)/e³, which goes on smoothly from a prolate body
-//! (0 < e² < 1) over the sphere (Λ = ⅓) to an oblate one (e² < 0).
+//! The coefficients of a spheroid are those of A. T. Chwang & T. Y.-T. Wu, J. Fluid Mech. 67 (1975) and H. Lamb,
+//! Hydrodynamics (1932), articles 114–115 and 121. All of them follow from Λ = (atanh e − e)/e³, which is smooth from a
+//! prolate body (0 < e² < 1) through the sphere (Λ = ⅓) to an oblate one (e² < 0).
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -25,9 +25,9 @@ use super::validity::{Bound, DimensionlessNumber};
 use crate::linear::{Block, Direction};
 use crate::rod::{Spheroid, add, node};
 
-/// The name of its drag.
+/// Name of the drag.
 pub const DRAG: &str = "head-body drag";
-/// The name of the inertia around it.
+/// Name of the inertia.
 pub const INERTIA: &str = "head-body inertia";
 
 /// The key of the form drag C along the body.
@@ -35,17 +35,18 @@ pub const FORM_DRAG_ALONG: Key = "head_body.form_drag_along";
 /// The key of the form drag C across the body.
 pub const FORM_DRAG_ACROSS: Key = "head_body.form_drag_across";
 
-/// Least form drag that counts as one where the flow does not creep: the most streamlined bodies have some 0.02.
+/// Smallest coefficient that counts as form drag if the flow does not creep: the most streamlined bodies have about
+/// 0.02.
 const LEAST_FORM: f64 = 0.01;
 
-/// Up to this e² Λ is summed from its series, where its closed form is a difference of nearly equal numbers.
+/// Up to this |e²|, Λ is summed from its series, because its closed form is a difference of nearly equal numbers.
 const NEARLY_A_SPHERE: f64 = 0.1;
 
-/// Terms of Jeffery's series: what is left of it is 2e-6 at most.
+/// Number of terms of Jeffery's series: the remainder is at most 2e-6.
 const SPINNING: u32 = 500;
 
 impl Spheroid {
-    /// e² = 1 − (b/a)², negative of an oblate body, and Λ = (atanh e − e)/e³.
+    /// e² = 1 − (b/a)², negative for an oblate body, and Λ = (atanh e − e)/e³.
     fn shape(&self) -> [f64; 2] {
         let ratio = self.across / self.along;
         let square = 1.0 - ratio * ratio;
@@ -67,8 +68,8 @@ impl Spheroid {
         [square, lambda]
     }
 
-    /// Stokes drag over μ along and across the body (m), and that of its spin about an axis across it (m³): 6πa, 6πa and
-    /// 8πa³ of a sphere.
+    /// Stokes drag over μ for translation along and across the body (m), and for rotation about an axis across it (m³):
+    /// 6πa, 6πa and 8πa³ for a sphere.
     pub fn drag(&self) -> [f64; 3] {
         let [square, lambda] = self.shape();
         let a = self.along;
@@ -80,10 +81,11 @@ impl Spheroid {
         ]
     }
 
-    /// The same with the centre at `height` (m) above a plane wall that it moves parallel to, spinning about the wall's normal: each
-    /// times what the wall makes of a sphere with that drag. H. Faxén's reflections for translation (Happel & Brenner, Low Reynolds
-    /// Number Hydrodynamics, section 7-4), within 1 % above 1.5 radii and 5 % above 1.13; G. B. Jeffery's series for spin
-    /// (Proc. Lond. Math. Soc. 14, 1915), exact of a sphere. The sphere touches the wall at most.
+    /// The same with the centre at `height` (m) above a plane wall, for translation parallel to the wall and rotation
+    /// about its normal: each is multiplied by the effect of the wall on a sphere with the same drag. H. Faxén's
+    /// reflections for translation (Happel & Brenner, Low Reynolds Number Hydrodynamics, section 7-4), within 1 % above
+    /// 1.5 radii and 5 % above 1.13; G. B. Jeffery's series for rotation (Proc. Lond. Math. Soc. 14, 1915), exact for a
+    /// sphere. A lower height counts as touching the wall.
     pub fn drag_beside(&self, height: f64) -> [f64; 3] {
         let [along, across, turning] = self.drag();
         let moving = |drag: f64| {
@@ -95,14 +97,15 @@ impl Spheroid {
         [moving(along), moving(across), turning * spinning(near)]
     }
 
-    /// The fluid's inertia over its density: added mass along and across the body (m³), and added moment of inertia about an
-    /// axis across it (m⁵). A sphere's added mass is half of what it displaces, and its spin moves nothing.
+    /// Added mass along and across the body (m³) and added moment of inertia about an axis across it (m⁵), each over
+    /// the density of the fluid. For a sphere, the added mass is half of the displaced mass, and the added moment of
+    /// inertia is zero.
     pub fn added(&self) -> [f64; 3] {
         let [square, lambda] = self.shape();
         let alpha = 2.0 * (1.0 - square) * lambda;
         let beta = 1.0 - 0.5 * alpha;
         let [along, across] = [alpha, beta].map(|x| x / (2.0 - x));
-        // β − α = 1 − 3(1 − e²)Λ falls with e² on the way to a sphere.
+        // β − α = 1 − 3(1 − e²)Λ vanishes with e² towards a sphere.
         let difference = beta - alpha;
         let turning = if square == 0.0 {
             0.0
@@ -113,13 +116,13 @@ impl Spheroid {
     }
 }
 
-/// Σ sinh³α/sinh³nα with cosh α = 1/`near`: the drag of a sphere's spin about a wall's normal over that far from it, `near` its
-/// radius over the height.
+/// Σ sinh³α/sinh³nα with cosh α = 1/`near`, where `near` is the radius over the height: the drag of a sphere that
+/// rotates about the normal of a wall, relative to that far from the wall.
 fn spinning(near: f64) -> f64 {
-    // With x = e^−α, sinh nα/sinh α is x^(1−n) (1 − x^2n)/(1 − x²); n where they touch.
+    // With x = e^−α, sinh nα/sinh α is x^(1−n) (1 − x^2n)/(1 − x²), or n if they touch.
     let x = near / (1.0 + (1.0 - near * near).sqrt());
     let (square, mut sum) = (x * x, 0.0);
-    // Terms fall as n⁻³ at the slowest.
+    // Terms decay at least as n⁻³.
     for n in 1..=SPINNING {
         let n = f64::from(n);
         let ratio =
@@ -129,18 +132,19 @@ fn spinning(near: f64) -> f64 {
     sum
 }
 
-/// The body's drag.
+/// The drag of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyDrag {
-    /// Stokes drag over μ along and across the body, m, and of its spin, m³.
+    /// Stokes drag over μ for translation along and across the body, m, and for rotation, m³.
     pub viscous: [f64; 3],
     /// ½A along and across the body, m².
     pub half_area: [f64; 2],
-    /// Form drag C along and across the body; 0 of a body in creeping flow.
+    /// Form drag C along and across the body; 0 in creeping flow.
     pub form: [f64; 2],
 }
 
-/// The fluid that the body accelerates, and the body's own moment of inertia, which the mass of node 0 does not have.
+/// The inertia of the fluid around the body, and the body's own moment of inertia, which the mass of node 0 does not
+/// include.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyInertia {
     /// m∥/ρ, m⊥/ρ, m³, and the fluid's share of J over ρ, m⁵.
@@ -149,7 +153,7 @@ pub struct BodyInertia {
     pub own: f64,
 }
 
-/// How the body moves: axes, components of velocity along and across it, and its spin φ̇.
+/// The motion of the body: axes, components of velocity along and across it, and angular velocity φ̇.
 struct BodyMotion {
     t: Vector2<f64>,
     n: Vector2<f64>,
@@ -168,7 +172,7 @@ impl BodyMotion {
         Self { t, n, u: velocity.dot(&t), w: velocity.dot(&n), spin, per_length: edge.per_length }
     }
 
-    /// The ends of the neck under a force `f` (N) on the centre and a couple (N m).
+    /// The forces on the ends of the neck for a force `f` (N) on the centre and a couple (N m).
     fn ends(&self, f: Vector2<f64>, couple: f64) -> [Vector2<f64>; 2] {
         let pair = self.n * (couple * self.per_length);
         [f - pair, pair]
@@ -180,14 +184,14 @@ fn outer(a: Vector2<f64>, b: Vector2<f64>) -> Matrix2<f64> {
     a * b.transpose()
 }
 
-/// The derivatives of a force on the centre and of a couple by the motion of the centre and by the neck's vector, along a
-/// direction.
+/// The derivatives of a force on the centre and of a couple with respect to the motion of the centre and to the neck's
+/// vector, along a direction.
 struct Slope {
     force: [Matrix2<f64>; 2],
     couple: [Vector2<f64>; 2],
 }
 
-/// What acts on the neck.
+/// The opposing force on the neck.
 fn on_neck(motion: &BodyMotion, f: Vector2<f64>, couple: f64, slope: Option<(Slope, f64)>) -> EdgeForce {
     let ends = motion.ends(f, couple);
     let Some((Slope { force: [f_own, f_edge], couple: [c_own, c_edge] }, q)) = slope else {
@@ -198,15 +202,15 @@ fn on_neck(motion: &BodyMotion, f: Vector2<f64>, couple: f64, slope: Option<(Slo
     let size = couple * per_length * per_length * q;
     let pair_own = outer(n, c_own) * per_length;
     let pair_edge = outer(n, c_edge) * per_length - (outer(t, n) + outer(n, t)) * size;
-    // Where node 1 stays, the centre moves with −δe.
+    // If node 1 stays, the centre moves by −δe.
     let own = [f_own - pair_own, pair_own];
     let edge = [f_edge - pair_edge, pair_edge - pair_own];
     EdgeForce::new(ends, own.map(Block::from), edge.map(Block::from))
 }
 
 impl BodyDrag {
-    /// Force along and across the body over the velocities there (N s/m), their derivatives by those times the velocities,
-    /// and the couple over the spin (N m s).
+    /// Force along and across the body over the velocity (N s/m), its derivative with respect to the velocity (N s/m),
+    /// and the couple over the angular velocity (N m s).
     fn coefficients(&self, rod: &Kinematics<'_>, motion: &BodyMotion) -> ([f64; 2], [f64; 2], f64) {
         let (viscosity, density) = (rod.fluid.viscosity, rod.fluid.density);
         let form = |i: usize, speed: f64| density * self.half_area[i] * self.form[i] * speed.abs();
@@ -263,7 +267,7 @@ impl Force for BodyDrag {
             // Turning by δφ = (n·δe)/ℓ: t turns by n δφ, n by −t δφ, so du = w δφ and dw = −u δφ.
             let by_turning = t * (dh * w - k * w) + n * (h * u - dk * u);
             let stretching = (node(rod.v, 1) - node(rod.v, 0)).dot(&t) * per_length;
-            // φ̇ = ė·n/ℓ: by ė it is n/ℓ, by e −(ė·t) n/ℓ² − φ̇ t/ℓ.
+            // φ̇ = ė·n/ℓ: its derivative with respect to ė is n/ℓ, and with respect to e −(ė·t) n/ℓ² − φ̇ t/ℓ.
             let spin_edge = n * (per_length * (v - stretching * q)) - t * (spin * per_length * q);
             Slope {
                 force: [own, outer(by_turning, n) * (per_length * q)],
@@ -359,7 +363,7 @@ impl Force for BodyInertia {
         let couple = j * twist - more * u * w;
         let slope = along.map(|Direction { q, v, a: by_a }| {
             let own = (outer(t, t) * m + outer(n, n) * k) * by_a + (outer(t, n) + outer(n, t)) * (more * spin * v);
-            // δφ̇, and what turning by δφ = (n·δe)/ℓ does: δu = w δφ, δw = −u δφ, δa_t = a_n δφ, δa_n = −a_t δφ.
+            // δφ̇, and the effect of turning by δφ = (n·δe)/ℓ: δu = w δφ, δw = −u δφ, δa_t = a_n δφ, δa_n = −a_t δφ.
             let by_spin = t * (more * w) + n * (more * u);
             let spin_edge = n * (per_length * (v - stretching * per_length * q)) - t * (spin * per_length * q);
             let by_turning = t * (m * an - more * spin * u - k * an - more * spin * u)
@@ -417,7 +421,7 @@ impl Force for BodyInertia {
         if key != DENSITY {
             return [0.0; 2];
         }
-        // All but the body's own share is linear in the density.
+        // Everything except the body's own share is linear in the density.
         let unit = Kinematics { fluid: super::Fluid { density: 1.0, ..rod.fluid }, around: Default::default(), ..*rod };
         let of_fluid = Self { own: 0.0, ..*self };
         super::force::visit_alone(&of_fluid, &unit, |k, force| add(out, k, force));

@@ -1,6 +1,7 @@
-//! Buoyancy in a medium of several layers: −ρ(x) V g on every node, V the volume that it displaces.
+//! Buoyancy in a layered medium: −ρ(x) V g on every node, where V is the volume that it displaces.
 //!
-//! With gravity along the normal of the layers the fluid at rest is in balance, and buoyancy has a potential: V g·ν ∫ρ dh.
+//! With gravity along the normal of the layers, the fluid at rest is in equilibrium, and buoyancy has the potential
+//! V g·ν ∫ρ dh.
 
 use std::ops::Range;
 
@@ -44,7 +45,7 @@ impl Force for Buoyancy {
     }
 
     fn is_of_fluid(&self) -> bool {
-        false // it does not know the flow
+        false // independent of the flow
     }
 
     fn is_linear(&self) -> bool {

@@ -29,13 +29,14 @@ impl FluidRuns {
         Self { runs: Vec::with_capacity(nodes), found: Vec::with_capacity(2 * nodes) }
     }
 
-    /// Forgets what was found.
+    /// Removes all runs.
     pub fn clear(&mut self) {
         self.runs.clear();
         self.found.clear();
     }
 
-    /// Finds the fluid at all nodes of a rod at `q`, two entries each, where it is `fluid` before the first of `layers`.
+    /// Finds the fluid at all nodes of a rod with positions `q`, two entries per node, where `fluid` is the one before
+    /// the first of `layers`.
     pub fn find(&mut self, layers: &Layers, fluid: Fluid, q: &[f64]) -> FluidAlong<'_> {
         self.clear();
         let height = |x: &[f64; 2]| layers.height((*x).into());
@@ -45,7 +46,7 @@ impl FluidRuns {
             let span = layers.span(height(x));
             let next = k + layers.within(&span, &places[k..]);
             self.push(k..next - 1, span.changes);
-            // The edge that leaves it, if there is one.
+            // The edge that leaves the span, if there is one.
             self.push(next - 1..next.min(places.len() - 1), true);
             k = next;
         }
@@ -57,7 +58,7 @@ impl FluidRuns {
         (&*self).into()
     }
 
-    /// Adds `edges`, if there are any, to the last run, or as a run of their own.
+    /// Adds `edges`, if there are any, to the last run or as a new run.
     fn push(&mut self, edges: Range<usize>, changes: bool) {
         match self.runs.last_mut() {
             _ if edges.is_empty() => {}
@@ -87,7 +88,7 @@ impl<'a> FluidAlong<'a> {
         self.runs.is_empty()
     }
 
-    /// True for one run.
+    /// True if there is exactly one run.
     #[inline(always)]
     pub fn is_one(self) -> bool {
         self.runs.len() == 1

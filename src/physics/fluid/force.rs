@@ -1,10 +1,10 @@
 //! External forces on the rod: a list of forces, each with exact derivatives, stored energy and dissipated power.
 //!
-//! A force acts on the two ends of every edge. It is written as what *opposes* the motion, M a + ∇E + ΣF = W, and may depend
-//! on positions, velocities and accelerations of both nodes, on the edge between them, and on time. Its derivatives are given
-//! along a [`Direction`], so a force never sees a step size, and in a form that serves positions and the chain form alike:
-//! for either end, how the force changes where the whole edge moves with that end, and how it changes where the edge vector
-//! e = x_{k+1} − x_k changes while that end stays.
+//! A force acts on the two ends of every edge. Its sign is that of a resistance, which *opposes* the motion:
+//! M a + ∇E + ΣF = W. It may depend on positions, velocities and accelerations of both nodes, on the edge between them,
+//! and on time. Its derivatives are taken along a [`Direction`], so a force never sees a step size, and have a form that
+//! suits both the positions and the chain form: for each end, the derivative with respect to a translation of the whole
+//! edge, and the derivative with respect to the edge vector e = x_{k+1} − x_k while that end stays.
 
 use std::any::Any;
 use std::ops::Range;
@@ -45,7 +45,7 @@ pub struct Kinematics<'a> {
 }
 
 impl<'a> Kinematics<'a> {
-    /// The motion `q`, `v`, `a` of a rod of `edges` in one and the same fluid, at time 0.
+    /// The motion `q`, `v`, `a` of a rod of `edges` in a uniform fluid, at time 0.
     pub fn within(fluid: Fluid, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Self {
         Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: FluidAlong::default(), tensions: &[] }
     }
@@ -72,7 +72,7 @@ impl<'a> Kinematics<'a> {
         one.or_else(|| self.layers.is_none_or(Layers::flow_together).then_some(self.fluid.flow))
     }
 
-    /// Velocity (m/s) of node `k` against the fluid.
+    /// Velocity (m/s) of node `k` relative to the fluid.
     #[inline(always)]
     pub fn against_fluid(&self, k: usize) -> Vector2<f64> {
         node(self.v, k) - self.flow(k)
@@ -87,7 +87,7 @@ impl<'a> Kinematics<'a> {
         }
     }
 
-    /// True where the fluid is known to be the same at every node, or to change along every edge.
+    /// True if the fluid is known to be the same at every node, or to change along every edge.
     #[inline(always)]
     fn is_one_run(&self) -> bool {
         self.layers.is_none() || self.around.is_one()
@@ -112,7 +112,7 @@ impl<'a> Kinematics<'a> {
         Kinematics { around, ..*self }
     }
 
-    /// The change of the fluid at node `k`, and of its slope, with a property of the medium.
+    /// The derivative of the fluid at node `k`, and of its slope, with respect to a property of the medium.
     pub fn by_property(&self, property: Property, k: usize) -> LocalFluid {
         match (self.layers, property) {
             (Some(layers), _) => layers.by_property(self.fluid, property, layers.height(node(self.q, k))),
@@ -122,13 +122,13 @@ impl<'a> Kinematics<'a> {
         }
     }
 
-    /// The normal along which the medium changes; zero where it is uniform.
+    /// The normal along which the medium changes; zero if it is uniform.
     #[inline(always)]
     pub fn normal(&self) -> Vector2<f64> {
         self.layers.map_or(Vector2::zeros(), |layers| layers.normal)
     }
 
-    /// Acceleration (m/s²) of node `k` against the fluid.
+    /// Acceleration (m/s²) of node `k` relative to the fluid.
     #[inline(always)]
     pub fn accelerating_against_fluid(&self, k: usize) -> Vector2<f64> {
         node(self.a, k) - self.fluid.acceleration
@@ -140,21 +140,21 @@ impl<'a> Kinematics<'a> {
 pub struct TipForce {
     /// The force, N.
     pub force: Vector2<f64>,
-    /// Its change where the whole tip moves, along the direction.
+    /// Its derivative with respect to a translation of the whole tip, along the direction.
     pub own: Matrix2<f64>,
-    /// Its change with the vectors of the last edge but one and of the last edge, where the node stays.
+    /// Its derivatives with respect to the vectors of the last edge but one and of the last edge, while the node stays.
     pub edges: [Matrix2<f64>; 2],
 }
 
 impl TipForce {
-    /// What it adds to the first three blocks of the last row of a matrix.
+    /// Its contribution to the first three blocks of the last row of a matrix.
     pub(crate) fn blocks(&self) -> [Matrix2<f64>; 3] {
         let [before, last] = self.edges;
         [-before, before - last, self.own + last]
     }
 }
 
-/// Where forces on some edges are summed.
+/// Accumulates the forces on some edges.
 #[derive(Debug)]
 pub struct ForceAccumulator<'a> {
     sums: &'a mut [EdgeForce],
@@ -217,14 +217,14 @@ pub enum PowerKind {
     Other,
 }
 
-/// The derivatives of a number by the state.
+/// The derivatives of a number with respect to the state.
 #[derive(Debug)]
 pub struct StateDerivatives<'a> {
-    /// By positions, two entries per node.
+    /// With respect to positions, two entries per node.
     pub q: &'a mut [f64],
-    /// By velocities.
+    /// With respect to velocities.
     pub v: &'a mut [f64],
-    /// By accelerations.
+    /// With respect to accelerations.
     pub a: &'a mut [f64],
 }
 
@@ -249,19 +249,19 @@ pub trait FusedForce {
         None
     }
 
-    /// Its [`powers`] on `edges` of `rod`, which moves through `fluid`, the same along all of them.
+    /// Its [`powers`] on `edges` of `rod`, which moves through the uniform `fluid`.
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers;
 }
 
 /// A force on each node that depends on the motion of all nodes. Its [`Coupling`] is the part of Newton's matrix that
-/// [`evaluate`](Force::evaluate) does not give, at the motion last evaluated.
+/// [`evaluate`](Force::evaluate) does not return, at the motion last evaluated.
 pub trait GlobalForce: Coupling {
     /// Adds the differential of the opposing force on every node to `out`, for a `change` of positions and velocities
     /// and of the flow by `flow` (m/s).
     fn add_change(&self, rod: &Kinematics<'_>, change: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]);
 
-    /// The transpose of [`add_change`](Self::add_change): adds to `by` the derivatives by positions and velocities of Σ c·F over
-    /// the ends of `edges`, c the `cotangent` of a node.
+    /// The transpose of [`add_change`](Self::add_change): adds to `by` the derivatives with respect to positions and
+    /// velocities of Σ c·F over the ends of `edges`, where c is the `cotangent` of a node.
     fn add_slopes(
         &self,
         rod: &Kinematics<'_>,
@@ -271,8 +271,8 @@ pub trait GlobalForce: Coupling {
     );
 }
 
-/// A force on the rod. [`audit`](super::audit::audit) compares what an implementation states about itself with finite
-/// differences.
+/// A force on the rod. [`audit`](super::audit::audit) checks the statements of an implementation about itself against
+/// finite differences.
 pub trait Force: std::fmt::Debug + Send + Sync + Any {
     /// Its name.
     fn name(&self) -> &'static str;
@@ -314,19 +314,19 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         None
     }
 
-    /// True if it depends on accelerations, as an added mass does. Derivatives by accelerations are requested only in
-    /// that case.
+    /// True if it depends on accelerations, as an added mass does. Derivatives with respect to accelerations are
+    /// requested only in that case.
     fn is_inertial(&self) -> bool {
         false
     }
 
-    /// The nonlocal part of a force that depends on the motion of all nodes; [`evaluate`](Self::evaluate) gives only
-    /// the derivatives by the edge itself.
+    /// The nonlocal part of a force that depends on the motion of all nodes; [`evaluate`](Self::evaluate) returns only
+    /// the derivatives with respect to the edge itself.
     fn global(&self) -> Option<&dyn GlobalForce> {
         None
     }
 
-    /// True where it is linear in the velocities, apart from constants.
+    /// True if it is linear in the velocities, apart from constants.
     fn is_linear(&self) -> bool {
         false
     }
@@ -360,7 +360,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         Vector2::zeros()
     }
 
-    /// ∂/∂p of its [`momentum`](Self::momentum); that of a force in one fluid is linear in its density.
+    /// ∂/∂p of its [`momentum`](Self::momentum). By default the momentum is linear in the density of a uniform fluid.
     fn momentum_by_parameter(&self, key: Key, rod: &Kinematics<'_>, axis: Vector2<f64>) -> f64 {
         if key != DENSITY || !self.parameters().contains(&DENSITY) {
             return 0.0;
@@ -380,7 +380,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// The destination of the power that it dissipates, which is all of its power if it stores no energy. `None` if it
-    /// dissipates nothing: a spring has to say so, because the default is that of drag.
+    /// dissipates nothing. A spring must return that, because the default is drag.
     fn power_kind(&self) -> Option<PowerKind> {
         Some(PowerKind::Drag)
     }
@@ -391,7 +391,8 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     }
 
     /// Adds ∂(force)/∂p to `out`, two entries per node, and returns ∂/∂p of its [`energy`](Self::energy) and of its
-    /// [`energy_by_time`](Self::energy_by_time); `key` is one of its [`parameters`](Self::parameters), others change nothing.
+    /// [`energy_by_time`](Self::energy_by_time). A `key` that is not one of its [`parameters`](Self::parameters)
+    /// changes nothing.
     fn add_by_parameter(&self, _key: Key, _rod: &Kinematics<'_>, _out: &mut [f64]) -> [f64; 2] {
         [0.0; 2]
     }
@@ -418,7 +419,7 @@ pub(crate) struct PowerSums<T: Real = f64> {
 }
 
 impl<T: Real> PowerSums<T> {
-    /// Zero sums, in numbers like `zero`.
+    /// Zero sums; `zero` selects the number type.
     #[inline(always)]
     pub fn none(zero: T) -> Self {
         let none = T::Pair::new([zero; 2]);
@@ -446,20 +447,20 @@ impl PowerSums {
 pub struct Forces(pub Vec<Box<dyn Force>>);
 
 impl Forces {
-    /// True where there are none.
+    /// True if there are no forces.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// All of them.
+    /// All forces.
     pub fn iter(&self) -> impl Iterator<Item = &dyn Force> + Clone {
         self.0.iter().map(|force| &**force)
     }
 
     /// The force that is compiled into the pass over a rod in a uniform fluid, with its index.
     pub fn in_pass(&self) -> Option<(usize, &dyn FusedForce)> {
-        // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
-        // short: such a law takes its turn among the others.
+        // Roots and quotients of a nonlinear law are slow. In a short loop of their own they overlap with the work on
+        // the next edges, so such a law is evaluated with the other forces.
         let mut linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
         linear.find_map(|(i, force)| Some((i, force.fused()?)))
     }
@@ -475,7 +476,7 @@ impl Forces {
         self.iter().any(Force::is_inertial)
     }
 
-    /// The one that depends on the motion of all nodes at once, see [`Force::global`].
+    /// The force that depends on the motion of all nodes at once, see [`Force::global`].
     pub fn global(&self) -> Option<&dyn Force> {
         self.iter().find(|force| force.global().is_some())
     }
@@ -498,8 +499,8 @@ impl Forces {
         self.0.iter().filter_map(move |force| force.tip(rod, along))
     }
 
-    /// Assembles `rod`, of a `damped` or of an elastic material, which moves as `moving` says, with all forces, see
-    /// [`Deformed::assemble`]; `workspace` has room for [`EDGES_PER_BLOCK`] edges.
+    /// Assembles `rod`, of a `damped` or of an elastic material, in the motion `moving`, with all forces; see
+    /// [`Deformed::assemble`]. `workspace` has room for [`EDGES_PER_BLOCK`] edges.
     pub fn assemble(
         &self,
         rod: Deformed<'_>,
@@ -541,7 +542,7 @@ impl Forces {
         }
     }
 
-    /// Adds what opposes the motion (N) to `out`, two entries per node.
+    /// Adds the opposing forces (N) to `out`, two entries per node.
     pub fn add(&self, rod: &Kinematics<'_>, out: &mut [f64]) {
         self.on_edges(rod, None, 0..rod.edges.len(), |e, on| {
             add(out, e, on.force(0));
@@ -557,7 +558,7 @@ impl Forces {
         }
     }
 
-    /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves slowly through `fluid`.
+    /// Drag per length and speed (N s/m²) along and across the middle of `rod`, in slow motion through `fluid`.
     pub fn resistance(&self, rod: &Rod, fluid: Fluid) -> Option<[f64; 2]> {
         let middle = (rod.nodes - 1) / 2;
         let mut found = None;
@@ -570,8 +571,8 @@ impl Forces {
         found
     }
 
-    /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves across itself at `speed` (m/s) and
-    /// a tenth of it along.
+    /// Drag per length and speed (N s/m²) along and across the middle of `rod`, which moves across itself at `speed`
+    /// (m/s) and along itself at a tenth of it.
     pub fn coefficients(&self, rod: &Rod, fluid: Fluid, speed: f64) -> Option<[f64; 2]> {
         let middle = (rod.nodes - 1) / 2;
         let mut found = [0.0; 2];
@@ -600,16 +601,16 @@ impl Forces {
 pub struct ExternalForces<'a> {
     /// The forces: those before one that is compiled into the pass, and those after it.
     pub forces: [&'a [Box<dyn Force>]; 2],
-    /// How the rod moves.
+    /// Kinematics of the rod.
     pub rod: Kinematics<'a>,
     /// The direction of the derivatives, if they are requested.
     pub along: Option<Direction>,
-    /// Where sums are.
+    /// Buffer for the sums.
     pub workspace: &'a mut [EdgeForce],
 }
 
 impl ExternalForces<'_> {
-    /// True where there are none.
+    /// True if there are no forces.
     pub fn are_none(&self) -> bool {
         self.forces[0].is_empty() && self.forces[1].is_empty()
     }
@@ -625,7 +626,7 @@ impl ExternalForces<'_> {
     }
 
     /// Sums the forces on the edges from `e` on.
-    #[inline(never)] // where edges are assembled there are no registers to spare
+    #[inline(never)] // keeps registers free for the assembly of edges
     fn look_ahead(&mut self, e: usize) {
         let forces = self.forces[0].iter().chain(self.forces[1]).map(|force| &**force);
         let edges = e..self.rod.edges.len().min(e + EDGES_PER_BLOCK);
@@ -660,7 +661,7 @@ fn sum<'a>(
         }
         !tally.fresh
     };
-    // One run, without what it takes to look for more (2 % of a step).
+    // One run, without a search for more (2 % of a step).
     if rod.is_one_run() {
         return on_run(rod, edges.clone(), &mut workspace[..edges.len()]);
     }
@@ -677,7 +678,7 @@ fn sum<'a>(
     any
 }
 
-/// Visits what `forces` do on each of `edges` on which they do anything.
+/// Visits the sum of `forces` on each of `edges`, except where no force contributes.
 fn on_edges<'a>(
     forces: impl Iterator<Item = &'a dyn Force> + Clone,
     rod: &Kinematics<'_>,
@@ -696,12 +697,12 @@ fn on_edges<'a>(
     }
 }
 
-/// Visits what `force` alone opposes every node with, edge by edge: node, and force (N).
+/// Visits the opposing force (N) of `force` alone on every node, edge by edge.
 pub fn visit_alone(force: &dyn Force, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, Vector2<f64>)) {
     visit_run(force, rod, 0..rod.edges.len(), &mut visit);
 }
 
-/// The same for what acts on `edges`, and with the last of them on the tip.
+/// The same for `edges`, and for the tip if the last edge is among them.
 #[inline(always)]
 fn visit_run(
     force: &dyn Force,
@@ -719,17 +720,18 @@ fn visit_run(
     }
 }
 
-/// The sum of what `force` opposes the whole rod with, N.
+/// The total opposing force of `force` on the rod, N.
 pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
     let mut sum = Vector2::zeros();
     visit_alone(force, rod, |_, force| sum += force);
     sum
 }
 
-/// The powers of `force`, W; those of one that is not a fluid's are against the ground.
+/// The powers of `force`, W. Velocities are relative to the fluid for a force of the fluid, and to the ground
+/// otherwise.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
     let edges = 0..rod.edges.len();
-    // One run, without what it takes to look for more.
+    // One run, without a search for more.
     if rod.is_one_run() || !force.is_on_edges(rod) {
         return powers_on(force, rod, edges);
     }
@@ -743,7 +745,7 @@ pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
     powers
 }
 
-/// The same of what acts on `edges`, and with the last of them on the tip.
+/// The same for `edges`, and for the tip if the last edge is among them.
 fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Powers {
     if let (Some(force), Some(fluid)) = (force.fused(), rod.everywhere()) {
         return force.powers(rod, fluid, edges);
@@ -759,7 +761,7 @@ fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Po
     }
 }
 
-/// The same, where the velocity of the `flow` (m/s) is another one at every node.
+/// The same for a `flow` (m/s) that differs between nodes.
 #[inline(always)]
 fn powers_against(
     force: &dyn Force,
@@ -777,7 +779,7 @@ fn powers_against(
     Powers { opposing: sum.to_array().into(), against_fluid: against_fluid.reduce_add(), of_flow: of_flow.reduce_add() }
 }
 
-/// The directions that a force is differentiated along: accelerations only where it depends on them.
+/// The directions of a force's derivatives: accelerations only if it depends on them.
 fn directions(force: &dyn Force) -> &'static [Direction] {
     const ALL: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS];
     if force.is_inertial() { &ALL } else { &ALL[..2] }
@@ -790,8 +792,8 @@ fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl 
     }
 }
 
-/// Adds to `out` (two entries per node) how much more `force` opposes every node with where positions, velocities and
-/// accelerations change by `change`, the flow by `flow` (m/s).
+/// Adds the first-order change of the opposing force on every node to `out` (two entries per node), for a `change` of
+/// positions, velocities and accelerations, and of the flow by `flow` (m/s).
 pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], flow: Vector2<f64>, out: &mut [f64]) {
     match force.global() {
         Some(whole) => whole.add_change(rod, [change[0], change[1]], flow, out),
@@ -799,7 +801,7 @@ pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], 
     }
 }
 
-/// The part of [`add_change`] that the matrix of the rod has within its band.
+/// The part of [`add_change`] within the band of the rod's matrix.
 pub(crate) fn add_banded_change(
     force: &dyn Force,
     rod: &Kinematics<'_>,
@@ -824,7 +826,8 @@ pub(crate) fn add_banded_change(
     }
 }
 
-/// The transpose of [`add_change`]: adds to `by` the derivatives of Σ c·F over the ends of `edges`, c the `cotangent` of a node.
+/// The transpose of [`add_change`]: adds to `by` the derivatives of Σ c·F over the ends of `edges`, where c is the
+/// `cotangent` of a node.
 pub fn add_slopes(
     force: &dyn Force,
     rod: &Kinematics<'_>,
@@ -860,7 +863,7 @@ pub fn add_slopes(
 }
 
 impl StateDerivatives<'_> {
-    /// The same for a while.
+    /// Reborrows the derivatives.
     pub fn reborrow(&mut self) -> StateDerivatives<'_> {
         StateDerivatives { q: self.q, v: self.v, a: self.a }
     }

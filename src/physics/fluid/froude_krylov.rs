@@ -1,8 +1,8 @@
-//! What the pressure of a flow that accelerates does to the rod in it.
+//! Froude–Krylov force: the effect of the pressure in an accelerating flow on the rod.
 //!
-//! A flow of uniform velocity u(t) has the pressure gradient −ρu̇, and so pushes a body of volume V as it would the fluid in its
-//! place: by ρVu̇ (Froude–Krylov). Every half of an edge loads its own node. To an observer who moves with the flow it is the
-//! buoyancy in a field of gravity −u̇. Source: J. N. Newman, Marine Hydrodynamics (1977), section 4.17.
+//! A flow of uniform velocity u(t) has the pressure gradient −ρu̇, which exerts the same force on a body of volume V as
+//! on the fluid that it displaces, ρVu̇. Every half of an edge acts on its own node. In the frame of the flow this is
+//! the buoyancy in a field of gravity −u̇. Source: J. N. Newman, Marine Hydrodynamics (1977), section 4.17.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use super::validity::Validity;
 use crate::linear::{Block, Direction, pair};
 use crate::rod::{EdgeValues, Rod, add};
 
-/// The pressure of the flow around the rod.
+/// The Froude–Krylov force on a rod.
 #[derive(Debug)]
 pub struct FroudeKrylov {
     /// Volume of both halves of every edge, m³.
@@ -22,7 +22,7 @@ pub struct FroudeKrylov {
 }
 
 impl FroudeKrylov {
-    /// On the volume of `rod`, and of the body whose centre is node 0.
+    /// The force on the volume of `rod`, and of the body whose centre is node 0.
     pub fn new(rod: &Rod) -> Self {
         let volume = |half: &crate::rod::HalfEdge| half.displaced * half.length;
         let mut halves: Vec<_> = rod.halves().map(|halves| halves.map(|h| volume(&h))).collect();

@@ -18,7 +18,7 @@ use crate::rod::damping::{Elastic, KelvinVoigt, MaterialLaw};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, EdgeValues, HalfEdge, Rod, add, node};
 
-/// Force per unit length (N/m) that opposes velocities with the components `along` and `across` the rod, on both halves of an
+/// Force per unit length (N/m) that opposes velocities with components along and across the rod, on both halves of an
 /// edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Traction<T: Real = f64> {
@@ -28,14 +28,14 @@ pub struct Traction<T: Real = f64> {
     pub across: T::Pair,
 }
 
-/// The derivatives of a traction by the velocity's components, N s/m².
+/// The derivatives of a traction with respect to the velocity's components, N s/m².
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TractionSlopes<T: Real = f64> {
     /// ∂(along)/∂(velocity along).
     pub along: T::Pair,
     /// ∂(across)/∂(velocity across).
     pub across: T::Pair,
-    /// ∂(along)/∂(velocity across) and ∂(across)/∂(velocity along), of a law where the components are not independent.
+    /// ∂(along)/∂(velocity across) and ∂(across)/∂(velocity along), if the components of the law are coupled.
     pub mixed: Option<[T::Pair; 2]>,
 }
 
@@ -46,8 +46,8 @@ impl Default for Traction {
 }
 
 impl<T: Real> Traction<T> {
-    /// That of a linear law with the coefficients `along` and `across` (N s/m²) at the velocity components `u` and `w` (m/s), with its
-    /// derivatives.
+    /// The traction of a linear law with the coefficients `along` and `across` (N s/m²) at the velocity components `u`
+    /// and `w` (m/s), and its derivatives.
     #[inline(always)]
     pub fn linear([along, across]: [T::Pair; 2], u: T::Pair, w: T::Pair) -> (Self, TractionSlopes<T>) {
         (Self { along: along * u, across: across * w }, TractionSlopes { along, across, mixed: None })
@@ -64,10 +64,10 @@ pub trait Law: std::fmt::Debug + Send + Sync + 'static {
     /// Its name in a scene.
     fn name(&self) -> &'static str;
 
-    /// Where it holds, and its source.
+    /// The range of validity, and its source.
     fn validity(&self) -> Validity;
 
-    /// True where it is linear in the velocity.
+    /// True if it is linear in the velocity.
     fn is_linear(&self) -> bool;
 
     /// The law for the fluids at both ends of an edge.
@@ -76,7 +76,7 @@ pub trait Law: std::fmt::Debug + Send + Sync + 'static {
     /// The traction at the velocities `along` and `across` the rod (m/s), relative to the fluid.
     fn traction(&self, halves: &Self::Halves, fluids: Self::Fluids, along: f64x2, across: f64x2) -> Traction;
 
-    /// The same, with its derivatives.
+    /// The traction with its derivatives.
     fn with_slopes(
         &self,
         halves: &Self::Halves,
@@ -85,8 +85,8 @@ pub trait Law: std::fmt::Debug + Send + Sync + 'static {
         across: f64x2,
     ) -> (Traction, TractionSlopes);
 
-    /// The derivatives ∂(along)/∂(velocity along) and ∂(across)/∂(velocity across) of a law that has no others and is in proportion
-    /// to the velocity, N s/m².
+    /// The derivatives ∂(along)/∂(velocity along) and ∂(across)/∂(velocity across) (N s/m²) of a law that is
+    /// proportional to the velocity and has no other derivatives.
     fn coefficients(&self, _halves: &Self::Halves, _fluids: Self::Fluids) -> Option<[f64x2; 2]> {
         None
     }
@@ -105,30 +105,30 @@ pub trait Law: std::fmt::Debug + Send + Sync + 'static {
     ) -> Traction;
 }
 
-/// What `of` says of both halves of an edge.
+/// The values `of` both halves of an edge.
 pub fn both<T>(halves: &[T; 2], of: impl Fn(&T) -> f64) -> f64x2 {
     f64x2::new([of(&halves[0]), of(&halves[1])])
 }
 
-/// The factor `weight` on the drag of the head, up to the arc length `length` (m).
+/// A factor `weight` on the drag of the head, up to the arc length `length` (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadWeight {
     /// The factor.
     pub weight: f64,
-    /// Up to where it holds, m.
+    /// Arc length up to which it applies, m.
     pub length: f64,
 }
 
 impl HeadWeight {
-    /// None.
+    /// No weight.
     pub const NONE: Self = Self { weight: 1.0, length: 0.0 };
 }
 
-/// A local law on every half of every edge.
+/// A local law on both halves of every edge.
 #[derive(Debug)]
 pub struct LocalDrag<L: Law> {
     law: L,
-    /// Whether the law depends on viscosity and density.
+    /// True for viscosity and density if the law depends on them.
     depends: [bool; 2],
     /// The weighted lengths (m) of both halves of each edge, and the data of the law for them.
     halves: EdgeValues<(f64x2, L::Halves)>,
@@ -217,7 +217,7 @@ impl<L: Law> LocalDrag<L> {
         }
     }
 
-    /// The same where the fluid changes along them.
+    /// The same if the fluid changes along the edges.
     fn evaluate_across(
         &self,
         rod: &Kinematics<'_>,
@@ -230,7 +230,7 @@ impl<L: Law> LocalDrag<L> {
         sums.each(edges.zip(ends), |(e, ends)| {
             let (halves, edge) = (&self.halves[e], &rod.edges[e]);
             let fluids = [&ends[0].fluid, &ends[1].fluid];
-            // Not `map` over both ends: that is a call for each.
+            // Not `map` over both ends, which would be a call for each.
             let against = [pair(node(rod.v, e) - fluids[0].flow), pair(node(rod.v, e + 1) - fluids[1].flow)];
             let Some(direction) = along else {
                 let force = push(&self.law, halves, self.law.in_fluids(fluids), edge, against);
@@ -262,8 +262,8 @@ fn push<L: Law>(
     edge.vectors(along * *lengths, across * *lengths)
 }
 
-/// What a law does to both ends of `edge`, which move at `w` (m/s) against the fluid: forces (N), and their derivatives along
-/// `direction` where an end moves and where the edge changes.
+/// The opposing forces (N) of a law on both ends of `edge`, which move at `w` (m/s) relative to the fluid, and their
+/// derivatives along `direction` with respect to an end and to the edge vector.
 #[inline(always)]
 fn on_edge<L: Law>(
     law: &L,
@@ -277,7 +277,8 @@ fn on_edge<L: Law>(
     around(edge, *lengths, [u, v], law.with_slopes(halves, fluids, u, v), direction)
 }
 
-/// What a traction does to both ends of `edge`, whose halves are of `lengths` (m) and move at `u` along and `v` across it (m/s).
+/// The opposing forces of a traction on both ends of `edge`, whose halves have `lengths` (m) and move at `u` along and
+/// `v` across it (m/s).
 #[inline(always)]
 pub(crate) fn around<T: Real>(
     edge: &Edge<T>,
@@ -305,7 +306,7 @@ pub(crate) fn around<T: Real>(
             let nt = tn.transpose();
             let (a, b) = ((by.along * by_velocity).to_array(), (along * by_velocity).to_array());
             let (c, d) = ((across * by_velocity).to_array(), (by.across * by_velocity).to_array());
-            // Not `map` over both ends: that is a call for each.
+            // Not `map` over both ends, which would be a call for each.
             [tt * a[0] + tn * b[0] + (nt * c[0] + nn * d[0]), tt * a[1] + tn * b[1] + (nt * c[1] + nn * d[1])]
         }
     };
@@ -313,7 +314,8 @@ pub(crate) fn around<T: Real>(
     EdgeForce { force, own, edge: [tn * a[0] + nn * b[0], tn * a[1] + nn * b[1]] }
 }
 
-/// Adds to `sums` what a `traction` does on both halves of `edge`, of `lengths` (m), which move at `u` along and `w` across it (m/s).
+/// Adds the powers of a `traction` on both halves of `edge`, with `lengths` (m), which move at `u` along and `w` across
+/// it (m/s), to `sums`.
 #[inline(always)]
 pub(crate) fn add_powers<T: Real>(
     sums: &mut PowerSums<T>,
@@ -328,7 +330,8 @@ pub(crate) fn add_powers<T: Real>(
 }
 
 impl<L: Law> LocalDrag<L> {
-    /// The pass over a rod of a `material`, compiled for each of them: with one closure for both it would be called for every edge.
+    /// The pass over a rod of a `material`, compiled for each material type: a closure shared by both would be called
+    /// for every edge.
     #[inline(never)]
     fn assemble_of(
         &self,

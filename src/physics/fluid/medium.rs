@@ -1,9 +1,10 @@
-//! The fluid that the rod is in: one fluid, or layers of several behind parallel interfaces, and a flow that may be sheared.
+//! The fluid around the rod: one fluid, or several layers separated by parallel interfaces, with a flow that may be
+//! sheared.
 //!
-//! With the height h = ν·x along the unit normal ν of all interfaces, density, viscosity and flow are those before the first
-//! interface plus their jump at every interface, blended over its thickness: ρ(h) = ρ₀ + Σ_j (ρ_j − ρ_{j−1}) r(z_j),
-//! z = (h − offset)/thickness + ½ clamped to 0 … 1, r = 10z³ − 15z⁴ + 6z⁵. So a medium is twice continuously differentiable, and
-//! exactly uniform outside its interfaces.
+//! With the height h = ν·x along the unit normal ν of all interfaces, density, viscosity and flow are those before the
+//! first interface plus their jump at every interface, blended over its thickness: ρ(h) = ρ₀ + Σ_j (ρ_j − ρ_{j−1})
+//! r(z_j), z = (h − offset)/thickness + ½ clamped to 0 … 1, r = 10z³ − 15z⁴ + 6z⁵. A medium is therefore twice
+//! continuously differentiable, and exactly uniform outside its interfaces.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -11,7 +12,7 @@ use wide::f64x2;
 
 use crate::linear::pair;
 
-/// A uniform fluid, or the fluid at a place.
+/// A uniform fluid, or the fluid at a position.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fluid {
     /// Dynamic viscosity μ, Pa s.
@@ -20,12 +21,12 @@ pub struct Fluid {
     pub density: f64,
     /// Background velocity u, m/s.
     pub flow: Vector2<f64>,
-    /// Its rate u̇, m/s²; a pressure gradient of −ρu̇ goes with it.
+    /// Its rate u̇, m/s², which has the pressure gradient −ρu̇.
     pub acceleration: Vector2<f64>,
 }
 
 impl Fluid {
-    /// No fluid at all, and no change of any.
+    /// No fluid, or no change of a fluid.
     pub const NONE: Self =
         Self { viscosity: 0.0, density: 0.0, flow: Vector2::new(0.0, 0.0), acceleration: Vector2::new(0.0, 0.0) };
 
@@ -37,7 +38,7 @@ impl Fluid {
         self.flow += other.flow * factor;
     }
 
-    /// No less than no viscosity and no density.
+    /// Clamps viscosity and density to zero from below.
     pub fn clamp(&mut self) {
         self.viscosity = self.viscosity.max(0.0);
         self.density = self.density.max(0.0);
@@ -47,17 +48,17 @@ impl Fluid {
 /// A parameter of a scene that forces may depend on, by its key.
 pub type Key = &'static str;
 
-/// The key of the viscosity, Pa s: before the first interface, where there is one.
+/// The key of the viscosity, Pa s; with interfaces, that before the first one.
 pub const VISCOSITY: Key = "medium.viscosity_pa_s";
 
-/// The key of the density, kg/m³: before the first interface, where there is one.
+/// The key of the density, kg/m³; with interfaces, that before the first one.
 pub const DENSITY: Key = "medium.density_kg_m3";
 
-/// The most interfaces that a medium may have.
+/// Maximum number of interfaces of a medium.
 pub const MAX_LAYERS: usize = 4;
 
-/// The keys of viscosity (Pa s), density (kg/m³) and offset (m) of what lies beyond every interface; those of the first go by
-/// `medium.beyond` too.
+/// The keys of viscosity (Pa s), density (kg/m³) and offset (m) of the fluid beyond every interface. Those of the first
+/// one may also be written `medium.beyond`.
 pub const LAYER_KEYS: [[Key; 3]; MAX_LAYERS] = [
     ["medium.layers.0.viscosity_pa_s", "medium.layers.0.density_kg_m3", "medium.layers.0.offset_m"],
     ["medium.layers.1.viscosity_pa_s", "medium.layers.1.density_kg_m3", "medium.layers.1.offset_m"],
@@ -65,19 +66,19 @@ pub const LAYER_KEYS: [[Key; 3]; MAX_LAYERS] = [
     ["medium.layers.3.viscosity_pa_s", "medium.layers.3.density_kg_m3", "medium.layers.3.offset_m"],
 ];
 
-/// What a key of a medium names.
+/// The property of a medium that a key names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Property {
     /// The viscosity of layer 0 (before the first interface), 1, 2, …
     Viscosity(usize),
-    /// The density of such a layer.
+    /// The density of layer 0, 1, 2, …
     Density(usize),
-    /// Where interface 0, 1, … is.
+    /// The offset of interface 0, 1, …
     Offset(usize),
 }
 
 impl Property {
-    /// What `key` names, if it is a medium's.
+    /// The property that `key` names, if it is one of a medium.
     pub fn of(key: Key) -> Option<Self> {
         match key {
             VISCOSITY => Some(Self::Viscosity(0)),
@@ -101,7 +102,7 @@ pub struct Layer {
     pub offset: f64,
     /// Thickness over which the fluids blend, m.
     pub thickness: f64,
-    /// The fluid beyond; its flow is what it flows faster than the fluid before the first interface.
+    /// The fluid beyond; its flow is relative to that of the fluid before the first interface.
     pub fluid: Fluid,
 }
 
@@ -117,7 +118,7 @@ impl Layer {
 /// The layers of a medium beyond its first fluid, and the shear of its flow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Layers {
-    /// Unit normal ν of all interfaces, towards what lies beyond.
+    /// Unit normal ν of all interfaces, pointing to the fluids beyond.
     pub normal: Vector2<f64>,
     /// Shear rate γ, 1/s: the flow gains γh along ν turned by −90°.
     pub shear: f64,
@@ -125,35 +126,35 @@ pub struct Layers {
     layers: [Layer; MAX_LAYERS],
 }
 
-/// The fluid at a place, and how it changes from there along the normal.
+/// The fluid at a position, and its derivatives along the normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalFluid {
     /// The fluid.
     pub fluid: Fluid,
-    /// Its first derivative by the height, per metre.
+    /// Its first derivative with respect to the height, per metre.
     pub slope: Fluid,
     /// The second derivative of its density, kg/m⁵.
     pub bend: f64,
 }
 
-/// Heights between which the medium is the same everywhere, or changes everywhere.
+/// A range of heights in which the medium is uniform, or changes everywhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
     low: f64,
     high: f64,
-    /// True where it changes.
+    /// True if it changes.
     pub changes: bool,
 }
 
 impl From<Fluid> for LocalFluid {
-    /// The same everywhere.
+    /// A uniform fluid.
     #[inline(always)]
     fn from(fluid: Fluid) -> Self {
         Self { fluid, slope: Fluid::NONE, bend: 0.0 }
     }
 }
 
-/// Changes of viscosities, densities and offsets, by their keys.
+/// The changes of viscosities, densities and offsets, with their keys.
 pub(crate) fn by_key<'a>(fluid: &Fluid, layers: Option<&'a Layers>) -> impl Iterator<Item = (Key, f64)> + use<'a> {
     let beyond =
         layers.into_iter().flat_map(Layers::iter).zip(LAYER_KEYS).flat_map(|(layer, [viscosity, density, offset])| {
@@ -179,7 +180,7 @@ fn blended(z: f64) -> f64 {
 impl Layers {
     const NOTHING: Layer = Layer { offset: 0.0, thickness: 0.0, fluid: Fluid::NONE };
 
-    /// Those beyond the interfaces of `layers`, from the first on, at most [`MAX_LAYERS`]; further ones are left out.
+    /// The layers beyond the interfaces of `layers`, in order; any beyond the first [`MAX_LAYERS`] are ignored.
     pub fn new(normal: Vector2<f64>, shear: f64, layers: impl IntoIterator<Item = Layer>) -> Self {
         let mut all = Self { normal, shear, count: 0, layers: [Self::NOTHING; MAX_LAYERS] };
         for (to, layer) in all.layers.iter_mut().zip(layers) {
@@ -195,7 +196,7 @@ impl Layers {
         self.layers[..self.count].iter()
     }
 
-    /// The same, to change.
+    /// The layers beyond the first fluid, mutable.
     pub fn iter_mut(&mut self) -> impl ExactSizeIterator<Item = &mut Layer> {
         self.layers[..self.count].iter_mut()
     }
@@ -205,12 +206,12 @@ impl Layers {
         self.layers[..self.count].get(j)
     }
 
-    /// The same, to change.
+    /// Layer `j` beyond the first fluid, mutable.
     pub fn get_mut(&mut self, j: usize) -> Option<&mut Layer> {
         self.layers[..self.count].get_mut(j)
     }
 
-    /// The first interface that is not beyond the one before it, or overlaps it.
+    /// The first interface that is not beyond the previous one, or overlaps it.
     pub fn overlap(&self) -> Option<usize> {
         let pairs = self.layers[..self.count].windows(2);
         let apart = |pair: &[Layer]| {
@@ -220,7 +221,7 @@ impl Layers {
         pairs.into_iter().position(|pair| !apart(pair)).map(|j| j + 1)
     }
 
-    /// True where they flow as the fluid before the first interface does.
+    /// True if they flow like the fluid before the first interface.
     pub fn flow_together(&self) -> bool {
         self.shear == 0.0 && self.iter().all(|layer| layer.fluid.flow == Vector2::zeros())
     }
@@ -231,13 +232,13 @@ impl Layers {
         Vector2::new(self.normal.y, -self.normal.x)
     }
 
-    /// Height h (m) of the place `x`.
+    /// Height h (m) of the position `x`.
     #[inline(always)]
     pub fn height(&self, x: Vector2<f64>) -> f64 {
         self.normal.dot(&x)
     }
 
-    /// The fluid at height `h` (m), where it is `first` before the first interface.
+    /// The fluid at height `h` (m); `first` is the fluid before the first interface.
     #[inline(always)]
     pub fn at(&self, first: Fluid, h: f64) -> LocalFluid {
         let mut here = LocalFluid::from(first);
@@ -260,7 +261,7 @@ impl Layers {
         here
     }
 
-    /// The layers with what each differs by from the fluid before it.
+    /// The layers, each with its difference from the fluid before it.
     #[inline(always)]
     fn jumps(&self, first: Fluid) -> impl Iterator<Item = (&Layer, Fluid)> {
         let mut before = Fluid { flow: Vector2::zeros(), ..first };
@@ -272,7 +273,7 @@ impl Layers {
         })
     }
 
-    /// ∫ρ dh (kg/m²) up to height `h`, from where the first fluid's is zero: from the first interface.
+    /// ∫ρ dh (kg/m²) up to height `h` (m); the part of the first fluid is counted from the first interface.
     pub fn column(&self, first: Fluid, h: f64) -> f64 {
         let start = self.iter().next().map_or(0.0, |layer| layer.offset);
         let beyond = |(layer, jump): (&Layer, Fluid)| {
@@ -281,7 +282,7 @@ impl Layers {
         first.density * (h - start) + self.jumps(first).map(beyond).sum::<f64>()
     }
 
-    /// The heights around `h` (m) between which the medium is as there: uniform, or changing.
+    /// The range of heights around `h` (m) in which the medium is uniform, or in which it changes.
     pub fn span(&self, h: f64) -> Span {
         let mut span = Span { low: f64::NEG_INFINITY, high: f64::INFINITY, changes: self.shear != 0.0 };
         for [low, high] in self.iter().map(Layer::ends).filter(|_| self.shear == 0.0) {
@@ -296,10 +297,10 @@ impl Layers {
         span
     }
 
-    /// How many of the `places` are within `span` before the first that is not; the first of all is one of them.
+    /// The number of `places` before the first that is outside `span`; the first place is always counted.
     #[inline]
     pub fn within(&self, span: &Span, places: &[[f64; 2]]) -> usize {
-        // Two places at a time, for speed.
+        // Two places per SIMD operation.
         let (normal, low, high) = (pair(self.normal), f64x2::from(span.low), f64x2::from(span.high));
         let inside = |[one, other]: &[[f64; 2]; 2]| {
             let [x, y] = f64x2::transpose([f64x2::new(*one) * normal, f64x2::new(*other) * normal]);
@@ -314,7 +315,7 @@ impl Layers {
         count.max(1)
     }
 
-    /// Adds `factor` times offsets and fluids of `other`; no shear changes in time.
+    /// Adds `factor` times offsets and fluids of `other`; the shear does not depend on time.
     pub fn add(&mut self, other: &Self, factor: f64) {
         for (to, from) in self.iter_mut().zip(other.iter()) {
             to.offset += factor * from.offset;
@@ -322,14 +323,14 @@ impl Layers {
         }
     }
 
-    /// No change of any.
+    /// Zero changes of offsets, fluids and shear.
     pub fn none(&self) -> Self {
         let mut none = Self { shear: 0.0, ..*self };
         none.iter_mut().for_each(|layer| *layer = Layer { thickness: layer.thickness, ..Self::NOTHING });
         none
     }
 
-    /// The change of the fluid at height `h` (m), and of its slope, with a property of the medium.
+    /// The derivative of the fluid at height `h` (m), and of its slope, with respect to a property of the medium.
     pub fn by_property(&self, first: Fluid, property: Property, h: f64) -> LocalFluid {
         if let Property::Offset(j) = property {
             let Some((layer, jump)) = self.jumps(first).nth(j) else { return Fluid::NONE.into() };
@@ -344,7 +345,7 @@ impl Layers {
         layers.at(first, h)
     }
 
-    /// The change of [`column`](Self::column) with a property of the medium.
+    /// The derivative of [`column`](Self::column) with respect to a property of the medium.
     pub fn column_by_property(&self, first: Fluid, property: Property, h: f64) -> f64 {
         if let Property::Offset(j) = property {
             let Some((layer, jump)) = self.jumps(first).nth(j) else { return 0.0 };
@@ -355,7 +356,8 @@ impl Layers {
         layers.column(first, h)
     }
 
-    /// The medium at rest of which that viscosity or density is one, and all others zero: what it changes with it.
+    /// A medium at rest in which this viscosity or density is one and all others are zero: the derivative of the medium
+    /// with respect to it.
     fn unit(&self, property: Property) -> (Fluid, Self) {
         let alone = |j: usize| Fluid {
             viscosity: f64::from(property == Property::Viscosity(j)),

@@ -1,4 +1,4 @@
-//! The fluid and what it does to the rod: one force per file.
+//! The fluid and its forces on the rod, one force per file.
 
 pub mod audit;
 pub mod body;

@@ -1,13 +1,14 @@
-//! Nonlocal drag at low Reynolds number: every part of the rod moves the fluid around every other.
+//! Nonlocal drag at low Reynolds number: hydrodynamic interaction of all parts of the rod.
 //!
-//! The rod pushes the fluid with a force density f (N/m) that is linear between nodes, as regularised Stokeslets of blob size
-//! ε = √e a along its straight edges, a the local radius: both coefficients of slender-body theory for a cylinder follow from
-//! that ε. The velocity against the fluid at the nodes is w = M(q) f, its integrals along each edge in closed form, and the
-//! force on the nodes F = G f with G the consistent mass matrix. The motion is plane, the flow is not.
+//! The rod exerts a force density f (N/m) on the fluid that is linear between nodes, as regularised Stokeslets of blob
+//! size ε = √e a along its straight edges, where a is the local radius. With this ε, both coefficients of slender-body
+//! theory for a cylinder are recovered. The velocity relative to the fluid at the nodes is w = M(q) f, with integrals
+//! along each edge in closed form. The force on the nodes is F = G f, with the consistent mass matrix G. The motion is
+//! planar, the flow is three-dimensional.
 //!
-//! Beside a plane wall, parallel to the plane of the motion at height h, each Stokeslet has its image. What the image leaves of
-//! the velocity at the wall, −2h x/(x² + h² + ε²)^{3/2} normal to it, is that of a point force at the depth H = √(h² + ε²), so Blake's
-//! correction for that depth, times h/H, takes it away exactly.
+//! Near a plane wall, parallel to the plane of the motion at height h, each Stokeslet has its image. The velocity that
+//! remains at the wall, −2h x/(x² + h² + ε²)^{3/2} normal to it, is that of a point force at the depth H = √(h² + ε²).
+//! Blake's correction for that depth, times h/H, therefore cancels it exactly.
 //!
 //! R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971).
 
@@ -24,11 +25,12 @@ use super::validity::Validity;
 use crate::linear::{BandMatrix, Block, Coupling, DenseLu, Direction, pair};
 use crate::rod::{Edge, Rod, add, node};
 
-/// Least spacing of nodes over the blob size: M is ill-conditioned below, 8e3 at 0.5 and 2e8 at 0.2.
+/// Minimum ratio of node spacing to blob size. Below it M is ill-conditioned: its condition number is 8e3 at 0.5 and
+/// 2e8 at 0.2.
 const FINEST: f64 = 0.5;
 
-/// The force densities of finite elements on an edge load its ends with these parts of its length: the near end's and the far
-/// end's.
+/// The load on an end of an edge is the length of the edge times these fractions of the force densities at the near and
+/// the far end.
 const SHARES: [f64; 2] = [1.0 / 3.0, 1.0 / 6.0];
 
 /// Blob size ε (m) for a `radius` (m).
@@ -36,53 +38,54 @@ fn blob(radius: f64) -> f64 {
     (0.5_f64).exp() * radius
 }
 
-/// The least spacing (m) of nodes on that rod.
+/// The minimum node spacing (m) on the rod of `inputs`.
 pub fn least_spacing(inputs: &LawInputs<'_>) -> f64 {
     FINEST * blob(inputs.rod.sections.largest_radius())
 }
 
-/// The force.
+/// The nonlocal drag on a rod.
 #[derive(Debug)]
 pub struct Nonlocal {
     law: &'static DragLaw,
     /// First node of the rod itself.
     front: usize,
-    /// The square of the blob size of every edge, m².
+    /// The square of the blob size of each edge, m².
     blobs: Vec<f64>,
     /// Height above a wall, m.
     height: Option<f64>,
-    /// What follows from the motion last looked at, which all that reads a step asks for.
+    /// Quantities of the motion last evaluated, cached because everything that evaluates a step needs them.
     flow: Mutex<InducedFlow>,
 }
 
-/// The flow that a motion makes, for viscosity one; what is of the centre of a body plays no part in it.
+/// The flow induced by a motion, for viscosity one. Entries of the centre of a body have no effect.
 #[derive(Debug)]
 struct InducedFlow {
-    /// Positions (m) that the mobility is of.
+    /// Positions (m) for which the mobility was computed.
     q: Vec<f64>,
     /// 8πM by columns, two rows and columns per node.
     mobility: Vec<f64>,
     factors: DenseLu,
-    /// Velocities (m/s) against the fluid that the density is of.
+    /// Velocities (m/s) relative to the fluid for which the density was computed.
     w: Vec<f64>,
     /// f/μ, m/s.
     density: Vec<f64>,
     viscosity: f64,
     /// Lengths of the edges, m; zero for a neck.
     lengths: Vec<f64>,
-    /// How 8πM f/μ changes with the positions where f stays, by columns, and whether it is of this motion.
+    /// Derivative of 8πM f/μ with respect to the positions at constant f, by columns.
     slopes: Vec<f64>,
+    /// True if `slopes` belongs to this motion.
     sloped: bool,
-    /// Newton's matrix without that, for M⁻¹ times the unknowns.
+    /// Newton's matrix without the term of `slopes`, for M⁻¹ times the unknowns.
     jacobian: DenseLu,
-    // Room to work in.
+    // Work arrays.
     workspace: Vec<f64>,
     first: Vec<f64>,
     term: Vec<f64>,
 }
 
 impl InducedFlow {
-    /// Factors J₀ of that `band`, where velocities move by `by_velocity`.
+    /// Factors J₀ for this `band`; `by_velocity` is the factor of velocities in the direction.
     fn factor(&mut self, band: &BandMatrix, by_velocity: f64) {
         let Self { mobility, viscosity, lengths, jacobian, .. } = self;
         let size = band.unknowns();
@@ -106,7 +109,7 @@ impl InducedFlow {
         jacobian.factor();
     }
 
-    /// Replaces `rhs` by J₀⁻¹ rhs; the unknowns of node 0 stay zero where it is `held`, to the bit.
+    /// Replaces `rhs` by J₀⁻¹ rhs; the unknowns of node 0 stay exactly zero if it is `held`.
     fn solve(&mut self, rhs: &mut [f64], held: bool) {
         self.jacobian.solve(rhs);
         multiply(&self.mobility, rhs, &mut self.workspace);
@@ -116,7 +119,7 @@ impl InducedFlow {
         }
     }
 
-    /// Replaces `x` by `factor` G M⁻¹ D x, none on node 0 where it is `held`.
+    /// Replaces `x` by `factor` G M⁻¹ D x, with zero on node 0 if it is `held`.
     fn by_positions(&mut self, factor: f64, x: &mut [f64], held: bool) {
         multiply(&self.slopes, x, &mut self.workspace);
         self.factors.solve(&mut self.workspace);
@@ -131,7 +134,7 @@ impl InducedFlow {
     }
 }
 
-/// y = A x, A by `columns`.
+/// y = A x, with A given by `columns`.
 fn multiply(columns: &[f64], x: &[f64], y: &mut [f64]) {
     y.fill(0.0);
     for (column, x) in columns.chunks_exact(y.len()).zip(x) {
@@ -139,7 +142,7 @@ fn multiply(columns: &[f64], x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// The largest modulus of `values`.
+/// The maximum modulus of `values`.
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |most, x| most.max(x.abs()))
 }
@@ -174,7 +177,7 @@ impl Nonlocal {
         }
     }
 
-    /// The flow that the motion `rod` makes.
+    /// The flow induced by the motion `rod`.
     fn flow(&self, rod: &Kinematics<'_>) -> MutexGuard<'_, InducedFlow> {
         let mut guard = self.last();
         let flow = &mut *guard;
@@ -204,7 +207,7 @@ impl Nonlocal {
         guard
     }
 
-    /// The flow that was last looked at.
+    /// The flow last evaluated.
     fn last(&self) -> MutexGuard<'_, InducedFlow> {
         self.flow.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -234,7 +237,8 @@ impl Nonlocal {
         }
     }
 
-    /// Writes how the velocities that the density makes change with the positions, unless that is known.
+    /// Computes the derivative of the induced velocities with respect to the positions at constant density, unless it
+    /// is known.
     fn slope(&self, flow: &mut InducedFlow) {
         let InducedFlow { q, density, slopes, sloped, .. } = flow;
         if std::mem::replace(sloped, true) {
@@ -259,20 +263,20 @@ impl Nonlocal {
         }
     }
 
-    /// What opposes the ends of edge `e`, N.
+    /// The opposing forces on the ends of edge `e`, N.
     fn on_edge(flow: &InducedFlow, e: usize) -> [Vector2<f64>; 2] {
         on_ends(&flow.density, e, flow.viscosity * flow.lengths[e])
     }
 }
 
-/// What a force `density` loads the ends of edge `e` of that `length` with.
+/// The loads of a force `density` on the ends of edge `e` with this `length`.
 fn on_ends(density: &[f64], e: usize, length: f64) -> [Vector2<f64>; 2] {
     let [near, far] = SHARES.map(|share| share * length);
     let ends = [node(density, e), node(density, e + 1)];
     [ends[0] * near + ends[1] * far, ends[0] * far + ends[1] * near]
 }
 
-/// An edge that pushes the fluid.
+/// An edge that exerts forces on the fluid.
 #[derive(Debug)]
 pub struct Segment<'a> {
     /// The edge.
@@ -287,13 +291,13 @@ pub struct Segment<'a> {
 pub type Symmetric = [f64; 3];
 
 impl Segment<'_> {
-    /// 8πμ times the velocity at the place `d` (m) from its start, for force densities linear along it: of 1 at its start and 0 at
-    /// its end, and the reverse.
+    /// 8πμ times the velocity at the position `d` (m) relative to its start, for force densities that are linear along
+    /// it: 1 at its start and 0 at its end, and the reverse.
     #[inline]
     pub fn at(&self, d: Vector2<f64>) -> [Symmetric; 2] {
         let edge = self.edge;
         let (along, across) = (d.dot(&edge.t), d.dot(&edge.n()));
-        // The density at the end counts by (σ + `along`)/ℓ.
+        // The density at the end has the weight (σ + `along`)/ℓ.
         let [constant, linear] =
             self.sums(across, |square| InversePowers::over([-along, edge.length - along], square), stokeslets, dipoles);
         let far: Symmetric = std::array::from_fn(|j| (along * constant[j] + linear[j]) * edge.per_length);
@@ -308,8 +312,8 @@ impl Segment<'_> {
         })
     }
 
-    /// How 8πμ times the velocity at `d`, by the force densities `ends` (N/m) at its start and end, changes with `d` and with
-    /// the edge's vector.
+    /// The derivatives of 8πμ times the velocity at `d` with respect to `d` and to the edge's vector, for the force
+    /// densities `ends` (N/m) at its start and end.
     #[inline]
     pub fn change(&self, d: Vector2<f64>, ends: [Vector2<f64>; 2]) -> [Matrix2<f64>; 2] {
         let edge = self.edge;
@@ -320,7 +324,7 @@ impl Segment<'_> {
         let [constant_across, linear_across] = self.sums(across, over, stokeslets_across, dipoles_across);
         let [at_start, at_end] = [from, to]
             .map(|sigma| self.sums(across, |square| InversePowers::at(sigma, square), stokeslets, dipoles)[0]);
-        // From here on by components along the edge and across it. The density is `foot` + σ `rate`.
+        // From here on in components along and across the edge. The density is `foot` + σ `rate`.
         let own = |f: Vector2<f64>| Vector2::new(f.dot(&edge.t), f.dot(&edge.n()));
         let times = |[tt, tn, nn]: Symmetric, f: Vector2<f64>| Vector2::new(tt * f.x + tn * f.y, tn * f.x + nn * f.y);
         let turned = |f: Vector2<f64>| Vector2::new(-f.y, f.x);
@@ -332,14 +336,15 @@ impl Segment<'_> {
         let by_along = times(at_start, start) - times(at_end, end) + times(constant, rate);
         let by_across = times(constant_across, foot) + times(linear_across, rate);
         let by_length = times(at_end, end) - (times(constant, rate) * along + times(linear, rate)) * edge.per_length;
-        // Where the edge turns, the place and the density turn back against it, and the velocity turns with it.
+        // If the edge turns, the position and the density turn back relative to it, and the velocity turns with it.
         let by_turn = by_along * across - by_across * along - of_turned + turned(velocity);
         let axes = Matrix2::from_columns(&[edge.t, edge.n()]);
         [[by_along, by_across], [by_length, by_turn * edge.per_length]]
             .map(|columns| axes * Matrix2::from_columns(&columns) * axes.transpose())
     }
 
-    /// What `of` makes of the integrals `powers` for the point forces, with what `of_image` makes of those for their images' rest.
+    /// The kernel `of` for the point forces, minus that for their images and minus the kernel `of_image` for Blake's
+    /// correction, each applied to the integrals `powers`.
     #[inline(always)]
     fn sums(
         &self,
@@ -366,7 +371,7 @@ impl Segment<'_> {
     }
 }
 
-/// Integrals ∫σᵐ/Rⁿ dσ with R² = σ² + h², over an edge, or σᵐ/Rⁿ at one place of it.
+/// Integrals ∫σᵐ/Rⁿ dσ over an edge with R² = σ² + h², or the integrands σᵐ/Rⁿ at one position.
 #[derive(Debug, Clone, Copy)]
 struct InversePowers {
     /// n = 1, m = 0, 1.
@@ -380,13 +385,13 @@ struct InversePowers {
 }
 
 impl InversePowers {
-    /// Those over `ends`, h² = `square`.
+    /// The integrals over `ends`, with h² = `square`.
     #[inline(always)]
     fn over([from, to]: [f64; 2], square: f64) -> Self {
         let [r0, r1] = [from, to].map(|s| (s * s + square).sqrt());
         let [p0, p1] = [1.0 / r0, 1.0 / r1];
         let per_square = 1.0 / square;
-        // σ + R, without cancellation where σ < 0.
+        // σ + R, without cancellation for σ < 0.
         let grown = |s: f64, r: f64| if s < 0.0 { square / (r - s) } else { s + r };
         let logarithm = (grown(to, r1) / grown(from, r0)).ln();
         let (c0, c1) = (from * p0, to * p1);
@@ -415,7 +420,7 @@ impl InversePowers {
         }
     }
 
-    /// The integrands at `sigma`, h² = `square`.
+    /// The integrands at `sigma`, with h² = `square`.
     #[inline(always)]
     fn at(sigma: f64, square: f64) -> Self {
         let per_square = 1.0 / (sigma * sigma + square);
@@ -430,7 +435,7 @@ impl InversePowers {
     }
 }
 
-/// ∫ (I/R³ − 3rrᵀ/R⁵)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
+/// ∫ (I/R³ − 3rrᵀ/R⁵)(1, σ) dσ with r = (−σ, `across`): components tt, tn, nn.
 #[inline(always)]
 fn dipoles(InversePowers { third, fifth, .. }: InversePowers, across: f64) -> [Symmetric; 2] {
     [0, 1].map(|m| {
@@ -438,7 +443,7 @@ fn dipoles(InversePowers { third, fifth, .. }: InversePowers, across: f64) -> [S
     })
 }
 
-/// The derivative of [`dipoles`] by `across`.
+/// The derivative of [`dipoles`] with respect to `across`.
 #[inline(always)]
 fn dipoles_across(InversePowers { fifth, seventh, .. }: InversePowers, across: f64) -> [Symmetric; 2] {
     let square = across * across;
@@ -451,7 +456,7 @@ fn dipoles_across(InversePowers { fifth, seventh, .. }: InversePowers, across: f
     })
 }
 
-/// ∫ (I/R + ε²I/R³ + rrᵀ/R³)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
+/// ∫ (I/R + ε²I/R³ + rrᵀ/R³)(1, σ) dσ with r = (−σ, `across`): components tt, tn, nn.
 #[inline(always)]
 fn stokeslets(InversePowers { first, third, .. }: InversePowers, across: f64, blob_squared: f64) -> [Symmetric; 2] {
     [0, 1].map(|m| {
@@ -460,7 +465,7 @@ fn stokeslets(InversePowers { first, third, .. }: InversePowers, across: f64, bl
     })
 }
 
-/// The derivative of [`stokeslets`] by `across`.
+/// The derivative of [`stokeslets`] with respect to `across`.
 #[inline(always)]
 fn stokeslets_across(
     InversePowers { third, fifth, .. }: InversePowers,
@@ -479,13 +484,15 @@ fn stokeslets_across(
 }
 
 impl Coupling for Nonlocal {
-    /// Newton's matrix is J₀ − c_q G M⁻¹ D, J₀ = B + c_v G M⁻¹ and D how velocities change with positions where f stays. With
-    /// x = M y, J₀ x = r is (B M + c_v G) y = r, where B M is banded times dense, so one LU does; D changes so little that the
-    /// series of J₀⁻¹ c_q G M⁻¹ D gains two to three digits a term, each a few products with vectors.
+    /// Newton's matrix is J₀ − c_q G M⁻¹ D with J₀ = B + c_v G M⁻¹, where D is the derivative of the velocities with
+    /// respect to the positions at constant f. With x = M y, J₀ x = r becomes (B M + c_v G) y = r, where B M is banded
+    /// times dense, so one LU suffices. D is so small that the series of J₀⁻¹ c_q G M⁻¹ D gains two to three digits per
+    /// term, each at the cost of a few matrix-vector products.
     fn solve(&self, band: &BandMatrix, along: Direction, rhs: &mut [f64]) {
-        /// The last term over the solution: Newton's method gains no more than four digits an iteration.
+        /// Size of the last term relative to the solution: Newton's method gains no more than four digits per
+        /// iteration.
         const SERIES_TOLERANCE: f64 = 1e-5;
-        /// Beyond, the series is none and its first term, which is all that moves velocities alone, has to do.
+        /// With more terms the series counts as divergent, and only its first term is used, which neglects D.
         const MAX_TERMS: u32 = 8;
         let mut guard = self.last();
         let flow = &mut *guard;
@@ -503,7 +510,7 @@ impl Coupling for Nonlocal {
                 flow.by_positions(along.q, &mut term, held);
                 flow.solve(&mut term, held);
                 let size = largest(&term);
-                let shrinks = size < 0.5 * last; // and is a number
+                let shrinks = size < 0.5 * last; // false for NaN
                 if terms > MAX_TERMS || !shrinks {
                     rhs.copy_from_slice(&flow.first);
                     break;
@@ -520,7 +527,7 @@ impl Coupling for Nonlocal {
 }
 
 impl GlobalForce for Nonlocal {
-    /// δF = δG f + G M⁻¹ (δw − D δq), D δq what its positions change of M f.
+    /// δF = δG f + G M⁻¹ (δw − D δq), where D δq is the change of M f with the positions.
     fn add_change(&self, rod: &Kinematics<'_>, [dq, dv]: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]) {
         let mut last = self.flow(rod);
         let mut change = vec![0.0; dq.len()];
@@ -553,7 +560,7 @@ impl GlobalForce for Nonlocal {
         let mut y = vec![0.0; rod.q.len()];
         for e in edges.start.max(self.front)..edges.end {
             let ends = [cotangent(e), cotangent(e + 1)];
-            // What a density loads the ends with is symmetric in both.
+            // The loads on the ends are a symmetric function of the densities there.
             let [near, far] = SHARES.map(|share| share * last.viscosity * last.lengths[e]);
             add(&mut y, e, ends[0] * near + ends[1] * far);
             add(&mut y, e + 1, ends[0] * far + ends[1] * near);
@@ -587,7 +594,7 @@ impl Force for Nonlocal {
         true
     }
 
-    /// Of the derivatives those by the length that a density acts on; the rest is no edge's own.
+    /// The derivatives are only those with respect to the length on which a density acts; the rest is nonlocal.
     fn evaluate(
         &self,
         rod: &Kinematics<'_>,

@@ -1,12 +1,14 @@
-//! The water that a slender body accelerates: Lighthill's large-amplitude elongated-body force.
+//! The inertia of the water around a slender body: Lighthill's large-amplitude elongated-body force.
 //!
-//! T_f = ½∫m w² dℓ with m = ¼πρC D², C of the section ([`Section::added`](crate::rod::Section::added)), w = V·n and the *current* length dℓ. The force is exactly that of this energy, −δT_f/δx,
-//! and what leaves the tail takes the wake's: F_tip = m(L) χ S (u w n − ½w² t) on the last node, with S = 1 where the tip moves
-//! ahead of the water (u ≤ 0) and falling to 0 where it runs backwards. Discretely, with e = x_{k+1} − x_k, ℓ = |e|, λ = ė·n and
-//! c = ρ/ΔL ∫ ¼πC D² ds over half an edge, T_f = Σ ½ c ℓ w_i², and what opposes end i is
+//! T_f = ½∫m w² dℓ with m = ¼πρC D², C of the section ([`Section::added`](crate::rod::Section::added)), w = V·n and the
+//! *current* length dℓ. The force is exactly that of this energy, −δT_f/δx. The wake that leaves the tail exerts the
+//! force F_tip = m(L) χ S (u w n − ½w² t) on the last node, with S = 1 if the tip moves ahead of the water (u ≤ 0),
+//! falling to 0 if it moves backwards. In the discretisation, with e = x_{k+1} − x_k, ℓ = |e|, λ = ė·n and
+//! c = ρ/ΔL ∫ ¼πC D² ds over half an edge, T_f = Σ ½ c ℓ w_i². The opposing force on end i is
 //! p_i = c[(ℓ a·n + ℓ̇ w − λu) n − λ w t], with ±G on the two ends, G = Σ_i c(½w² t − u w n).
 //!
-//! Sources: M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674 (2011).
+//! Sources: M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674
+//! (2011).
 
 use std::f64::consts::{FRAC_PI_4, PI};
 use std::ops::Range;
@@ -30,15 +32,15 @@ pub struct Reactive {
     halves: EdgeValues<[f64; 2]>,
 }
 
-/// What the vortex sheet takes that leaves the tail.
+/// The force of the vortex sheet that leaves the tail.
 #[derive(Debug)]
 pub struct Wake {
     /// χ m(L)/ρ, m².
     mass: f64,
 }
 
-/// What leaving out the reactive force changes of a round free swimmer, found by simulation with cross-flow; of thrust no more is
-/// known than of speed.
+/// The relative change of results when the reactive force is omitted, simulated with cross-flow for a round free
+/// swimmer. The change of thrust is not known separately and taken to be that of speed.
 pub static OMITTED: Published = Published {
     table: &[
         Uncertainty::at(5e-4, [0.001, 0.001, 0.001]),
@@ -55,10 +57,11 @@ pub static OMITTED: Published = Published {
 /// The name of the force.
 pub const NAME: &str = "reactive";
 
-/// From where on leaving it out errs by more than it does: the layer that viscosity takes along adds 4/√(πβ) to the added mass, β = fD²/ν.
+/// Above this bound, omitting the force causes a larger error than including it: the boundary layer entrained by
+/// viscosity adds 4/√(πβ) to the added mass, β = fD²/ν.
 pub const COUNTS: Bound = Bound::at_least(DimensionlessNumber::Stokes, 16.0 / PI);
 
-/// The range of both.
+/// The range of validity of both forces.
 const VALIDITY: Validity = Validity {
     range: "slender bodies whose depth changes slowly",
     bounds: &[
@@ -70,14 +73,15 @@ const VALIDITY: Validity = Validity {
 };
 
 impl Reactive {
-    /// The water around `rod`.
+    /// The reactive force on `rod`.
     pub fn new(rod: &Rod) -> Self {
         // c = ρ g with g = (1/ΔL) ∫ ¼πC D² ds, so that T_f is exact for a straight rod.
         let half = |half: &crate::rod::HalfEdge| FRAC_PI_4 * half.added * half.length / rod.spacing;
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
-    /// What opposes the ends of edge `k`, whose fluid is that of `ends`; it changes from there where it `VARIES`.
+    /// The opposing forces on the ends of edge `k`, with the fluids `ends`; `VARIES` includes the effects of their
+    /// slopes.
     #[inline(always)]
     fn on_edge<const VARIES: bool>(
         &self,
@@ -101,8 +105,8 @@ impl Reactive {
         }
         let parts = moving.parts_on(edge);
         let mut force = moving.force(&parts);
-        // c changes with the place: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the fluid that becomes heavier as the rod moves and the pull
-        // towards the lighter side.
+        // c changes with the position: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the increasing density as the rod moves, and the
+        // pull towards the lighter side.
         let crossing = VARIES && ends.iter().any(|here| here.slope.density != 0.0 || here.bend != 0.0);
         let halves = f64x2::new(self.halves[k]);
         let slope = halves * both(&ends, |here| here.slope.density);
@@ -142,14 +146,14 @@ impl Reactive {
         assemble_in_plane(edge, force, slopes, along_twice)
     }
 
-    /// c of both halves of edge `k` where the fluid has these densities.
+    /// c of both halves of edge `k` for these densities.
     #[inline(always)]
     pub(crate) fn inertia(&self, k: usize, densities: [f64; 2]) -> f64x2 {
         let halves = &self.halves[k];
         f64x2::new([densities[0] * halves[0], densities[1] * halves[1]])
     }
 
-    /// Visits every edge with c and the velocities against the fluid, along and across it, an end a lane.
+    /// Visits every edge with c and the velocities relative to the fluid, along and across the edge, one end per lane.
     #[inline(always)]
     fn each_edge(&self, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, &Edge, f64x2, [f64x2; 2])) {
         for (run, rod) in rod.runs(0..rod.edges.len()) {
@@ -165,7 +169,8 @@ impl Reactive {
         }
     }
 
-    /// c and the velocities of the ends of edge `k` against the `fluids` there, along and across it, an end a lane.
+    /// c and the velocities of the ends of edge `k` relative to the `fluids` there, along and across the edge, one end
+    /// per lane.
     #[inline(always)]
     fn moving(&self, rod: &Kinematics<'_>, k: usize, fluids: [&Fluid; 2]) -> (f64x2, [f64x2; 2]) {
         let c = self.inertia(k, [fluids[0].density, fluids[1].density]);
@@ -174,33 +179,34 @@ impl Reactive {
     }
 }
 
-/// How the fluid at both ends of an edge is accelerated, a pair each in components along and across the edge.
+/// The motion of both ends of an edge relative to the fluid, as pairs over both ends of components along and across the
+/// edge.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Accelerating<T: Real> {
     /// c of both halves, kg/m.
     pub c: T::Pair,
-    /// Velocities u and w against the fluid, m/s.
+    /// Velocities u and w relative to the fluid, m/s.
     pub velocity: [T::Pair; 2],
-    /// Accelerations against the fluid, m/s².
+    /// Accelerations relative to the fluid, m/s².
     pub acceleration: [T::Pair; 2],
     /// ℓ̇ and λ, m/s.
     pub opening: [T; 2],
 }
 
-/// What the force over c is put together from, components along and across.
+/// Parts of the force over c, in components along and across.
 #[derive(Debug, Clone, Copy)]
 struct Parts<T: Real> {
     /// p_i over c_i.
     own: [T::Pair; 2],
-    /// What acts with opposite signs on the two ends.
+    /// The force with opposite signs on the two ends.
     pair: [T::Pair; 2],
 }
 
-/// The derivatives of the force on both ends, of the components t nᵀ, n tᵀ and n nᵀ: where the whole edge moves, and where the edge
-/// vector changes while that end stays.
+/// The derivatives of the force on both ends, for the components t nᵀ, n tᵀ and n nᵀ: with respect to a translation of
+/// the whole edge, and with respect to the edge vector while that end stays.
 type Derivatives<P> = [[P; 3]; 2];
 
-/// Energy and momentum of the water, an end of the edges a number.
+/// Energy and momentum of the water, summed separately over the two ends of the edges.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Stored<T: Real> {
     energy: T::Pair,
@@ -208,7 +214,7 @@ pub(crate) struct Stored<T: Real> {
 }
 
 impl<T: Real> Stored<T> {
-    /// None yet, in numbers like `zero`.
+    /// Zero; `zero` selects the number type.
     #[inline(always)]
     pub fn none(zero: T) -> Self {
         let none = T::Pair::new([zero; 2]);
@@ -224,7 +230,7 @@ impl<T: Real> Stored<T> {
         self.momentum[1] += across * (edge.length * n.y);
     }
 
-    /// Of all ends, J and N s.
+    /// The sums over all ends, J and N s.
     #[inline(always)]
     pub fn sum(&self) -> (T, [T; 2]) {
         let [x, y] = self.momentum;
@@ -233,7 +239,7 @@ impl<T: Real> Stored<T> {
 }
 
 impl<T: Real> Accelerating<T> {
-    /// What opposes the ends of `edge` in one fluid, vectors of both.
+    /// The opposing forces on the ends of `edge` in a uniform fluid, as vectors of both.
     #[inline(always)]
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     pub fn force_on(&self, edge: &Edge<T>) -> [T::Pair; 2] {
@@ -241,8 +247,8 @@ impl<T: Real> Accelerating<T> {
         edge.vectors(along, across)
     }
 
-    /// What opposes the ends of `edge` in one fluid, with its derivatives. Blocks are put together from components: numbers written
-    /// apart and read as lanes would have to wait for each other.
+    /// The opposing forces on the ends of `edge` in a uniform fluid, with their derivatives. Blocks are built from
+    /// components: numbers that are written separately and read as lanes would stall.
     #[inline(always)]
     pub fn on_edge(&self, edge: &Edge<T>, direction: Direction) -> EdgeForce<T> {
         let parts = self.parts_on(edge);
@@ -275,7 +281,7 @@ impl<T: Real> Accelerating<T> {
         let twisted = opposite(turned.sum());
         let mixed = -(by_velocity * lambda);
         let own_nn = c * (length * a + stretching * v) - opposite(pushed.sum());
-        // Where one end stays, the other moves with the edge vector.
+        // If one end stays, the other moves with the edge vector.
         let turned = turned - swapped(turned);
         let edge_tn = by_turning * (u * (length.like(2.0) * lambda) - an * length) - turned;
         let edge_nt = c * an * q + turned;
@@ -285,7 +291,7 @@ impl<T: Real> Accelerating<T> {
     }
 }
 
-/// The force and its derivatives in the plane; `along_twice` are those of the component t tᵀ, where there is one.
+/// The force and its derivatives in the plane; `along_twice` are those of the component t tᵀ, if there are any.
 #[inline(always)]
 fn assemble_in_plane<T: Real>(
     edge: &Edge<T>,
@@ -312,13 +318,13 @@ fn combined<T: Real>([tn, nt, nn]: [Block<T>; 3], [by_tn, by_nt, by_nn]: [T::Pai
     [tn * by_tn[0] + nt * by_nt[0] + nn * by_nn[0], tn * by_tn[1] + nt * by_nt[1] + nn * by_nn[1]]
 }
 
-/// `value` on the first end, and the opposite on the second.
+/// `value` on the first end, and −`value` on the second.
 #[inline(always)]
 fn opposite<T: Real>(value: T) -> T::Pair {
     T::Pair::new([value, -value])
 }
 
-/// What the other end has.
+/// The values with both ends exchanged.
 #[inline(always)]
 fn swapped<T: Real, P: Pair<T>>(ends: P) -> P {
     let [first, second] = ends.to_array();
@@ -326,7 +332,7 @@ fn swapped<T: Real, P: Pair<T>>(ends: P) -> P {
 }
 
 impl Wake {
-    /// The wake of `rod` that leaves its tail; `shedding` χ of 1 is a sharp end, 0 a pointed one.
+    /// The wake that leaves the tail of `rod`. The `shedding` χ is 1 for a sharp end and 0 for a pointed one.
     pub fn new(rod: &Rod, shedding: f64) -> Self {
         Self { mass: shedding * FRAC_PI_4 * rod.sections.at(1.0).added() }
     }
@@ -411,7 +417,7 @@ impl Force for Reactive {
         factor: f64,
         mut by: Option<StateDerivatives<'_>>,
     ) -> f64 {
-        // Σ c ℓ w n, the derivative of the energy by the velocity of the whole rod.
+        // Σ c ℓ w n, the derivative of the energy with respect to the velocity of the whole rod.
         let mut momentum = f64x2::ZERO;
         self.each_edge(rod, |k, edge, c, [u, w]| {
             let (along, across) = (edge.t.dot(&axis), edge.n().dot(&axis));
@@ -439,7 +445,7 @@ impl Force for Reactive {
         (energy, momentum.into())
     }
 
-    /// ½ g ℓ w² ∇ρ of every end.
+    /// Σ ½ g ℓ w² ∇ρ over all ends.
     fn pull(&self, rod: &Kinematics<'_>) -> Vector2<f64> {
         let mut pull = Vector2::zeros();
         for (run, rod) in rod.runs(0..rod.edges.len()).filter(|(_, rod)| rod.everywhere().is_none()) {
@@ -491,7 +497,7 @@ impl Force for Reactive {
     }
 }
 
-/// S(u/|V|): 1 where the tip leads, falling to 0 where it runs straight backwards, and dS/dx.
+/// S(u/|V|) and dS/dx: S is 1 if the tip leads, and falls to 0 if it moves straight backwards.
 fn switch(x: f64) -> [f64; 2] {
     if x <= 0.0 {
         return [1.0, 0.0];
@@ -501,10 +507,11 @@ fn switch(x: f64) -> [f64; 2] {
 }
 
 impl Wake {
-    /// The force that pulls the tip, over its mass, with its derivatives by velocity and by the vectors of the last two edges.
+    /// The force that pulls the tip, over its mass, with derivatives with respect to velocity and to the vectors of the
+    /// last two edges.
     fn on_tip(rod: &Kinematics<'_>) -> Option<TipForce> {
         let [.., before, last] = rod.edges else { return None };
-        // The direction of the rod's end, one half edge beyond the middle of the last: second order.
+        // The direction of the rod's end, extrapolated by half an edge from the middle of the last one: second order.
         let wanted = last.t * 3.0 - before.t;
         let size = wanted.norm();
         let d = wanted / size;
@@ -560,13 +567,13 @@ impl Force for Wake {
         false
     }
 
-    /// Nothing: all of it acts on the tip.
+    /// Does nothing: all of it acts on the tip.
     fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, _: &mut ForceAccumulator<'_>) {}
 
     fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<TipForce> {
         let TipForce { force, own, edges } = Self::on_tip(rod)?;
         let LocalFluid { fluid, slope, .. } = rod.here(rod.edges.len());
-        let mass = -self.mass * fluid.density; // it opposes
+        let mass = -self.mass * fluid.density; // opposing force
         let Direction { q, v, .. } = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
         let by_place = outer(force, rod.normal()) * (-self.mass * slope.density * q);
         Some(TipForce { force: force * mass, own: own * (mass * v) + by_place, edges: edges.map(|by| by * (mass * q)) })

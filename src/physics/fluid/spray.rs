@@ -1,8 +1,9 @@
-//! What a slender body loses where the fluid around it grows denser as it moves: the jet that entry throws up.
+//! Energy that a slender body loses when the fluid around it becomes denser as it moves: the jet thrown up at entry.
 //!
-//! Where added mass c ℓ grows at the rate ċ ℓ > 0, half of the work of von Kármán's ċ ℓ w goes into the moving fluid, the other half into
-//! a jet. Where it falls, no suction holds the rod back. Both is the added mass's own force and, on every end,
-//! ½ g ℓ |ρ̇| w n with g = c/ρ and ρ̇ = ∇ρ·V: its power ½ g ℓ |ρ̇| w² is never negative.
+//! If the added mass c ℓ grows at the rate ċ ℓ > 0, half of the work of von Kármán's force ċ ℓ w goes into the moving
+//! fluid, and the other half into a jet. If it decreases, no suction holds the rod back. Both cases result from the
+//! force of the added mass itself and, on every end, ½ g ℓ |ρ̇| w n with g = c/ρ and ρ̇ = ∇ρ·V, whose power
+//! ½ g ℓ |ρ̇| w² is never negative.
 //!
 //! Source: Th. von Kármán, NACA TN 321 (1929).
 
@@ -33,8 +34,8 @@ impl Spray {
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
-    /// What opposes both ends of an edge, an end a lane, which move against the fluid at `velocities` (m/s): with g `halves`, and
-    /// `slope` and `bend` the first two derivatives of the density along the `normal`.
+    /// The opposing force on both ends of an edge, one end per lane, at `velocities` (m/s) relative to the fluid.
+    /// `halves` is g; `slope` and `bend` are the first two derivatives of the density along the `normal`.
     #[inline(always)]
     fn on_edge(
         halves: f64x2,
@@ -53,14 +54,14 @@ impl Spray {
         let force = edge.vectors(f64x2::ZERO, c * w * length);
         let Some(Direction { q, v, .. }) = along else { return EdgeForce { force, ..EdgeForce::ZERO } };
         let sign = rate.simd_lt(f64x2::ZERO).bitselect(f64x2::from(-1.0), f64x2::ONE);
-        // |ρ̇| changes with velocity and place, along ν; n turns by −t n·δe/ℓ, and w with it by −u.
+        // |ρ̇| changes with velocity and position, along ν; n turns by −t n·δe/ℓ, and w with it by −u.
         let grows = half * sign * w * (slope * v + bend * across * q) * length;
         let (own_nt, own_nn) = ((grows * nu_t).to_array(), (grows * nu_n + c * (v * length)).to_array());
         let (turned, pushed) = ((c * w * q).to_array(), (c * u * q).to_array());
         let (t, n) = (pair(edge.t), pair(edge.n()));
         let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
         let on = |i: usize| (nt * own_nt[i] + nn * own_nn[i], (nt - tn) * turned[i] - nn * pushed[i]);
-        // Not `map` over both ends: that is a call for each.
+        // Not `map` over both ends, which would be a call for each.
         let ((own0, edge0), (own1, edge1)) = (on(0), on(1));
         EdgeForce { force, own: [own0, own1], edge: [edge0, edge1] }
     }
@@ -123,7 +124,7 @@ impl Force for Spray {
         let Some(property) = Property::of(key) else { return [0.0; 2] };
         for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
             let (ends, by) = ([rod.here(k), rod.here(k + 1)], [k, k + 1].map(|k| rod.by_property(property, k)));
-            // |ρ′| grows by sgn(ρ′) δρ′.
+            // |ρ′| changes by sgn(ρ′) δρ′.
             let grows = [0, 1].map(|i| by[i].slope.density * ends[i].slope.density.signum() * halves[i]);
             let against = [k, k + 1].map(|k| pair(rod.against_fluid(k)));
             let on = Self::on_edge(f64x2::new(grows), edge, rod.normal(), [f64x2::ONE, f64x2::ZERO], against, None);

@@ -5,12 +5,12 @@
 pub struct Published {
     /// Entries at increasing Reynolds numbers; empty if the uncertainty is unknown.
     pub table: &'static [Uncertainty],
-    /// The publication, or the comparison that it comes from.
+    /// The publication or comparison from which it comes.
     pub source: &'static str,
 }
 
 impl Published {
-    /// Nothing.
+    /// No published uncertainty.
     pub const NOTHING: Self = Self { table: &[], source: "" };
 
     /// The uncertainty at a Reynolds number: linear in its logarithm, and constant beyond the ends of the table.
@@ -29,16 +29,16 @@ impl Published {
     }
 }
 
-/// How far results may be from the truth at a Reynolds number, relative.
+/// Relative uncertainty of results at a Reynolds number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uncertainty {
-    /// Reynolds number of the depth.
+    /// Reynolds number based on the depth.
     pub reynolds: f64,
-    /// Of the speed of a free swimmer.
+    /// Uncertainty of the speed of a free swimmer.
     pub speed: f64,
-    /// Of the thrust on a held head.
+    /// Uncertainty of the thrust on a held head.
     pub thrust: f64,
-    /// Of the power that goes into the fluid.
+    /// Uncertainty of the power transferred to the fluid.
     pub power: f64,
 }
 
@@ -48,7 +48,7 @@ impl Uncertainty {
         Self { reynolds, speed, thrust, power }
     }
 
-    /// That of two independent causes.
+    /// The combined uncertainty of two independent causes.
     pub fn with(self, other: Self) -> Self {
         Self {
             speed: self.speed.hypot(other.speed),
@@ -58,7 +58,7 @@ impl Uncertainty {
         }
     }
 
-    /// Of speed or, of a held head, thrust, and of power.
+    /// Uncertainties of the speed (of the thrust if the head is held), and of the power.
     pub fn measured(&self, held: bool) -> [f64; 2] {
         [if held { self.thrust } else { self.speed }, self.power]
     }

@@ -12,28 +12,28 @@ use super::medium::Fluid;
 use crate::number_format::in_sentence;
 use crate::rod::Rod;
 
-/// The fraction of the velocity along a rod that its Reynolds numbers count as across it, if that is larger than the
-/// velocity across. No rod is aligned with a flow exactly.
+/// The fraction of the velocity along a rod that counts as velocity across it in its Reynolds numbers, if it is larger
+/// than the velocity across. No rod is aligned with a flow exactly.
 pub(crate) const MISALIGNED: f64 = 0.1;
 
-/// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
-/// time.
+/// The motion of a rod across itself relative to the fluid, and that fluid: root mean squares and means over its length
+/// and over time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransverseMotion {
     /// Velocity w across it, m/s.
     pub speed: f64,
-    /// ρw/μ where each node is, 1/m.
+    /// ρw/μ with the fluid at each node, 1/m.
     pub per_depth: f64,
-    /// ρu/μ of the velocity u along it, 1/m.
+    /// ρu/μ with the velocity u along it, 1/m.
     pub along: f64,
-    /// ρ|V|/μ of a head body, of its velocity V in all directions, 1/m.
+    /// ρ|V|/μ of a head body with velocity V, 1/m.
     pub body: f64,
-    /// Density and viscosity where the rod is.
+    /// Density and viscosity around the rod.
     pub fluid: Fluid,
 }
 
 impl TransverseMotion {
-    /// What Reynolds numbers are made from, 1/m: ρw/μ, or a tenth of ρu/μ if that is larger; and whether it is.
+    /// The factor of a size in its Reynolds number, 1/m: ρw/μ, or a tenth of ρu/μ if that is larger; and whether it is.
     pub fn counted(&self) -> (f64, bool) {
         let along = MISALIGNED * self.along;
         (self.per_depth.max(along), along > self.per_depth)
@@ -45,9 +45,9 @@ impl TransverseMotion {
 pub struct FlowConditions<'a> {
     /// The rod.
     pub rod: &'a Rod,
-    /// How it moves across itself, and through which fluid.
+    /// Its motion across itself, and the fluid.
     pub across: TransverseMotion,
-    /// Frequency of what drives the rod, Hz.
+    /// Frequency of the drive, Hz.
     pub frequency: Option<f64>,
     /// The wavelength along the rod, m.
     pub wavelength: Option<f64>,
@@ -58,20 +58,21 @@ pub struct FlowConditions<'a> {
 /// A dimensionless number that bounds refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DimensionlessNumber {
-    /// wD/ν by the mean depth D and the velocity w across the rod, or a tenth of that along it if that is larger.
+    /// wD/ν with the mean depth D and the velocity w across the rod, or a tenth of that along it if that is larger.
     Reynolds,
-    /// wL/ν by the length.
+    /// wL/ν with the length L.
     LengthReynolds,
     /// fD²/ν.
     Stokes,
-    /// What the fluid opposes to small oscillations of a cylinder over the drag of its speed alone, see [`oscillating`]; where the rod
-    /// moves less than its depth.
+    /// Drag of a cylinder in small oscillations over its steady drag at that speed, see [`oscillating`]; only if the
+    /// rod moves by less than its depth.
     Unsteady,
-    /// ωa²/ν by the largest radius.
+    /// ωa²/ν with the largest radius a.
     Swinging,
     /// Length over the largest radius.
     Slenderness,
-    /// The same where the Reynolds number of the depth is below 1, and a law's viscous part is most of it.
+    /// Length over the largest radius, only if the Reynolds number of the depth is below 1, where the viscous part
+    /// dominates a law.
     CreepingSlenderness,
     /// Depth over length.
     Depth,
@@ -83,9 +84,9 @@ pub enum DimensionlessNumber {
     Height,
     /// Height above a wall over the length.
     HeightInLengths,
-    /// Reynolds number of the head body by its longest axis.
+    /// Reynolds number of the head body, based on its longest axis.
     BodyReynolds,
-    /// fD²/ν of the head body by its axis across the rod.
+    /// fD²/ν of the head body, with its axis across the rod.
     BodyStokes,
     /// Height above a wall over the head body's longest semi-axis.
     BodyHeight,
@@ -151,14 +152,14 @@ impl DimensionlessNumber {
     }
 }
 
-/// Drag per length, speed and viscosity of a cylinder that oscillates across itself by much less than its depth, at a Stokes number fD²/ν:
-/// the part of πΩi(1 + 4K₁(k)/(kK₀(k))) in phase with the velocity, k² = iΩ, Ω = ωa²/ν. G. G. Stokes, Trans. Camb. Phil. Soc. 9 (1851);
-/// at large ones that of C.-Y. Wang, J. Fluid Mech. 32 (1968).
+/// Drag per length, speed and viscosity of a cylinder that oscillates across itself by much less than its depth, at a
+/// Stokes number fD²/ν: the part of πΩi(1 + 4K₁(k)/(kK₀(k))) in phase with the velocity, with k² = iΩ and Ω = ωa²/ν. G.
+/// G. Stokes, Trans. Camb. Phil. Soc. 9 (1851); at large Stokes numbers that of C.-Y. Wang, J. Fluid Mech. 32 (1968).
 pub fn oscillating(stokes: f64) -> f64 {
     let omega = FRAC_PI_2 * stokes;
     let k = (Complex::i() * omega).sqrt();
-    // K_ν(k) e^k = ∫₀^∞ e^(k(1 − cosh t)) cosh νt dt, by the trapezium rule, whose error falls exponentially; the integrand is gone where
-    // |k| cosh t is 40.
+    // K_ν(k) e^k = ∫₀^∞ e^(k(1 − cosh t)) cosh νt dt, by the trapezoidal rule, whose error decreases exponentially. The
+    // integrand is negligible where (cosh t − 1) Re k is 40.
     let end = (1.0 + 40.0 * SQRT_2 / k.norm()).acosh();
     let part = end / f64::from(PARTS);
     let [mut zeroth, mut first] = [Complex::new(0.5, 0.0); 2];
@@ -171,20 +172,20 @@ pub fn oscillating(stokes: f64) -> f64 {
     PI * omega * (Complex::i() * 4.0 * first / (k * zeroth)).re
 }
 
-/// The same of a cylinder in a steady flow at a Reynolds number of its depth, with its length over its radius: slender-body theory, boundary
-/// layer and form drag, as `cross-flow` has them.
+/// The same for a cylinder in a steady flow at a Reynolds number of its depth, with its length over its radius:
+/// slender-body theory, boundary layer and form drag, as in `cross-flow`.
 fn steady(reynolds: f64, slender: f64) -> f64 {
     4.0 * PI / (slender.ln() + COX).max(1.0) + 2.0 * reynolds.sqrt() + 0.5 * FORM * reynolds
 }
 
-/// Parts of an integral that is smooth.
+/// Number of intervals for a smooth integral.
 const PARTS: u32 = 200;
 /// R. G. Cox's constant across a rod.
 const COX: f64 = 0.1931;
-/// Form drag of a cylinder.
+/// Form drag coefficient of a cylinder.
 const FORM: f64 = 1.1;
 
-/// Up to which [`DimensionlessNumber::Unsteady`] laws of steady drag hold.
+/// The bound on [`DimensionlessNumber::Unsteady`] up to which laws of steady drag hold.
 pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 
 /// The interval of a dimensionless number in which a force is valid.
@@ -192,9 +193,9 @@ pub const STEADY: Bound = Bound::at_most(DimensionlessNumber::Unsteady, 2.0);
 pub struct Bound {
     /// The number.
     pub number: DimensionlessNumber,
-    /// Its least value; 0 for none.
+    /// Its minimum; 0 for none.
     pub least: f64,
-    /// Its largest value; infinite for none.
+    /// Its maximum; infinite for none.
     pub most: f64,
 }
 
@@ -226,7 +227,7 @@ impl Bound {
 
     /// The value for a motion, if it is outside the interval.
     pub fn value_outside(&self, motion: &FlowConditions<'_>) -> Option<f64> {
-        // Numbers at the bound itself are rounded.
+        // Values at the bound itself have rounding errors.
         let most = self.most * (1.0 + 1e-9);
         self.number.of(motion).filter(|number| !(self.least * (1.0 - 1e-9)..=most).contains(number))
     }

@@ -1,65 +1,72 @@
-//! A head that a host moves: the extrapolation of its pose between communication points. The host says where the head is, and how it
-//! moves where it knows. From these samples follows the motion over the step: the [extrapolation](CoordinateExtrapolation) of each
-//! coordinate, and what is left of the last one.
+//! Extrapolation of the pose of a head that a host drives, between communication points.
 //!
-//! Each coordinate is on its own, and is the scene's until the host sets it. Its extrapolation is the polynomial through the last
-//! sample, with the derivatives that it gave, and through the samples before it, up to degree 5. Of these degrees it takes the one that
-//! would have predicted the last two samples best. So a smooth motion is continued at a high order, and one that jumps, or is known
-//! with noise, is not carried away: it stays, or continues as fast as it was predicted to. Where the new extrapolation does not start
-//! as the head moves now, the difference decays in a quintic: value, rate and acceleration are continuous. The decay takes as long as
-//! the host's longest recent step, however short the present one is.
+//! The host sets the pose and, optionally, its derivatives. Each coordinate is extrapolated separately, and follows the
+//! scene until the host sets it. Its motion over a step is an extrapolation polynomial plus a decaying difference from
+//! the previous motion, see [`CoordinateExtrapolation`].
+//!
+//! The polynomial passes through the last sample, with the derivatives that were set, and through the samples before
+//! it. Its degree, at most 5, is the one that would have predicted the last two samples best. A smooth motion is
+//! therefore extrapolated at high order. If the motion jumps or is noisy, the coordinate is held, or continues at its
+//! previously extrapolated rate.
+//!
+//! If the value, rate and acceleration of the new polynomial differ from the present motion, the difference decays as a
+//! quintic, so that all three are continuous. With [`HeadInput::AtEnd`] the decay ends with the step. Otherwise it
+//! takes as long as the host's longest recent step, however short the present one is.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Sample, Signal};
 
-/// The time to which a pose that a host sets before a step belongs.
+/// The time to which a pose that a host sets before a step refers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum HeadInput {
-    /// The pose at that time.
+    /// The pose at the time when it is set.
     #[default]
     Now,
     /// The pose to reach at the end of the step.
     AtEnd,
 }
 
-/// The highest derivative of a coordinate that a host gives.
+/// Highest derivative of a coordinate that a host can set.
 const HIGHEST: usize = 3;
 
-/// Coefficients of a polynomial of degree 5.
+/// Number of coefficients of a polynomial of degree 5.
 const TERMS: usize = 6;
 
-/// Number of samples without derivatives that determine that degree.
+/// Number of samples without derivatives that determine a polynomial of that degree.
 const SAMPLES: usize = TERMS;
 
-/// A sample replaces the last one if the interval before that one is shorter than this fraction of the interval before
-/// it. Intervals therefore shrink no faster, and differences of the stored samples are not rounding errors.
+/// A sample replaces the last one if the interval before the last one is shorter than this fraction of the interval
+/// before that. Intervals therefore do not shrink faster, and differences of the stored samples stay above rounding
+/// errors.
 const LEAST_SPACING_RATIO: f64 = 0.25;
 
-/// An input stays constant once the host has not set it for this many times the interval between its last two samples.
+/// An input is held constant once the host has not set it for this many times the interval between its last two
+/// samples.
 const SILENT_INTERVALS: f64 = 1.5;
 
-/// In a step at whose end the host sets no pose the head stays, unless the step is shorter than this fraction of the
-/// one before.
+/// If the host sets no pose for the end of a step, the head stays, unless the step is shorter than this fraction of the
+/// previous one.
 const REMAINDER: f64 = 1e-3;
 
-/// The smallest number of steps in which the difference to a new extrapolation decays …
+/// Minimum number of steps for the decay of an abrupt difference to a new extrapolation.
 const STEPS_PER_DECAY: f64 = 4.0;
 
-/// … if it accelerates the head by more than this many times the acceleration of the extrapolation, …
+/// A difference is abrupt if its decay accelerates the head by more than this many times the acceleration of the
+/// extrapolation, and if it is not negligible.
 const ABRUPT_ACCELERATION_RATIO: f64 = 2.0;
 
-/// … and moves it by more than this fraction of the length, or this angle (rad).
+/// A difference is negligible up to this fraction of the rod length, or this angle (rad).
 const NEGLIGIBLE_OFFSET: f64 = 1e-6;
 
-/// A sample of a coordinate that a host has set: value and derivatives at a time.
+/// A sample of a coordinate set by a host: value and derivatives at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 struct PoseSample {
     time: f64,
     derivatives: [f64; HIGHEST + 1],
-    /// The order of the highest derivative that was set.
+    /// Order of the highest derivative that was set.
     order: usize,
 }
 
@@ -68,7 +75,7 @@ impl PoseSample {
         Self { time, derivatives: [value, 0.0, 0.0, 0.0], order: 0 }
     }
 
-    /// What it says of time `t` (s) as a polynomial of the derivatives that it gave.
+    /// The sample extrapolated to time `t` (s) by the Taylor polynomial of the derivatives that were set.
     fn at(&self, t: f64) -> Self {
         let tau = t - self.time;
         let mut derivatives = [0.0; HIGHEST + 1];
@@ -83,7 +90,7 @@ impl PoseSample {
     }
 }
 
-/// Σ c_k (t − t₀)^k.
+/// The polynomial Σ c_k (t − t₀)^k.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 struct Polynomial {
     since: f64,
@@ -102,7 +109,7 @@ impl Polynomial {
         sample
     }
 
-    /// The quintic from `first` at time `t` to rest at zero after `span` (s).
+    /// The quintic that decays from `first` at time `t` to zero, with zero rate and acceleration, after `span` (s).
     fn decaying(first: Sample, t: f64, span: f64) -> Self {
         let (x, v, a) = (first.value, first.rate * span, first.acceleration * span * span);
         let by_part =
@@ -154,11 +161,12 @@ impl DividedDifferences {
         all
     }
 
-    /// The error of the polynomial of each degree for a later `sample`: of its value, and of its rate and acceleration if they were given,
-    /// each as the error of a value that a smooth motion has with it. Infinite if there are too few samples.
+    /// The error of the polynomial of each degree for a later `sample`: the maximum of the errors of its value and, if
+    /// they were set, its rate and acceleration, each converted to the error of the value that it implies in a smooth
+    /// motion. Infinite if there are too few samples.
     fn prediction_errors(&self, sample: &PoseSample) -> [f64; TERMS] {
         let ahead = sample.time - self.times[0];
-        // The product of the factors t − t_i and its derivatives, and the sums of them.
+        // The product of the factors t − t_i with two derivatives, and the predicted value with two derivatives.
         let (mut product, mut predicted) = ([1.0, 0.0, 0.0], [0.0; 3]);
         std::array::from_fn(|k| {
             if k >= self.len {
@@ -169,7 +177,7 @@ impl DividedDifferences {
             }
             let factor = sample.time - self.times[k];
             product = [product[0] * factor, product[1] * factor + product[0], product[2] * factor + 2.0 * product[1]];
-            // An error C τ^(k+1) of the value has the rate C (k+1) τ^k.
+            // An error C τ^(k+1) of the value implies an error C (k+1) τ^k of the rate.
             let (mut unit, mut largest) = (1.0, 0.0_f64);
             for (order, (predicted, given)) in
                 predicted.iter().zip(sample.derivatives).take(sample.order + 1).enumerate()
@@ -181,7 +189,7 @@ impl DividedDifferences {
         })
     }
 
-    /// The polynomial of this `degree`.
+    /// The interpolation polynomial of this `degree`.
     fn polynomial(&self, degree: usize) -> Polynomial {
         let since = self.times[0];
         let mut terms = [0.0; TERMS];
@@ -197,40 +205,40 @@ impl DividedDifferences {
     }
 }
 
-/// One coordinate of a head as a host moves it: x (m), y (m) or angle (rad).
+/// One coordinate of a head driven by a host: x (m), y (m) or angle (rad).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CoordinateExtrapolation {
     /// The last sample, as the host set it.
     latest: PoseSample,
-    /// True if it was set since the last step began.
+    /// True if it was set after the last step began.
     fresh: bool,
-    /// Which of its derivatives were given.
+    /// The derivatives of it that were set.
     given: [bool; HIGHEST + 1],
-    /// It is of the time at which it was given, even where poses are those at the end of the step.
+    /// It refers to the time at which it was set, even if poses are those at the end of the step.
     of_now: bool,
-    /// The run starts with it: before, the head rested there.
+    /// The run started with it.
     first: bool,
     /// The last samples, newest first.
     samples: [PoseSample; SAMPLES],
     len: usize,
-    /// The errors of the polynomials of each degree for the last sample but one.
+    /// Errors of the polynomials of each degree for the sample before the last.
     previous_errors: [f64; TERMS],
-    /// The same for the last sample.
+    /// Errors of the polynomials of each degree for the last sample.
     errors: [f64; TERMS],
-    /// The rate that was foretold for the last word, which a motion from there at …
+    /// Rate that was extrapolated at the last sample.
     extrapolated_rate: f64,
-    /// … the one that was foretold before would have missed by this, and the word before by that.
+    /// Errors of the last two samples, newest first, if the coordinate had moved at that rate since the sample before.
     rate_errors: [f64; 2],
     /// The polynomial that extrapolates the samples.
     extrapolation: Polynomial,
-    /// The decaying difference from the motion before, until …
+    /// The decaying difference from the previous motion.
     decay: Polynomial,
-    /// … this time, s.
+    /// End of the decay, s.
     decay_end: f64,
 }
 
 impl CoordinateExtrapolation {
-    /// A coordinate of which the host has given the derivative of `order` at time `t` (s), where it moved by `now`.
+    /// A coordinate that a host sets for the first time, at time `t` (s), where its motion is `now`.
     fn new(t: f64, now: Sample) -> Self {
         Self {
             latest: PoseSample { time: t, derivatives: [now.value, now.rate, now.acceleration, 0.0], order: 0 },
@@ -250,11 +258,12 @@ impl CoordinateExtrapolation {
         }
     }
 
-    /// Stores the derivative of `order` (0 is the value) that the host sets at time `t` (s), where the head moves by
-    /// `now`. A `derivative` that is set in addition to the value belongs to time `t`, whatever the time of poses is.
+    /// Stores the derivative of `order` (0 is the value) that the host sets at time `t` (s), where the motion is `now`.
+    /// If it is a `derivative` set in addition to a value, the sample refers to time `t`, even if poses are those at
+    /// the end of the step.
     fn set_derivative(&mut self, t: f64, now: Sample, order: usize, value: f64, derivative: bool) {
         if !self.fresh || self.latest.time != t {
-            // What is not said goes on.
+            // Derivatives that are not set continue.
             let before = self.latest.at(t).derivatives[0];
             self.latest = PoseSample { time: t, derivatives: [before, now.rate, now.acceleration, 0.0], order: 0 };
             (self.fresh, self.of_now, self.given) = (true, false, [false; HIGHEST + 1]);
@@ -280,8 +289,8 @@ impl CoordinateExtrapolation {
         }
     }
 
-    /// The last sample as a target at time `end` (s), for a motion from time `t`, where the head moves by `now`. Value
-    /// and rate that were not set follow from the derivatives that were, by the trapezoidal rule.
+    /// The last sample as a target at time `end` (s), for a motion from time `t`, where it is `now`. If value or rate
+    /// were not set, they follow from the derivatives that were, by the trapezoidal rule.
     fn target(&self, [t, end]: [f64; 2], now: Sample) -> PoseSample {
         let (mut sample, h) = (PoseSample { time: end, ..self.latest }, end - t);
         let [_, rate, acceleration, _] = self.latest.derivatives;
@@ -295,7 +304,7 @@ impl CoordinateExtrapolation {
         sample
     }
 
-    /// Stores a sample.
+    /// Stores a sample and its prediction errors.
     fn push_sample(&mut self, sample: PoseSample) {
         let far = |a: &PoseSample, b: &PoseSample| a.time - b.time;
         let errors = DividedDifferences::of(self.samples[..self.len].iter()).prediction_errors(&sample);
@@ -318,16 +327,17 @@ impl CoordinateExtrapolation {
         }
     }
 
-    /// Computes the motion from time `t` (s), where the head moves by `now`, to `end`, or keeps the present one. Until
-    /// the first sample of the host the motion is `before`. A step `begins` at `t`, or continues there. Returns the
-    /// differences of a new sample, and of its velocity if that is set, from the motion without it.
+    /// Computes the motion from time `t` (s), where it is `now`, to `end`, or keeps the present one. Until the first
+    /// sample of the host the motion is `before`. `begins` is true if a step begins at `t`, false if one continues
+    /// there. Returns the differences of a new sample, and of its velocity if that was set, from the motion without it.
     fn fit(&mut self, [t, end]: [f64; 2], now: Sample, input: HeadInput, before: &Signal, begins: bool) -> [f64; 2] {
         let at_end = input == HeadInput::AtEnd && !self.of_now;
         let due = if at_end { end } else { t };
         let predicted = self.at(due).unwrap_or_else(|| before.at(due));
         let spoken = self.len > 0;
         if !spoken {
-            // Before the host's first word the head moved as the scene says, in steps like this one; or as its start does.
+            // Samples before the host's first one, at intervals of the present step: from the scene, or from the start
+            // if the run started with the host's pose.
             let back = if at_end { 0 } else { 1 };
             for k in (back..back + SAMPLES + 2).rev() {
                 let time = t - k as f64 * (end - t);
@@ -358,7 +368,8 @@ impl CoordinateExtrapolation {
         let jump = match (self.fresh, self.given[1]) {
             (false, _) => [0.0; 2],
             (true, false) => [off[0].abs(), 0.0],
-            // A velocity that has changed evenly since the last word has moved the pose by half of that.
+            // If the velocity changed linearly since the last sample, the value changed by half of that change times
+            // the interval.
             (true, true) => {
                 let evenly = 2.0 * off[0] / if at_end { end - t } else { t - self.samples[0].time };
                 [off[0].abs(), off[1].abs().min((off[1] - evenly).abs())]
@@ -370,9 +381,9 @@ impl CoordinateExtrapolation {
         self.fresh = false;
         let found = DividedDifferences::of(self.samples[..self.len].iter());
         let mut degree = self.samples[0].order;
-        // A polynomial doubles, for every degree, what its words are off by.
+        // Extrapolation amplifies errors of the samples by a factor of two per degree.
         let miss = |k: usize| self.errors[k].max(self.previous_errors[k]) * f64::from(1_u32 << k);
-        // A degree that is better by rounding errors alone is none the better.
+        // A higher degree must improve the prediction by more than rounding errors.
         let rounding = 4.0 * f64::EPSILON * self.samples[0].derivatives[0].abs();
         let rate_error = self.rate_errors[0].max(self.rate_errors[1]);
         let (mut least, mut evenly) = (miss(degree), false);
@@ -404,12 +415,12 @@ impl CoordinateExtrapolation {
         jump
     }
 
-    /// True from the host's first step on, or where the run starts with its pose.
+    /// True once the host's samples determine the motion, or if the run started with the host's pose.
     pub fn moves(&self) -> bool {
         self.len > 0 || self.first
     }
 
-    /// How it moves at time `t` (s); `None` before it [`moves`](Self::moves).
+    /// The motion at time `t` (s), or `None` before it [`moves`](Self::moves).
     pub fn at(&self, t: f64) -> Option<Sample> {
         self.moves().then(|| {
             let extrapolation = self.extrapolation.at(t);
@@ -425,8 +436,8 @@ impl CoordinateExtrapolation {
         })
     }
 
-    /// The longest step (s) from time `t` (s) that resolves how it comes to where the host wants it; `unit` is the length (m) of the
-    /// rod, or 1 rad.
+    /// The longest step (s) from time `t` (s) that resolves the decay of the difference to the host's pose; `unit` is
+    /// the rod length (m) or 1 rad.
     pub fn longest_step(&self, t: f64, unit: f64) -> f64 {
         let span = self.decay_end - self.decay.since;
         if t >= self.decay_end || span <= 0.0 {
@@ -439,23 +450,24 @@ impl CoordinateExtrapolation {
         if sudden { span / STEPS_PER_DECAY } else { f64::INFINITY }
     }
 
-    /// True where the host has said something of it at time `t` (s), which no step has followed yet.
+    /// True if the host has set the coordinate at time `t` (s) and no step has followed yet.
     pub(crate) fn is_given_at(&self, t: f64) -> bool {
         self.fresh && self.latest.time == t
     }
 
-    /// The derivative of `order` that the host has said at time `t` (s), if it did, and no step has followed it yet.
+    /// The derivative of `order` if the host has set it at time `t` (s) and no step has followed yet.
     pub(crate) fn given_at(&self, t: f64, order: usize) -> Option<f64> {
         (self.is_given_at(t) && *self.given.get(order)?).then(|| self.latest.derivatives[order])
     }
 
-    /// The derivative of `order` as the host gave it last; `None` where it gave none of that order.
+    /// The derivative of `order` in the last sample, or `None` if `order` is above the highest that the host has set.
     pub fn given_derivative(&self, order: usize) -> Option<f64> {
         (order <= self.latest.order).then(|| self.latest.derivatives[order])
     }
 }
 
-/// What a host has said of coordinates of the head before it moves them: derivatives that they have anyway, which change nothing.
+/// Inputs of a host for coordinates that it does not drive yet, which repeat their present derivatives and so change
+/// nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RedundantHeadInputs {
     time: f64,
@@ -463,7 +475,7 @@ pub struct RedundantHeadInputs {
 }
 
 impl RedundantHeadInputs {
-    /// Keeps the derivative of `order` of coordinate `i`, said at time `t` (s).
+    /// Stores the derivative of `order` of coordinate `i`, set at time `t` (s).
     pub(crate) fn keep(&mut self, t: f64, [i, order]: [usize; 2], value: f64) {
         if t != self.time {
             *self = Self { time: t, ..Self::default() };
@@ -471,18 +483,18 @@ impl RedundantHeadInputs {
         self.derivatives[i][order.min(HIGHEST)] = Some(value);
     }
 
-    /// True where something was said at time `t` (s).
+    /// True if any was set at time `t` (s).
     pub(crate) fn are_of(&self, t: f64) -> bool {
         t == self.time && self.derivatives.as_flattened().iter().any(Option::is_some)
     }
 
-    /// What was said of coordinate `i` at time `t` (s).
+    /// The derivatives of coordinate `i` that were set at time `t` (s).
     pub(crate) fn of(&self, t: f64, i: usize) -> [Option<f64>; HIGHEST + 1] {
         if t == self.time { self.derivatives[i] } else { Default::default() }
     }
 }
 
-/// The motion of a head that a host moves: x, y and angle, each as soon as the host has spoken of it.
+/// The motion of a head driven by a host: x, y and angle, each as soon as the host has set it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HostHead {
     /// The coordinates that the host has set.
@@ -520,7 +532,8 @@ impl HostHead {
         jumps
     }
 
-    /// Starts the run at time `t` (s) with the pose that the host has given, at rest but for the derivatives that it gave too.
+    /// Starts the run at time `t` (s) with the pose that the host has set, at rest except for the derivatives that it
+    /// has set.
     pub fn start(&mut self, t: f64) {
         self.axes.iter_mut().flatten().for_each(|axis| axis.start(t));
     }
@@ -530,7 +543,8 @@ impl HostHead {
         self.axes.iter().flatten().any(|axis| axis.first && axis.len == 0)
     }
 
-    /// True where a host gives, before the first step, another velocity or acceleration than the `scene` has at `time` (s).
+    /// True if the host has set, before the first step, a velocity or acceleration other than that of the `scene` at
+    /// `time` (s).
     pub fn moves_unlike(&self, scene: &[Signal; 3], time: f64) -> bool {
         let mut axes = self.axes.iter().zip(scene).filter_map(|(axis, scene)| Some((axis.as_ref()?, scene.at(time))));
         axes.any(|(axis, scene)| {
@@ -539,8 +553,8 @@ impl HostHead {
         })
     }
 
-    /// The largest part of `reaches` (m, m, rad) that a pose given at `time` (s) is from the one of the `scene`; zero where no
-    /// pose is given, or a run has started with one.
+    /// The largest difference of the host's pose from the `scene` at `time` (s), relative to `reaches` (m, m, rad).
+    /// Coordinates count if their value was set and no step has used it yet.
     pub fn largest_relative_offset(&self, scene: &[Signal; 3], time: f64, reaches: [f64; 3]) -> f64 {
         let axes = self.axes.iter().zip(scene).zip(reaches);
         let parts = axes.filter_map(|((axis, scene), reach)| {

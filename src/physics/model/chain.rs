@@ -1,26 +1,28 @@
-//! The chain form: the same discrete rod with moments, forces and edge directions as unknowns of their own.
+//! The chain form: the same discrete rod with moments, forces and edge directions as additional unknowns.
 //!
-//! Newton's method in nodal positions adds EI/ΔL³ to m/Δt², and reads curvature off positions of size L: its relative
-//! rounding error is about 16ε(λ/ΔL)⁴ ([`rounding`]), and on the finest meshes it fails. Here EI/ΔL³ is never formed. The
-//! energy with multipliers F_k, E = Σ ½B(κ−κ̄)² + Σ F·(Δx − ℓt) + Σ ½ΔL (F·t)²/EA with ℓ = ΔL(1 + F·t/EA), is stationary
-//! where
+//! Newton's method in nodal positions adds EI/ΔL³ to m/Δt², and computes curvature from positions of size L. Its
+//! relative rounding error is about 16ε(λ/ΔL)⁴ ([`rounding`]), and on the finest meshes it fails. The chain form never
+//! computes EI/ΔL³. The energy with multipliers F_k, E = Σ ½B(κ−κ̄)² + Σ F·(Δx − ℓt) + Σ ½ΔL (F·t)²/EA with
+//! ℓ = ΔL(1 + F·t/EA), is stationary if
 //!
 //! - at node k, m a + ΣF − W − F_k + F_{k−1} = 0;
-//! - at its joint, M = B(κ−κ̄)s with κ = 2 tan(φ/2), φ = θ_k − θ_{k−1}, s = dκ/dφ = 1 + κ²/4; M = 0 where there is none;
+//! - at its joint, M = B(κ−κ̄)s with κ = 2 tan(φ/2), φ = θ_k − θ_{k−1}, s = dκ/dφ = 1 + κ²/4; M = 0 where there is
+//!   none;
 //! - along edge k, ℓ t = x_{k+1} − x_k;
-//! - around it, M_{k+1} − M_k + ℓ F·n = 0.
+//! - for the moments on edge k, M_{k+1} − M_k + ℓ F·n = 0.
 //!
-//! Eliminating M, F and θ gives back the equations in positions, so the results are the same but for rounding. Rounding of
-//! x and θ is absorbed within one unit in the last place of them, while M and F stay smooth: curvature is read from M,
-//! stretching from F·t, directions from θ, nothing from differences of positions.
+//! Eliminating M, F and θ recovers the equations in positions, so the results are identical except for rounding.
+//! Rounding of x and θ is absorbed within one unit in their last place, while M and F stay smooth: curvature is
+//! computed from M, stretching from F·t, directions from θ, and nothing from differences of positions.
 //!
-//! A damped material adds τ of the rates: ℓ = ΔL(1 + F·t/EA) − τ ℓ̇ and M = (B(κ−κ̄) + Bτ r)s. Along a direction ℓ̇ and the angular
-//! velocities are read from ė + (c_v/c_q)(ℓt − Δx), which is ė where the edge is closed: so the directions of the edges, not differences
-//! of rounded positions, say how they turn. What the matrix leaves out of that, how a turning edge changes ℓ̇ and how a stretching one ω,
-//! is as small as the turning within a step.
+//! A damped material adds τ times the rates: ℓ = ΔL(1 + F·t/EA) − τ ℓ̇ and M = (B(κ−κ̄) + Bτ r)s. Along a direction, ℓ̇
+//! and the angular velocities are computed from ė + (c_v/c_q)(ℓt − Δx), which is ė if the edge is closed. The rotation
+//! of edges is thus computed from their directions, not from differences of rounded positions. The matrix omits the
+//! effects of a turning edge on ℓ̇ and of a stretching edge on ω, which are as small as the turning within a step.
 //!
-//! The rows are scaled to forces by EI and L, so that sizes can be compared and pivots are the same in any units. Along a direction that
-//! moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch, the joints curvature.
+//! The rows are scaled to forces by EI and L, so that sizes are comparable and pivots do not depend on the units. Along
+//! a direction that moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch,
+//! and the joints curvature.
 
 use nalgebra::{Matrix2, Rotation2, Vector2};
 
@@ -33,28 +35,28 @@ use crate::rod::{Edge, Rod, bend, node};
 use crate::system::{Form, Link, RankOne, State};
 use crate::tendons::MAX_TENDONS;
 
-/// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
-/// and steps agree with the chain form to about 1e-15, moments to 1e-5, and no iteration is lost; from ten times it on
-/// iterations are.
+/// Largest bound [`rounding`] of one solve for which positions are used. Newton's method refines: at this value
+/// positions and steps agree with the chain form to about 1e-15, moments to 1e-5, without additional iterations; from
+/// ten times this value on, more iterations are needed.
 pub const ACCURACY: f64 = 1e-3;
 
 /// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
 /// meaningless below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
 const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
 
-/// Below this half-turning its tangent is summed from its series, the next term of which is below ε/8.
+/// Below this half of a turning angle, its tangent is summed from its series; the first omitted term is below ε/8.
 const MAX_SERIES_HALF_TURNING: f64 = 0.01;
 
-/// The length λ = min((EI Δt²/ρA)^¼, L/2) (m) that a step of `time_step` (s) bends.
+/// The length λ = min((EI Δt²/ρA)^¼, L/2) (m) over which the rod bends in a step of `time_step` (s).
 pub fn bent_length(rod: &Rod, time_step: f64) -> f64 {
     let line_density = rod.mass[rod.front + 1] / rod.spacing;
     (rod.ei * time_step * time_step / line_density).powf(0.25).min(0.5 * rod.length)
 }
 
-/// Bound on the relative rounding error of one solve of Newton's method in positions, 16ε(λ/ΔL)⁴, times (ΔL/b)² where a
-/// neck's length b is less than ΔL. Further iterations
-/// refine a time step as long as this is below about 1e-2: then curvature is off by about ε(L/ΔL)² only, and moments by
-/// that times κ/(κ−κ̄) (measured at 129 … 8193 nodes: 1e-14 … 3e-9 and 1e-14 … 1e-4).
+/// Bound on the relative rounding error of one solve of Newton's method in positions: 16ε(λ/ΔL)⁴, times (ΔL/b)² if the
+/// length b of a neck is less than ΔL. Further iterations refine a time step as long as this is below about 1e-2. Then
+/// the error of curvature is only about ε(L/ΔL)², and that of moments is κ/(κ−κ̄) times as large (measured at 129 …
+/// 8193 nodes: 1e-14 … 3e-9 and 1e-14 … 1e-4).
 pub fn rounding(rod: &Rod, time_step: f64) -> f64 {
     let lever = rod.spacing / rod.shortest();
     16.0 * f64::EPSILON * (bent_length(rod, time_step) / rod.spacing).powi(4) * lever * lever
@@ -65,12 +67,12 @@ pub fn contracts(rod: &Rod, time_step: f64) -> bool {
     rod.spacing >= MIN_SPACING[0] * bent_length(rod, time_step)
 }
 
-/// True if what Newton's method in nodal positions finds for such steps is rounding.
+/// True if Newton's method in nodal positions finds only rounding errors for such steps.
 pub fn is_meaningless(rod: &Rod, time_step: f64) -> bool {
     rod.spacing < MIN_SPACING[1] * bent_length(rod, time_step)
 }
 
-/// What is wrong with solving such steps in nodal positions; `None` where they [contract](contracts).
+/// The reason why such steps cannot be solved in nodal positions; `None` if they [contract](contracts).
 pub fn too_fine(rod: &Rod, time_step: f64) -> Option<String> {
     let bent = bent_length(rod, time_step);
     (!contracts(rod, time_step)).then(|| {
@@ -101,7 +103,8 @@ fn curvature(turning: f64) -> f64 {
     }
 }
 
-/// The κ near `kappa` that solves B(κ−κ̄)(1+κ²/4) = M, by one Newton iteration: exact where `kappa` is off by rounding.
+/// The κ near `kappa` that solves B(κ−κ̄)(1+κ²/4) = M, by one Newton iteration: exact if the error of `kappa` is
+/// rounding.
 #[inline]
 pub(super) fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
     let s = bend::curvature_per_turning(kappa);
@@ -109,7 +112,7 @@ pub(super) fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64)
     kappa - (deviation * s - moment / stiffness) / (s + 0.5 * deviation * kappa)
 }
 
-/// Nodes whose rows are written before forces join them: 64 · 128 bytes of matrix.
+/// Number of nodes whose rows are written before forces are added: 64 · 128 bytes of matrix.
 const BLOCK: usize = 64;
 
 /// Adds `values` to `sums`.
@@ -119,7 +122,7 @@ fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
 }
 
 impl Dynamics {
-    /// The first state of a run in `form`; its links are exact where positions are rounded.
+    /// The initial state of a run in `form`. Its links are exact, while positions are rounded.
     pub fn first_state_in(&mut self, form: Form) -> State {
         let mut state = State::zeros(self.model.unknowns());
         if form == Form::Chain {
@@ -129,8 +132,8 @@ impl Dynamics {
         state
     }
 
-    /// Edges of the links of `state`: their directions, and lengths ℓ = ΔL(1 + F·t/EA) − τ ℓ̇. Their rates follow where the state moves
-    /// along `direction`, if there is one.
+    /// Computes the edges from the links of `state`: directions, and lengths ℓ = ΔL(1 + F·t/EA) − τ ℓ̇. Their rates are
+    /// those of a motion along `direction`, if that is given.
     pub(super) fn shape_edges_of(&mut self, state: &State, direction: Option<Direction>) -> Result<()> {
         let Self { model, edges, rates, held, .. } = self;
         let (rod, t) = (&model.rod, state.t);
@@ -148,7 +151,7 @@ impl Dynamics {
             *edge = Edge::along(t_k, elastic);
             if let Some((damping, rates)) = &mut damped {
                 let ends = |values: &[f64]| node(values, k + 1) - node(values, k);
-                // ė + (c_v/c_q)(ℓt − Δx), without and with the part of ℓ.
+                // ė + (c_v/c_q)(ℓt − Δx), first without and then with the term ℓt.
                 let open = ends(&state.v) - ends(&state.q) * per_move;
                 let time = damping.stretching[k];
                 *edge = Edge::along(t_k, (elastic - time * t_k.dot(&open)) / (1.0 + time * per_move));
@@ -166,14 +169,14 @@ impl Dynamics {
         Ok(())
     }
 
-    /// Turning of the joint at node `k` by the links' directions, where that of a held head is `head`.
+    /// Turning angle of the joint at node `k` from the links' directions; `head` is the direction of a held head.
     #[inline]
     fn turning(&self, links: &[Link], k: usize, head: f64) -> f64 {
         links[k].angle - if k == 0 { head } else { links[k - 1].angle }
     }
 
-    /// Of a damped joint at node `k`, where dκ/dθ is `s` and the edges move at the rates last found: τ (s), the rate r (1/s) that it
-    /// resists, and what of the rate of its curvature is given (1/s).
+    /// For a damped joint at node `k` with dκ/dθ = `s`, at the present rates of the edges: τ (s), the damped rate r
+    /// (1/s), and the part of its rate of curvature that is not damped (1/s).
     fn joint_rate(&self, k: usize, s: f64) -> Option<(f64, f64, f64)> {
         let KelvinVoigt { damping, rates } = self.damped()?;
         let given = damping.given(self.natural_rate[k]);
@@ -209,7 +212,7 @@ impl Dynamics {
         let per_move = if moves { direction.v / c_q } else { 0.0 };
         matrix.terms = ChainTerms { moves: c_q, scale: [per_radian, per_metre, around], held: self.held.is_some() };
         let rows = matrix.rows_mut();
-        let mut pull_before = Vector2::zeros(); // of the edge before
+        let mut pull_before = Vector2::zeros(); // of the previous edge
         for first in (0..nodes).step_by(BLOCK) {
             let last = (first + BLOCK).min(nodes);
             for (k, link) in links.iter().enumerate().take(last).skip(first) {
@@ -261,13 +264,14 @@ impl Dynamics {
                 }
                 rows[k] = row;
             }
-            // Forces join the rows while they are in the cache: those of an edge, once the rows of both its nodes are there.
-            // What a force changes with the stretch of an edge is left out of the matrix: it is as small as the stretch.
+            // Forces are added to the rows while these are in the cache; those of an edge, once the rows of both its
+            // nodes are written. The matrix omits the change of a force with the stretch of an edge, which is as small
+            // as the stretch.
             let edges = first.saturating_sub(1)..last - 1;
             let moving = self.moving(state);
             self.model.forces.on_edges(&moving, Some(direction), edges, |e, on| {
                 let edge = &moving.edges[e];
-                // The edge vector moves by ℓ n δθ, which is c_q times what its ends differ by.
+                // The edge vector moves by ℓ n δθ, which is c_q times the difference of the changes of its ends.
                 let turned = if moves { edge.n() * (edge.length / c_q) } else { Vector2::zeros() };
                 for (i, k) in [e, e + 1].into_iter().enumerate() {
                     let force = on.force(i);
@@ -290,7 +294,8 @@ impl Dynamics {
             let own = tip.own;
             add(&mut rows[k].own, [own.m11, own.m12, own.m21, own.m22]);
             if moves {
-                // The last edge but one is out of reach of the rows: it turns as the last does, but for the joint between.
+                // The rows do not reach the last edge but one. It turns like the last one, except for the joint between
+                // them.
                 let [before, last] = tip.edges;
                 let edge = &moving.edges[nodes - 2];
                 add(&mut rows[k].before, ((before + last) * (edge.n() * (edge.length / c_q))).into());
@@ -298,7 +303,8 @@ impl Dynamics {
         }
         self.hinge_residual = None;
         if let (Some(hinge), Some([_, _, angle])) = (&self.model.hinge, &self.held) {
-            // Its angle follows from the moment of its joint: D δφ − δM = r, so that the joint is that much more flexible.
+            // The angle of the hinge follows from the moment of its joint, D δφ − δM = r, so that the joint is that
+            // much more flexible.
             let own = hinge.residual(self.command, *angle, links[0].moment, direction);
             if moves {
                 let flexibility = rows[0].slope * c_q / own.slope;
@@ -316,8 +322,9 @@ impl Dynamics {
         Ok(())
     }
 
-    /// Writes what the winches couple in the chain form with these `rows`, whose equations of the joints are scaled by `scale`: their tension
-    /// pulls the nodes and bends the joints, and follows the lengths of the edges and the curvatures of the joints.
+    /// Computes the rank-one terms of the winches in the chain form with these `rows`; `scale` is that of the joint
+    /// equations. The tension pulls the nodes and bends the joints, and depends on the lengths of edges and the
+    /// curvatures of joints.
     fn couple_winches_by_links(&mut self, moves: bool, scale: f64, rows: &[ChainRow]) {
         let Some(winches) = &mut self.winches else { return };
         let Model { rod, tendons, .. } = &*self.model;
@@ -336,7 +343,7 @@ impl Dynamics {
                 column[..2].fill(0.0);
             }
             for e in tendon.edges.clone() {
-                // ℓ = ΔL (1 + F·t/EA), t of the direction.
+                // ℓ = ΔL (1 + F·t/EA), where t depends on the direction.
                 let ChainRow { compliance, t, lever, .. } = &rows[e];
                 row[6 * e + 3] += slope * compliance * t[0];
                 row[6 * e + 4] += slope * compliance * t[1];
@@ -353,7 +360,8 @@ impl Dynamics {
         }
     }
 
-    /// Moves the arc of a hinge in `state` back with the moment of its joint, by Newton's `increment`. Returns how far, m.
+    /// Subtracts Newton's `increment` from the arc of a hinge in `state`, which follows from the moment of its joint.
+    /// Returns the distance moved, m.
     pub(super) fn move_hinge_back(&self, increment: &[f64], state: &mut State) -> f64 {
         let Some(HingeResidual { moment, slope, direction }) = self.hinge_residual else { return 0.0 };
         let rod = &self.model.rod;
@@ -362,8 +370,8 @@ impl Dynamics {
         (direction.q * arc).abs()
     }
 
-    /// Moves the links of `state`, which are those of `from`, as its positions and velocities have moved from there, by little: edges turn
-    /// and are strained, and joints turn. Moments follow with an iteration of Newton's method.
+    /// Updates the links of `state`, copied from `from`, for a small change of positions and velocities since `from`:
+    /// edges turn and stretch, and joints turn. Moments follow with the next iteration of Newton's method.
     pub(crate) fn carry_links(&self, from: &State, state: &mut State) {
         let rod = &self.model.rod;
         let head = self.head_angle(state).unwrap_or_default().value;
@@ -400,13 +408,13 @@ impl Dynamics {
         for (i, change) in self.winches.iter().flat_map(|winches| winches.tension_changes(increment)) {
             pulled[i] = change;
         }
-        // The curvature without moment, as winches pull now that all has moved.
+        // The curvature without moment, at the updated tensions of the winches.
         let natural = |k: usize| {
             let passing =
                 tendons.iter().zip(pulled).filter(|(tendon, pull)| *pull != 0.0 && tendon.joints.contains(&k));
             self.natural[k] - passing.map(|(tendon, pull)| pull * tendon.offset / rod.joint[k]).sum::<f64>()
         };
-        // How fast the edges turn now that their nodes have moved; only a damped joint asks.
+        // The angular velocity of an edge at the updated velocities of its nodes; only damped joints need it.
         let spin = |e: usize, links: &[Link]| {
             let (sin, cos) = links[e].angle.sin_cos();
             (node(v, e + 1) - node(v, e)).dot(&Vector2::new(-sin, cos)) * self.edges[e].per_length

@@ -1,4 +1,4 @@
-//! The rod bent as a state says.
+//! The rod deformed as in a state.
 
 use nalgebra::Vector2;
 
@@ -9,18 +9,18 @@ use crate::rod::damping::{EdgeRate, KelvinVoigt};
 use crate::rod::{DampedRate, Edge, elastic, node};
 use crate::system::State;
 
-/// A rod bent as `state` says, at the time and under the inputs that `dynamics` was moved to. It borrows both, so neither can
-/// move on while it is looked at.
+/// The rod deformed as in `state`, at the current time and inputs of `dynamics`. It borrows both, so neither can change
+/// while it is used.
 #[derive(Debug, Clone, Copy)]
 pub struct DeformedRod<'a> {
-    /// Model, inputs and what follows from the time.
+    /// Model, inputs and time-dependent quantities.
     pub dynamics: &'a Dynamics,
     /// The state.
     pub state: &'a State,
 }
 
 impl<'a> DeformedRod<'a> {
-    /// Its edges.
+    /// The edges.
     pub fn edges(&self) -> &'a [Edge] {
         &self.dynamics.edges
     }
@@ -45,26 +45,27 @@ impl<'a> DeformedRod<'a> {
         }
     }
 
-    /// τ r of the joint at node `k`: what the rate that its material resists adds to κ − κ̄ in its moment; zero where it is elastic.
+    /// τ r of the joint at node `k`: the contribution of the damped rate to κ − κ̄ in its moment; zero if the material
+    /// is elastic.
     pub fn resisted_curvature(&self, k: usize) -> f64 {
         self.dynamics.damped().map_or(0.0, |damped| damped.damping.bending[k] * damped.rates.joints[k])
     }
 
-    /// Bτ, the change of the moment of the joint at node `k` with −dκ̄/dt, N m s; zero unless the material resists the rate of its
-    /// elastic curvature alone.
+    /// Bτ, the derivative of the moment of the joint at node `k` with respect to −dκ̄/dt, N m s; zero unless only the
+    /// rate of the elastic curvature is damped.
     pub fn resisted_natural_rate(&self, k: usize) -> f64 {
         let of =
             |damped: KelvinVoigt<'_>| (damped.damping.rate == DampedRate::Elastic).then(|| damped.damping.bending[k]);
         self.dynamics.damped().and_then(of).map_or(0.0, |time| self.dynamics.model.rod.joint[k] * time)
     }
 
-    /// The rate Ω (rad/s) of the turning at the joint of node `k`.
+    /// The rate Ω (rad/s) of the turning angle at the joint of node `k`.
     pub fn spin(&self, k: usize) -> f64 {
         let clamp_spin = self.dynamics.held.map_or(0.0, |[_, _, angle]| angle.rate);
         self.edge_rate(k).spin - if k == 0 { clamp_spin } else { self.edge_rate(k - 1).spin }
     }
 
-    /// How edge `e` stretches and turns.
+    /// Rate of the length and angular velocity of edge `e`.
     pub fn edge_rate(&self, e: usize) -> EdgeRate {
         match &self.dynamics.rates {
             Some(rates) => rates.edges[e],
@@ -77,28 +78,29 @@ impl<'a> DeformedRod<'a> {
         self.dynamics.active.as_ref().map_or([0.0; 2], |active| [active.moment[k], active.rate[k]])
     }
 
-    /// The part (N m) of the moment conjugate to the curvature of joint `k` that resists its rate.
+    /// The damping part (N m) of the moment conjugate to the curvature of joint `k`.
     pub fn damping_moment(&self, k: usize) -> f64 {
         let rod = &self.dynamics.model.rod;
         self.dynamics.damped().map_or(0.0, |damped| damped.moment_of_rate(rod, k))
     }
 
-    /// The natural curvature of the joint at node `k`, whatever active moments bend it.
+    /// The natural curvature of the joint at node `k`, without the effect of active moments.
     pub fn given(&self, k: usize) -> f64 {
         self.dynamics.active.as_ref().map_or(self.dynamics.natural[k], |active| active.natural[k])
     }
 
-    /// Its rate, 1/s.
+    /// Rate of the natural curvature of the joint at node `k`, 1/s.
     pub fn given_rate(&self, k: usize) -> f64 {
         self.dynamics.active.as_ref().map_or(self.dynamics.natural_rate[k], |active| active.natural_rate[k])
     }
 
-    /// The moment (N m) of the joint at node `k` beyond its natural curvature: B(κ − κ̄), with that curvature alone.
+    /// The elastic moment (N m) of the joint at node `k`, B(κ − κ̄), where κ̄ is the natural curvature without active
+    /// moments.
     pub fn elastic_moment(&self, k: usize) -> f64 {
         self.dynamics.model.rod.joint[k] * (self.kappa()[k] - self.given(k))
     }
 
-    /// The part (N m) of the moment that the moving natural curvature works against; the active moment is none of it.
+    /// The part (N m) of the moment against which the changing natural curvature does work, without the active moment.
     pub fn driven_moment(&self, k: usize) -> f64 {
         let elastic = self.elastic_moment(k);
         if self.resisted_natural_rate(k) == 0.0 { elastic } else { elastic + self.damping_moment(k) }
@@ -111,12 +113,12 @@ impl<'a> DeformedRod<'a> {
         self.dynamics.damped().map_or(elastic, |damped| elastic + damped.tension_of_rate(rod, e))
     }
 
-    /// How it moves, and in which fluid.
+    /// Kinematics of the rod, and its fluid.
     pub fn kinematics(&self) -> Kinematics<'a> {
         self.dynamics.moving(self.state)
     }
 
-    /// The force (N) that its first edge carries.
+    /// The force (N) that the first edge carries.
     pub fn first_edge_force(&self) -> Vector2<f64> {
         match self.state.links.first() {
             Some(link) => link.force.into(),

@@ -12,10 +12,9 @@ use crate::tendons::MAX_TENDONS;
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
 
-/// u(t) = Σ_k u_k (t − t₀)^k/k!, k ≤ [`HIGHEST_ORDER`], for every input u. The phase of the actuation follows the
-/// integral of its frequency. Viscosity, density and frequency are zero where that would be negative, and their rates
-/// are zero there. The pose of a driven head is extrapolated separately, see
-/// [`pose_extrapolation`](crate::head::pose_extrapolation).
+/// u(t) = Σ_k u_k (t − t₀)^k/k!, k ≤ [`HIGHEST_ORDER`], for every input u. The phase of the actuation is the integral
+/// of its frequency. Viscosity, density and frequency are zero, with zero rates, where their polynomials are negative.
+/// The pose of a driven head is extrapolated separately, see [`pose_extrapolation`](crate::head::pose_extrapolation).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct InputExtrapolation {
     /// t₀, s.
@@ -34,8 +33,8 @@ impl InputExtrapolation {
         Self { since, jet, rate: none() }
     }
 
-    /// Shows `change` the derivatives of `order` 0 (the values) to [`HIGHEST_ORDER`] in the place of the inputs, which come
-    /// back after.
+    /// Calls `change` with the derivatives of `order` 0 (the values) to [`HIGHEST_ORDER`] in place of the inputs of
+    /// `dynamics`, which are restored afterwards.
     pub fn change(&mut self, dynamics: &mut Dynamics, order: usize, change: impl FnOnce(&mut Dynamics)) {
         let derivatives = &mut self.jet[order];
         std::mem::swap(&mut dynamics.inputs, derivatives);
@@ -43,17 +42,17 @@ impl InputExtrapolation {
         std::mem::swap(&mut dynamics.inputs, derivatives);
     }
 
-    /// Its values and derivatives.
+    /// All values and derivatives.
     pub fn parts(&self) -> impl Iterator<Item = &Inputs> {
         self.jet.iter().chain([&self.rate])
     }
 
-    /// True if it contains the flow.
+    /// True if derivatives of the flow are set.
     pub fn takes_flow(&self) -> bool {
         self.jet[1..].iter().any(|rates| rates.flow_taken)
     }
 
-    /// Sets `inputs` to what they are at time `t` (s).
+    /// Sets `inputs` to their values at time `t` (s).
     pub fn at(&mut self, t: f64, inputs: &mut Inputs) {
         let tau = t - self.since;
         taylor(self.jet.iter(), tau, inputs);
@@ -69,19 +68,19 @@ impl InputExtrapolation {
         }
     }
 
-    /// The first derivative at the time last asked for, in the places of the inputs.
+    /// The first derivative at the time of the last evaluation.
     pub fn rate(&self) -> &Inputs {
         &self.rate
     }
 
-    /// The derivative of `order` of a number of the inputs at time `t` (s).
+    /// The derivative of `order` of a scalar input at time `t` (s).
     pub fn derivative(&self, order: usize, t: f64, of: impl Fn(&Inputs) -> f64) -> f64 {
         let tau = t - self.since;
         let terms = self.jet[order..].iter().map(of);
         terms.zip(std::iter::once(1.0).chain(factors(tau))).map(|(term, factor)| term * factor).sum()
     }
 
-    /// Adds `factor` times the derivative of `order` of an array `of` the inputs at time `t` (s) to `out`.
+    /// Adds `factor` times the derivative of `order` of an array input `of` at time `t` (s) to `out`.
     pub fn add_derivative(
         &self,
         order: usize,
@@ -97,7 +96,7 @@ impl InputExtrapolation {
         }
     }
 
-    /// The layers at time `t` (s), unless they stay as they are.
+    /// The layers at time `t` (s), or `None` if no interface moves.
     pub fn layers(&self, t: f64) -> Option<Layers> {
         let mut terms = self.jet.iter().map(|inputs| inputs.layers);
         let mut layers = terms.next()??;
@@ -125,12 +124,12 @@ impl InputExtrapolation {
         self.jet[0].cycle(self.since) + TAU * integral_above_zero(&f, tau)
     }
 
-    /// Counts from time `t` (s) on, where the inputs are `now`.
+    /// Moves the origin of time to `t` (s), where the inputs are `now`.
     pub fn rebase(&mut self, t: f64, now: &Inputs) {
         let phase = self.cycle(t);
         let tau = t - self.since;
         for k in 0..self.jet.len() {
-            // Those of a higher order are still those of t₀.
+            // Derivatives of higher order are still those at t₀.
             let [first, higher @ ..] = &mut self.jet[k..] else { continue };
             for (term, factor) in higher.iter().zip(factors(tau)) {
                 first.add_parts(term, factor);
@@ -144,7 +143,7 @@ impl InputExtrapolation {
     }
 }
 
-/// A value that is not negative, and its rate, which is zero while the value would be.
+/// Clamps `value` to zero from below, with zero `rate` while it would be negative.
 fn stop_at_zero(value: &mut f64, rate: &mut f64) {
     if *value < 0.0 || *value == 0.0 && *rate < 0.0 {
         (*value, *rate) = (0.0, 0.0);
@@ -161,7 +160,7 @@ fn polynomial([f0, f1, f2, f3]: &[f64; 4], tau: f64) -> f64 {
     f0 + tau * (f1 + 0.5 * tau * (f2 + tau * f3 / 3.0))
 }
 
-/// Where that polynomial turns between 0 and `tau`, with both ends, in order.
+/// The extrema of that polynomial between 0 and `tau` (0 for a missing one), with both ends, in order.
 fn turns([_, f1, f2, f3]: &[f64; 4], tau: f64) -> [f64; 4] {
     // f₁ + f₂τ + f₃τ²/2 = 0, without cancellation.
     let q = -0.5 * (f2 + (f2 * f2 - 2.0 * f1 * f3).sqrt().copysign(*f2));
@@ -170,12 +169,12 @@ fn turns([_, f1, f2, f3]: &[f64; 4], tau: f64) -> [f64; 4] {
     [0.0, roots[0].min(roots[1]), roots[0].max(roots[1]), tau]
 }
 
-/// True where that polynomial is negative nowhere between 0 and `tau`.
+/// True if that polynomial is nowhere negative between 0 and `tau`.
 fn stays_positive(f: &[f64; 4], tau: f64) -> bool {
     tau <= 0.0 || f.iter().all(|x| *x >= 0.0) || turns(f, tau).iter().all(|x| polynomial(f, *x) >= 0.0)
 }
 
-/// ∫₀^`tau` of that polynomial, over where it is positive.
+/// ∫₀^`tau` of the positive part of that polynomial.
 fn integral_above_zero(f: &[f64; 4], tau: f64) -> f64 {
     let [f0, f1, f2, f3] = *f;
     let integral = |x: f64| x * (f0 + x * (f1 / 2.0 + x * (f2 / 6.0 + x * f3 / 24.0)));
@@ -200,7 +199,7 @@ fn integral_above_zero(f: &[f64; 4], tau: f64) -> f64 {
     sum
 }
 
-/// Sets all but phase and head of `sum` to Σ_k terms_k τ^k/k!.
+/// Sets `sum`, except for phase and head, to Σ_k terms_k τ^k/k!.
 fn taylor<'a>(mut terms: impl Iterator<Item = &'a Inputs>, tau: f64, sum: &mut Inputs) {
     if let Some(first) = terms.next() {
         sum.set_parts(first);
@@ -219,14 +218,14 @@ fn factors(tau: f64) -> impl Iterator<Item = f64> {
 }
 
 impl Inputs {
-    /// No input at all: the derivative of inputs that rest.
+    /// Zero inputs: the derivative of constant inputs.
     pub(crate) fn none(model: &Model) -> Self {
         let mut none = Self::of(model);
         none.clear();
         none
     }
 
-    /// Makes every input zero, without allocating.
+    /// Sets every input to zero, without allocating.
     pub(crate) fn clear(&mut self) {
         self.drive = Drive { amplitude: 0.0, frequency: 0.0 };
         (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
@@ -240,7 +239,7 @@ impl Inputs {
         arrays.into_iter().flatten().for_each(|values| values.fill(0.0));
     }
 
-    /// Copies all but phase and head from `other`, without allocating where there is room.
+    /// Copies everything except phase and head from `other`; does not allocate if there is room.
     fn set_parts(&mut self, other: &Self) {
         self.drive = other.drive;
         self.phase_offset = other.phase_offset;
@@ -253,7 +252,7 @@ impl Inputs {
         self.force.clone_from(&other.force);
     }
 
-    /// Adds `factor` times all but phase and head of `other`.
+    /// Adds `factor` times everything except phase and head of `other`.
     fn add_parts(&mut self, other: &Self, factor: f64) {
         self.drive.amplitude += factor * other.drive.amplitude;
         self.drive.frequency += factor * other.drive.frequency;
@@ -296,7 +295,7 @@ mod tests {
 
     #[test]
     fn a_cubic_that_dips_below_zero_counts_above_it_only() {
-        // (τ − 1)(τ − 2)(τ − 3) + 0.1 from 0 to 4 is positive at both ends and negative between.
+        // (τ − 1)(τ − 2)(τ − 3) + 0.1 is negative at 0, positive at 4, and negative again in between.
         let cubic = [-5.9, 11.0, -12.0, 6.0];
         let at = |t: f64| (t - 1.0) * (t - 2.0) * (t - 3.0) + 0.1;
         assert!(!stays_positive(&[5.9, -11.0, 12.0, -6.0], 4.0) && !stays_positive(&cubic, 4.0));

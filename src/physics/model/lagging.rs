@@ -1,4 +1,4 @@
-//! A drive that lags in motion: what it gives follows from time, inputs, and what it gave when these changed last.
+//! A lagged drive in motion: its output follows from time, inputs, and the output at the last change of the inputs.
 
 use super::input_extrapolation::HIGHEST_ORDER;
 use super::{ActiveMoments, DriveState, Dynamics, Inputs, Model};
@@ -6,13 +6,13 @@ use crate::actuation::lag::{Jet, LagState, LaggedWave, Piece, product};
 use crate::start::Start;
 
 impl Dynamics {
-    /// Adds the derivative of `order` 0, 1 or 2 of what a drive of lag `tau` (s) gives at time `t` (s), before its limit, to `out`: a
-    /// dimensionless curvature or a moment (N m) per node.
+    /// Adds the derivative of `order` 0, 1 or 2 of the output of a drive with lag `tau` (s) at time `t` (s), before its
+    /// limit, to `out`: a dimensionless curvature or a moment (N m) per node.
     pub(super) fn add_lagging(&self, tau: f64, t: f64, order: usize, out: &mut [f64]) {
         let Model { actuation, start, active_moments, .. } = &*self.model;
         let Inputs { lagging, drive, .. } = &self.inputs;
         let since = lagging.as_ref().map_or(0.0, |state| state.since);
-        // A shaped start is one in the steady wave.
+        // A shaped start begins in the steady wave.
         let begins = lagging.is_some() || !matches!(start, Start::Shaped);
         let age = begins.then_some(t - since);
         if let Some((actuation, _)) = actuation {
@@ -49,7 +49,7 @@ impl Dynamics {
         }
     }
 
-    /// Evaluates what a drive of lag `tau` (s) gives at time `t` (s), and its rate.
+    /// Evaluates the output of a drive with lag `tau` (s) at time `t` (s), and its rate.
     pub(super) fn evaluate_lagging(&mut self, tau: f64, t: f64) {
         let moments = self.model.active_moments;
         let mut given = match &mut self.active {
@@ -64,7 +64,7 @@ impl Dynamics {
         }
     }
 
-    /// Lets a drive that lags go on at time `t` (s) from what it gives there when `change` changes the inputs.
+    /// Changes the inputs by `change` at time `t` (s); the output of a lagged drive continues from its value there.
     pub(crate) fn change_inputs(&mut self, t: f64, change: impl FnOnce(&mut Self)) {
         let Some(tau) = self.model.lag else { return change(self) };
         let given = |dynamics: &Self| {
@@ -80,7 +80,7 @@ impl Dynamics {
         }
     }
 
-    /// The reason why the time derivative of that `order` of the input `name` cannot be `value`.
+    /// The reason why the time derivative of this `order` of the input `name` must not be `value`, if it must not.
     pub(crate) fn refused_derivative(&self, name: &str, order: usize, value: f64) -> Option<&'static str> {
         let bends_phase = name == "actuation_frequency_hz" || name == "actuation_phase_rad" && order > 1;
         (self.model.lag.is_some() && bends_phase && value != 0.0)

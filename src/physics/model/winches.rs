@@ -1,4 +1,4 @@
-//! Winches in motion: the tension of a tendon that follows its length, in the forces, the moments and the matrix.
+//! Winches: tensions of tendons that depend on their lengths, in the forces, the moments and the matrix.
 
 use super::{ActiveMoments, Dynamics, Inputs, Model};
 use crate::linear::Direction;
@@ -6,19 +6,21 @@ use crate::rod::add;
 use crate::system::RankOne;
 use crate::tendons::{MAX_TENDONS, rest_length};
 
-/// The winches of tendons, where there are any: what they give, and all that their tension adds to.
+/// The winches of tendons: the lengths that they prescribe, and the effects of their tensions.
 #[derive(Debug)]
 pub(super) struct Winches {
-    /// The length (m) that each gives its tendon at the time last moved to, and its rate, m/s.
+    /// The length (m) that each prescribes for its tendon at the current time, and its rate, m/s.
     lengths: [[f64; MAX_TENDONS]; 2],
-    /// Tensions (N) that they are given, between the steps: a length there is not known as well as a stiff cable asks for.
+    /// Prescribed tensions (N), used between steps: the length is not known there as accurately as a stiff cable
+    /// requires.
     given: Option<[f64; MAX_TENDONS]>,
-    /// How the tension of each follows the length of its tendon in the state last looked at, N/m.
+    /// Derivative of each tension with respect to the length of its tendon in the last evaluated state, N/m.
     pub(super) slopes: [f64; MAX_TENDONS],
-    /// Curvature without moment and active moments without the winches.
+    /// Natural curvatures and active moments without the winches.
     without: ActiveMoments,
-    /// What they couple in the matrix last assembled, and the tendons of which: so many of them.
+    /// Rank-one terms of the last assembled matrix; only the first `count` are used.
     couplings: Vec<RankOne>,
+    /// The tendon of each term.
     coupled: [usize; MAX_TENDONS],
     pub(super) count: usize,
 }
@@ -39,7 +41,7 @@ impl Winches {
         })
     }
 
-    /// Room for what `tendon` couples, of so many `unknowns`, all zero.
+    /// A zero rank-one term of `tendon`, for this number of `unknowns`.
     pub(super) fn couple(&mut self, tendon: usize, unknowns: usize) -> &mut RankOne {
         let place = self.count;
         (self.coupled[place], self.count) = (tendon, place + 1);
@@ -54,12 +56,12 @@ impl Winches {
         part
     }
 
-    /// What they couple.
+    /// The rank-one terms of the last assembled matrix.
     pub(super) fn couplings(&self) -> &[RankOne] {
         &self.couplings[..self.count]
     }
 
-    /// The changes of their tensions (N) when the unknowns move by `increment`, each with its tendon.
+    /// The changes of tensions (N) when the unknowns change by `increment`, each with its tendon.
     pub(super) fn tension_changes(&self, increment: &[f64]) -> impl Iterator<Item = (usize, f64)> {
         let along = move |part: &RankOne| part.row.iter().zip(increment).map(|(row, x)| row * x).sum::<f64>();
         self.coupled.into_iter().zip(self.couplings().iter().map(along))
@@ -67,12 +69,12 @@ impl Winches {
 }
 
 impl Dynamics {
-    /// True where a winch pulls a tendon.
+    /// True if a winch pulls a tendon.
     pub(crate) fn has_winches(&self) -> bool {
         self.winches.is_some()
     }
 
-    /// The change of the tension of each tendon (N) when the inputs change by `by`; none of a slack one.
+    /// The change of the tension of each tendon (N) when the inputs change by `by`; zero for a slack tendon.
     pub(crate) fn tension_change(&self, by: &Inputs) -> [f64; MAX_TENDONS] {
         std::array::from_fn(|i| match &self.winches {
             Some(winches) if self.model.tendons.get(i).is_some_and(|tendon| tendon.winch().is_some()) => {
@@ -83,12 +85,12 @@ impl Dynamics {
         })
     }
 
-    /// How the tension of tendon `i` follows its length, N/m: as the cable of its winch is stretched.
+    /// The derivative of the tension of tendon `i` with respect to its length, N/m; zero without a winch.
     pub(crate) fn tension_slope(&self, i: usize) -> f64 {
         self.winches.as_ref().map_or(0.0, |winches| winches.slopes[i])
     }
 
-    /// Moves the winches to time `t` (s), and keeps what is there without them.
+    /// Evaluates the winches at time `t` (s), and stores curvatures and moments without them.
     pub(super) fn evaluate_winches(&mut self, t: f64) {
         let (Some(winches), Some(active)) = (&mut self.winches, &self.active) else { return };
         let Model { rod, tendons, start, .. } = &*self.model;
@@ -110,8 +112,9 @@ impl Dynamics {
         natural_rate.copy_from_slice(&self.natural_rate);
     }
 
-    /// The tensions (N) of the winches here, on a rod that is deformed as that of `other`, to first order in how far lengths differ from those
-    /// of `other`: a difference between both does not pass from a taut cable to a slack one.
+    /// The tensions (N) of the winches on a rod that is deformed almost like that of `other`, to first order in the
+    /// difference of lengths. With this linearisation, a difference quotient does not cross between taut and slack
+    /// cables.
     pub(crate) fn tensions_beside(&self, other: &Self) -> [f64; MAX_TENDONS] {
         let stretch = |dynamics: &Self, i: usize| {
             let given = dynamics.winch_length(i).map_or(0.0, |[length, _]| length);
@@ -128,7 +131,8 @@ impl Dynamics {
         tensions
     }
 
-    /// Lets the winches pull by these tensions (N), whatever the lengths, until it moves to another time; false where there are none.
+    /// Sets the tensions (N) of the winches, whatever the lengths, until the time changes; false if there are no
+    /// winches.
     pub(crate) fn give_tensions(&mut self, tensions: [f64; MAX_TENDONS]) -> bool {
         let Some(winches) = &mut self.winches else { return false };
         winches.given = Some(tensions);
@@ -136,13 +140,14 @@ impl Dynamics {
         true
     }
 
-    /// The length (m) that a winch gives tendon `i` at the time last moved to, and its rate, m/s.
+    /// The length (m) that a winch prescribes for tendon `i` at the current time, and its rate, m/s.
     pub(crate) fn winch_length(&self, i: usize) -> Option<[f64; 2]> {
         let winches = self.winches.as_ref().filter(|_| self.model.tendons[i].winch().is_some())?;
         Some(winches.lengths.map(|of| of[i]))
     }
 
-    /// Lets the winches pull the rod as its edges and curvatures were last found. The rates of their tension are those by the winches alone.
+    /// Applies the tensions of the winches at the present edges and curvatures. Their rates include the motion of the
+    /// winches only.
     #[inline(never)] // most rods have none
     pub(super) fn pull_winches(&mut self) {
         let (Some(winches), Some(active)) = (&mut self.winches, &mut self.active) else { return };
@@ -169,7 +174,8 @@ impl Dynamics {
         }
     }
 
-    /// Writes what the winches couple, along `direction`, in positions: T ∂Λ/∂x of each is a force, and T follows Λ.
+    /// Computes the rank-one terms of the winches along `direction` in the positions form: each tendon exerts the force
+    /// T ∂Λ/∂x, and T depends on Λ.
     pub(crate) fn couple_winches(&mut self, direction: Direction) {
         let Some(winches) = &mut self.winches else { return };
         let Model { rod, tendons, .. } = &*self.model;

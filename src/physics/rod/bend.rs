@@ -1,24 +1,25 @@
-//! Bending of one joint: E = ½ B (κ − κ̄)² with κ = 2 (t_e×t_f)/(1+t_e·t_f) = 2 tan(θ/2), θ the turning from e to f.
+//! Bending of one joint: E = ½ B (κ − κ̄)² with κ = 2 (t_e×t_f)/(1+t_e·t_f) = 2 tan(θ/2), where θ is the turning angle
+//! from e to f.
 
 use nalgebra::Vector2;
 
 use super::Edge;
 use crate::linear::Real;
 
-/// Below this, 1 + cos θ is a fold-over: the turning is within 2·10⁻⁶ of ±π and κ beyond 10⁶.
+/// If 1 + cos θ is below this, the rod folds over: the turning angle is within 2·10⁻⁶ of ±π, and κ is beyond 10⁶.
 pub const FOLD: f64 = 1e-12;
 
-/// Derivatives of a joint's energy by its turning θ; zero where there is no joint.
+/// Derivatives of a joint's energy with respect to its turning angle θ; zero where there is no joint.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Joint<T = f64> {
-    /// Couple M = dE/dθ that the joint passes on, N m.
+    /// Couple M = dE/dθ that the joint transmits, N m.
     pub couple: T,
     /// dM/dθ = d²E/dθ², N m.
     pub stiffness: T,
 }
 
 impl<T: Real> Joint<T> {
-    /// The joint of stiffness `stiffness` B (N m), curvature κ and natural curvature κ̄: with s = dκ/dθ = 1 + κ²/4 and
+    /// The joint with `stiffness` B (N m), curvature κ and natural curvature κ̄: with s = dκ/dθ = 1 + κ²/4 and
     /// ds/dθ = κ s/2, M = B(κ−κ̄) s and dM/dθ = B s² + ½ κ M.
     #[inline(always)]
     pub fn new(stiffness: T, kappa: T, natural: T) -> Self {
@@ -40,9 +41,9 @@ pub fn beyond_fold<T: Real>(e: Vector2<T>, f: Vector2<T>) -> T {
     e.x.like(1.0) + (e.x * f.x + e.y * f.y)
 }
 
-/// Writes the joints at the start of every one of `edges`, of `stiffness` and `natural` curvature, and their curvatures
-/// `kappa`; `clamp_tangent` is the tangent before the first joint, where there is one. `look` sees each joint with 1 +
-/// cos θ.
+/// Computes the joint at the start of each of `edges`, with `stiffness` and `natural` curvature, and its curvature
+/// `kappa`. `clamp_tangent` is the tangent before the first joint, if there is one. `look` receives the index and
+/// 1 + cos θ of each joint.
 #[inline(always)]
 pub fn joints<T: Real>(
     clamp_tangent: Option<Vector2<T>>,
@@ -79,7 +80,7 @@ pub fn curvature_per_turning<T: Real>(kappa: T) -> T {
     kappa.like(1.0) + kappa.like(0.25) * kappa * kappa
 }
 
-/// Turning θ of a joint of curvature κ, inverse of κ = 2 tan(θ/2).
+/// Turning angle θ of a joint of curvature κ, the inverse of κ = 2 tan(θ/2).
 #[inline]
 pub fn turning(kappa: f64) -> f64 {
     2.0 * (0.5 * kappa).atan()

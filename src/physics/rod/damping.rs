@@ -1,12 +1,14 @@
-//! Kelvin–Voigt damping of a rod's material: every strain is resisted in proportion to its rate, with the time τ = η/E.
+//! Kelvin–Voigt damping of a rod's material: each strain is resisted in proportion to its rate, with the time constant
+//! τ = η/E.
 //!
-//! An edge carries the tension (EA/ℓ₀)(ℓ − ℓ₀ + τ ℓ̇), a joint the moment B(κ − κ̄ + τ r), conjugate to κ. The rate r that a joint
-//! resists is κ̇ = s Ω, with s = dκ/dθ and Ω the difference of the angular velocities ω = (n·ė)/ℓ of its edges; where
-//! [`DampedRate::Elastic`] is asked for, the rate of the natural curvature is subtracted. The power (EA/ℓ₀) τ ℓ̇² + B τ r² is never
-//! negative.
+//! An edge carries the tension (EA/ℓ₀)(ℓ − ℓ₀ + τ ℓ̇), a joint the moment B(κ − κ̄ + τ r), conjugate to κ. The damped
+//! rate r is κ̇ = s Ω, with s = dκ/dθ and Ω the difference of the angular velocities ω = (n·ė)/ℓ of the joint's edges.
+//! With [`DampedRate::Elastic`] the rate of the natural curvature is subtracted. The dissipated power
+//! (EA/ℓ₀) τ ℓ̇² + B τ r² is never negative.
 //!
-//! Along a change δe of an edge vector with the factors c_q of positions and c_v of velocities, δω = w·δe with
-//! w = ((c_v − c_q ℓ̇/ℓ) n − c_q ω t)/ℓ, and δℓ̇ = (c_v t + c_q ω n)·δe. These join the derivatives of elasticity in the same blocks.
+//! For a change δe of an edge vector with the factors c_q of positions and c_v of velocities, δω = w·δe with
+//! w = ((c_v − c_q ℓ̇/ℓ) n − c_q ω t)/ℓ, and δℓ̇ = (c_v t + c_q ω n)·δe. These terms are in the same blocks as the
+//! derivatives of elasticity.
 
 use std::ops::Range;
 
@@ -41,7 +43,7 @@ pub struct MaterialDamping {
 }
 
 impl MaterialDamping {
-    /// The same on a straight rod of `nodes` nodes: of every edge in its middle, of every joint at its node.
+    /// The damping on a mesh of `nodes` nodes: evaluated at the middle of each edge and at the node of each joint.
     pub fn on_mesh(&self, nodes: usize) -> Damping {
         let edges = (nodes - 1) as f64;
         let middle = |e: usize| self.stretching.at((e as f64 + 0.5) / edges);
@@ -56,7 +58,7 @@ impl MaterialDamping {
 /// The damping of the material of a rod on a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Damping<T = f64> {
-    /// τ of stretching, s, of every edge.
+    /// τ of stretching, s, one value per edge.
     pub stretching: EdgeValues<T>,
     /// τ of bending, s, one entry per node.
     pub bending: Vec<T>,
@@ -64,7 +66,7 @@ pub struct Damping<T = f64> {
     pub rate: DampedRate,
 }
 
-/// The rates of an edge.
+/// Rate of the length and angular velocity of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EdgeRate<T = f64> {
     /// Rate ℓ̇ of its length, m/s.
@@ -74,14 +76,14 @@ pub struct EdgeRate<T = f64> {
 }
 
 impl<T: Real> EdgeRate<T> {
-    /// That of an `edge` whose vector changes by `rate` (m/s).
+    /// The rates of an `edge` whose vector changes by `rate` (m/s).
     #[inline(always)]
     pub fn new(edge: &Edge<T>, rate: Vector2<T>) -> Self {
         let along = |direction: Vector2<T>| direction.x * rate.x + direction.y * rate.y;
         Self { stretching: along(edge.t), spin: along(edge.n()) * edge.per_length }
     }
 
-    /// w: the derivative of ω by the vector of `edge`, along `direction`.
+    /// w: the derivative of ω with respect to the vector of `edge`, along `direction`.
     #[inline(always)]
     pub fn spin_slope(&self, edge: &Edge<T>, direction: Direction) -> Vector2<T> {
         let (c_q, c_v) = (edge.length.like(direction.q), edge.length.like(direction.v));
@@ -90,7 +92,7 @@ impl<T: Real> EdgeRate<T> {
         Vector2::new((n.x * across - t.x * along) * edge.per_length, (n.y * across - t.y * along) * edge.per_length)
     }
 
-    /// The derivative of ℓ̇ by the vector of `edge`, along `direction`.
+    /// The derivative of ℓ̇ with respect to the vector of `edge`, along `direction`.
     #[inline(always)]
     pub fn stretching_slope(&self, edge: &Edge<T>, direction: Direction) -> Vector2<T> {
         let (c_q, c_v) = (edge.length.like(direction.q), edge.length.like(direction.v));
@@ -99,21 +101,21 @@ impl<T: Real> EdgeRate<T> {
     }
 }
 
-/// How the material of a rod is strained at one time, and what it resists that with.
+/// Strain rates of a rod at one time, and the viscosity of its joints.
 #[derive(Debug, Clone)]
 pub struct StrainRates<T = f64> {
-    /// Of every edge.
+    /// One entry per edge.
     pub edges: Vec<EdgeRate<T>>,
-    /// Angular velocity (rad/s) of what holds the first edge; zero where nothing does.
+    /// Angular velocity (rad/s) of the clamp of the first edge; zero without a clamp.
     pub clamp_spin: T,
-    /// The rate r (1/s) that each joint resists, one entry per node; zero where there is no joint.
+    /// The damped rate r (1/s) of each joint, one entry per node; zero where there is no joint.
     pub joints: Vec<T>,
-    /// The change of a joint's couple with Ω, B τ s² (N m s), one entry per node.
+    /// The derivative of a joint's couple with respect to Ω, B τ s² (N m s), one entry per node.
     pub viscosity: Vec<T>,
 }
 
 impl<T: Real> StrainRates<T> {
-    /// Room for a rod of `nodes` nodes, in numbers like `zero`.
+    /// Zero rates of a rod of `nodes` nodes; `zero` selects the number type.
     pub fn zeros(nodes: usize, zero: T) -> Self {
         Self {
             edges: vec![EdgeRate { stretching: zero, spin: zero }; nodes - 1],
@@ -123,7 +125,7 @@ impl<T: Real> StrainRates<T> {
         }
     }
 
-    /// Reads the rates of `edges` from velocities `v` (m/s).
+    /// Computes the rates of `edges` from velocities `v` (m/s).
     #[inline(always)]
     pub fn read_edges(&mut self, edges: &[Edge<T>], v: &[[T; 2]]) {
         for ((rate, edge), ends) in self.edges.iter_mut().zip(edges).zip(v.windows(2)) {
@@ -132,14 +134,15 @@ impl<T: Real> StrainRates<T> {
         }
     }
 
-    /// The rate Ω (rad/s) of the turning at the joint of node `k`.
+    /// The rate Ω (rad/s) of the turning angle at the joint of node `k`.
     #[inline(always)]
     pub fn turning(&self, k: usize) -> T {
         self.edges[k].spin - if k == 0 { self.clamp_spin } else { self.edges[k - 1].spin }
     }
 
-    /// Reads the rates of the `joints` of a rod of bending `stiffness` (N m), of curvatures `kappa` and natural curvatures that change at
-    /// `natural_rate` (1/s), from those of its edges and of the wall.
+    /// Computes the rates and viscosities of the `joints` of a rod from the rates of its edges and its clamp. The rod
+    /// has the bending `stiffness` (N m), the curvatures `kappa`, and natural curvatures that change at `natural_rate`
+    /// (1/s).
     #[inline(always)]
     pub fn read_joints(
         &mut self,
@@ -158,14 +161,14 @@ impl<T: Real> StrainRates<T> {
 }
 
 impl<T: Real> Damping<T> {
-    /// What of the rate of a curvature is not resisted, where the natural one changes at `natural_rate` (1/s).
+    /// The part of the rate of curvature that is not damped, if the natural curvature changes at `natural_rate` (1/s).
     #[inline(always)]
     pub fn given(&self, natural_rate: T) -> T {
         if self.rate == DampedRate::Elastic { natural_rate } else { natural_rate.like(0.0) }
     }
 
-    /// `joint` at node `k`, of the bending `stiffness` (N m) and the curvature `kappa`, with what resists the rate `rate` (1/s), along a
-    /// change of its turning at constant Ω.
+    /// `joint` at node `k`, of bending `stiffness` (N m) and curvature `kappa`, with the damping at the damped `rate`
+    /// (1/s) added. Its stiffness is the derivative with respect to the turning angle at constant Ω.
     #[inline(always)]
     pub fn damped(&self, k: usize, stiffness: T, joint: Joint<T>, kappa: T, rate: T, natural_rate: T) -> Joint<T> {
         let (s, viscosity) = (bend::curvature_per_turning(kappa), stiffness * self.bending[k]);
@@ -175,7 +178,7 @@ impl<T: Real> Damping<T> {
         Joint { couple: joint.couple + viscosity * s * rate, stiffness: joint.stiffness + slope }
     }
 
-    /// Adds what resists the `rates` of the joints at `nodes`, of a rod of bending `stiffness` (N m), to its `joints`.
+    /// Adds the damping at these `rates` to the `joints` at `nodes` of a rod of bending `stiffness` (N m).
     #[inline(always)]
     pub fn resist(
         &self,
@@ -192,19 +195,19 @@ impl<T: Real> Damping<T> {
 }
 
 impl Damping {
-    /// τ of bending (s) of the joints of `rod`, where it is the same for all.
+    /// τ of bending (s) if it is the same for all joints of `rod`.
     pub fn uniform(&self, rod: &Rod) -> Option<f64> {
         let [least, most] = self.range(rod);
         (most - least <= 1e-9 * most).then_some(most)
     }
 
-    /// The least and the largest τ of bending (s) of the joints of `rod`.
+    /// Minimum and maximum of τ of bending (s) over the joints of `rod`.
     pub fn range(&self, rod: &Rod) -> [f64; 2] {
         let times = || rod.joints().map(|k| self.bending[k]);
         [times().fold(f64::INFINITY, f64::min), times().fold(0.0, f64::max)]
     }
 
-    /// The same behind a neck, which is like the first edge.
+    /// The damping behind a neck, which is damped like the first edge.
     pub(super) fn behind_neck(mut self) -> Self {
         let edges = std::iter::once(self.stretching[0]).chain(self.stretching.iter().copied());
         self.stretching = edges.collect::<Vec<_>>().into();
@@ -212,8 +215,9 @@ impl Damping {
         self
     }
 
-    /// The curvature of joint `k`, with its rate (1/s), as it follows `natural`, a natural curvature with its rate that swings at `omega`
-    /// (rad/s), without a moment: κ + τκ̇ = κ̄, or κ = κ̄ where the natural curvature's own rate is not resisted. Linear in `natural`.
+    /// The curvature of joint `k` and its rate (1/s) if the joint follows `natural` without a moment: κ + τκ̇ = κ̄, or
+    /// κ = κ̄ if the rate of the natural curvature is not damped. `natural` is a natural curvature with its rate,
+    /// oscillating at `omega` (rad/s). The result is linear in `natural`.
     pub fn free_of_moment(&self, k: usize, omega: f64, natural: [f64; 2]) -> [f64; 2] {
         if self.rate == DampedRate::Elastic {
             return natural;
@@ -223,7 +227,7 @@ impl Damping {
         [share * (curvature - time * rate), share * (rate + time * omega * omega * curvature)]
     }
 
-    /// The first change of [`Damping::free_of_moment`] when `omega` changes by `by`.
+    /// The first-order change of [`Damping::free_of_moment`] when `omega` changes by `by`.
     pub fn free_of_moment_by(&self, k: usize, omega: f64, by: f64, natural: [f64; 2]) -> [f64; 2] {
         if self.rate == DampedRate::Elastic {
             return [0.0; 2];
@@ -234,13 +238,14 @@ impl Damping {
         [-slope * time * curvature, slope * (natural[0] - time * rate)]
     }
 
-    /// The part (N m) of the moment conjugate to the curvature of joint `k` of `rod` that resists its rate `rate` (1/s).
+    /// The damping part (N m) of the moment conjugate to the curvature of joint `k` of `rod`, at the damped `rate`
+    /// (1/s).
     #[inline(always)]
     pub fn moment(&self, rod: &Rod, k: usize, rate: f64) -> f64 {
         rod.joint[k] * self.bending[k] * rate
     }
 
-    /// The part (N) of the tension of edge `e` that resists the rate `stretching` (m/s) of its length.
+    /// The damping part (N) of the tension of edge `e` of `rod`, whose length changes at the rate `stretching` (m/s).
     #[inline(always)]
     pub fn tension(&self, rod: &Rod, e: usize, stretching: f64) -> f64 {
         rod.cells[e].axial * self.stretching[e] * stretching
@@ -254,16 +259,19 @@ impl Damping {
     }
 }
 
-/// What resists the rate of strains in the pass over a rod, see [`Deformed::assemble_with`](super::elastic::Deformed::assemble_with).
+/// The damping of the material in the assembly of a rod, see
+/// [`Deformed::assemble_with`](super::elastic::Deformed::assemble_with).
 pub trait MaterialLaw<T: Real>: Copy {
-    /// The tension of edge `e`, elastic `tension` (N), with what resists the rate of its length.
+    /// The tension (N) of edge `e` with damping, given its elastic `tension` (N).
     fn tension(self, e: usize, cell: &Cell<T>, tension: T) -> T;
 
-    /// `block`, minus the derivative of the force of edge `e` by its own vector, with what the rates add to it along `direction`.
+    /// `block`, minus the derivative of the force of edge `e` with respect to its own vector along `direction`, with
+    /// the damping added.
     fn own(self, e: usize, edge: &Edge<T>, cell: &Cell<T>, block: Block<T>, direction: Direction) -> Block<T>;
 
-    /// Minus the derivatives of the force of the edge before joint `k` by the edge after it, `q`, and of that after it by that
-    /// before it, which is the transpose of `q` where nothing is added.
+    /// Minus the derivatives of the force of the edge before joint `k` with respect to the edge after it, elastic part
+    /// `q`, and of the force of the edge after it with respect to the edge before it. Without damping the second is the
+    /// transpose of `q`.
     fn couplings(self, k: usize, edges: [&Edge<T>; 2], q: Block<T>, direction: Direction) -> [Block<T>; 2];
 }
 
@@ -288,7 +296,7 @@ impl<T: Real> MaterialLaw<T> for Elastic {
     }
 }
 
-/// A damped material that is strained at some rates: that of Kelvin and Voigt.
+/// A Kelvin–Voigt material at some strain rates.
 #[derive(Debug, Clone, Copy)]
 pub struct KelvinVoigt<'a, T = f64> {
     /// Its damping.
@@ -298,7 +306,7 @@ pub struct KelvinVoigt<'a, T = f64> {
 }
 
 impl<'a, T> KelvinVoigt<'a, T> {
-    /// One of this `damping` at these `rates`, where there are both.
+    /// The material with this `damping` at these `rates`, if both are given.
     #[inline(always)]
     pub fn of(damping: Option<&'a Damping<T>>, rates: Option<&'a StrainRates<T>>) -> Option<Self> {
         Some(Self { damping: damping?, rates: rates? })
@@ -306,12 +314,12 @@ impl<'a, T> KelvinVoigt<'a, T> {
 }
 
 impl KelvinVoigt<'_> {
-    /// The part (N) of the tension of edge `e` of `rod` that resists the rate of its length.
+    /// The damping part (N) of the tension of edge `e` of `rod`.
     pub fn tension_of_rate(self, rod: &Rod, e: usize) -> f64 {
         self.damping.tension(rod, e, self.rates.edges[e].stretching)
     }
 
-    /// The part (N m) of the moment conjugate to the curvature of joint `k` of `rod` that resists its rate.
+    /// The damping part (N m) of the moment conjugate to the curvature of joint `k` of `rod`.
     pub fn moment_of_rate(self, rod: &Rod, k: usize) -> f64 {
         self.damping.moment(rod, k, self.rates.joints[k])
     }

@@ -1,14 +1,15 @@
-//! What acts on the edges of a rod from outside, as the assembly of the rod takes it.
+//! External forces on the edges of a rod, in the form that the assembly needs.
 
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
 use crate::linear::{Block, Real, pair};
 
-/// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
+/// Number of edges whose forces are computed together before they are used, so that their values stay in the L1 cache.
 pub const EDGES_PER_BLOCK: usize = 32;
 
-/// What a force opposes the two ends of an edge with, and its derivatives along a direction.
+/// A force on the two ends of an edge, with the sign of the residual (a resistance is positive), and its derivatives
+/// along a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeForce<T: Real = f64> {
     pub(crate) force: [T::Pair; 2],
@@ -23,13 +24,13 @@ impl<T: Real> EdgeForce<T> {
         self.force[i]
     }
 
-    /// How the force on end `i` changes where the whole edge moves, along the direction.
+    /// Derivative of the force on end `i` with respect to a translation of the whole edge, along the direction.
     #[inline(always)]
     pub fn own(&self, i: usize) -> Block<T> {
         self.own[i]
     }
 
-    /// How the force on end `i` changes with the edge vector where that end stays, along the direction.
+    /// Derivative of the force on end `i` with respect to the edge vector while that end stays, along the direction.
     #[inline(always)]
     pub fn edge(&self, i: usize) -> Block<T> {
         self.edge[i]
@@ -45,7 +46,7 @@ impl<T: Real> EdgeForce<T> {
         }
     }
 
-    /// Adds the force of `other` alone.
+    /// Adds only the force of `other`.
     #[inline(always)]
     pub(crate) fn add_force(&mut self, other: &Self) {
         for i in 0..2 {
@@ -55,13 +56,14 @@ impl<T: Real> EdgeForce<T> {
 }
 
 impl EdgeForce {
-    /// Nothing.
+    /// No force.
     pub const ZERO: Self = Self { force: [f64x2::ZERO; 2], own: [Block::ZERO; 2], edge: [Block::ZERO; 2] };
 
-    /// A force that is not known: NaN.
+    /// An unknown force: NaN.
     pub(crate) const UNKNOWN: Self = Self { force: [f64x2::new([f64::NAN; 2]); 2], ..Self::ZERO };
 
-    /// From its parts for both ends, see [`force`](Self::force), [`own`](Self::own) and [`edge`](Self::edge).
+    /// An edge force from its parts for both ends, see [`force`](Self::force), [`own`](Self::own) and
+    /// [`edge`](Self::edge).
     #[inline(always)]
     pub fn new(force: [Vector2<f64>; 2], own: [Block; 2], edge: [Block; 2]) -> Self {
         Self { force: force.map(pair), own, edge }
@@ -73,7 +75,7 @@ impl EdgeForce {
         self.force[i].to_array().into()
     }
 
-    /// The change of the force on end `i` where the nodes of the edge move by `d`.
+    /// The first-order change of the force on end `i` if the nodes of the edge move by `d`.
     pub fn change(&self, i: usize, d: [Vector2<f64>; 2]) -> Vector2<f64> {
         Matrix2::from(self.own[i]) * d[i] + Matrix2::from(self.edge[i]) * (d[1] - d[0])
     }

@@ -1,8 +1,8 @@
-//! Values along the edges of a rod, of which those towards the tip are usually alike.
+//! Values along the edges of a rod. Towards the tip they are usually identical.
 
 use std::ops::Index;
 
-/// A value for every edge: from some edge on all are the same and kept once.
+/// A value for every edge. From some edge on all values are the same and stored once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeValues<T> {
     own: Vec<T>,
@@ -11,7 +11,7 @@ pub struct EdgeValues<T> {
 }
 
 impl<T: Copy> EdgeValues<T> {
-    /// The `values` of all edges, of which there is at least one: the `last` of them.
+    /// Stores the `values` of all edges, of which there is at least one, individually; `last` is the last of them.
     pub fn all(values: Vec<T>, last: T) -> Self {
         Self { edges: values.len(), own: values, rest: last }
     }

@@ -1,10 +1,11 @@
 //! Inertia and elasticity of the whole rod, and the other forces on its edges: M a + ∇E + ΣF and its linearisation, in
 //! one pass over the edges that writes every block once.
 //!
-//! The energy depends on edge vectors only, and every edge i carries a tension N (stretching) and the shear that balances
-//! the couples M of the joints at its ends, so ∂E/∂(edge i) = N t + ((M_i − M_{i+1})/ℓ) n: the equilibrium of a beam. The
-//! Hessian in edge vectors is block tridiagonal, T on its diagonal and Q beside it; nodes are differences of edges. What
-//! else acts on the ends of an edge depends on their motion and on the edge, so it joins them.
+//! The energy depends on edge vectors only. Every edge i carries a tension N (stretching) and the shear that balances
+//! the couples M of the joints at its ends, so ∂E/∂(edge i) = N t + ((M_i − M_{i+1})/ℓ) n: the equilibrium of a beam.
+//! The Hessian with respect to edge vectors is block tridiagonal, with T on its diagonal and Q next to it; edges are
+//! differences of nodes. Other forces on the ends of an edge depend on their motion and on the edge, so they are added
+//! in the same pass.
 
 use nalgebra::Vector2;
 
@@ -21,7 +22,7 @@ pub fn force<T: Real>(edge: &Edge<T>, tension: T, start: &Joint<T>, end: &Joint<
     Vector2::new(edge.t.x * tension + n.x * shear, edge.t.y * tension + n.y * shear)
 }
 
-/// The force (N) across an edge that balances the couples of its joints.
+/// The shear (N) of an edge, which balances the couples of its joints.
 #[inline(always)]
 fn shear<T: Real>(edge: &Edge<T>, start: &Joint<T>, end: &Joint<T>) -> T {
     (start.couple - end.couple) * edge.per_length
@@ -49,21 +50,21 @@ pub fn coupling<T: Real>(before: &Edge<T>, after: &Edge<T>, joint: &Joint<T>, fa
 /// The state of a rod at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Deformed<'a, T = f64> {
-    /// How each edge resists stretching.
+    /// Rest length and axial stiffness of each edge.
     pub cells: &'a EdgeValues<Cell<T>>,
     /// Mass of each node, kg.
     pub mass: &'a [T],
-    /// Its edges.
+    /// Edges.
     pub edges: &'a [Edge<T>],
-    /// One entry per node; those without a joint are zero.
+    /// One entry per node; zero where there is no joint.
     pub joints: &'a [Joint<T>],
     /// Accelerations, m/s².
     pub a: &'a [[T; 2]],
 }
 
 impl<T: Real> Deformed<'_, T> {
-    /// Writes M a + ∇E (N), and what opposes the motion of every edge from `around`, to `residual` and its linearisation along
-    /// a direction to the rows of a matrix, if there are any.
+    /// Writes M a + ∇E (N), plus the forces on every edge from `around`, to `residual`, and its linearisation along a
+    /// direction to the rows of a matrix, if given.
     #[inline(always)]
     pub fn assemble(
         &self,
@@ -74,8 +75,8 @@ impl<T: Real> Deformed<'_, T> {
         self.assemble_with(Elastic, around, residual, jacobian);
     }
 
-    /// The same where the material also resists the rates of its strains; the couples of the joints, and their stiffnesses, are
-    /// those with what resists them.
+    /// Like [`assemble`](Self::assemble), for a material that also resists strain rates. The couples and stiffnesses of
+    /// the joints already include the damping.
     #[inline(always)]
     pub fn assemble_with(
         &self,
@@ -92,8 +93,8 @@ impl<T: Real> Deformed<'_, T> {
         if let Some(row) = rows.first_mut() {
             *row = [[zero; 4]; 5];
         }
-        // Of the edge before: what it adds to the residual and to the diagonal block of this node, and −Q of the joint here
-        // with its transpose.
+        // From the previous edge: its contributions to the residual and to the diagonal block of this node, and −Q of
+        // the joint here with its transpose.
         let mut before = T::Pair::new([zero; 2]);
         let (mut diagonal, mut q_here, mut qt_here) = (none, none, none);
         let ends = joints.iter().zip(joints.iter().skip(1));
@@ -109,9 +110,9 @@ impl<T: Real> Deformed<'_, T> {
                 before += around.force_lanes(1);
             }
             residual[k] = (sum - force).to_array();
-            // Not `let … else { continue }`: that takes a tenth more time.
+            // Not `let … else { continue }`, which is 10 % slower.
             if let Some([row, next_row]) = rows.get_mut(k..k + 2) {
-                // −T and −Q, as more blocks need them than T and Q.
+                // −T and −Q, because more blocks need them than T and Q.
                 let less = zero.like(-direction.q);
                 let t = stiffness(edge, cell.axial, tension, [start, end], less);
                 let t = law.own(k, edge, cell, t, direction);

@@ -1,15 +1,15 @@
-//! Sums over a rod in motion: energies, momentum, the power of its actuation. Generic over one case and several SIMD
+//! Sums over a moving rod: energies, momentum, the power of its actuation. Generic over one case and several SIMD
 //! lanes.
 
 use super::{Cell, Edge, EdgeValues};
 use crate::linear::{Pair, Real};
 
-/// A rod in motion, one entry per node but for edges and cells.
+/// A moving rod. Slices have one entry per node, except for edges and cells.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MovingRod<'a, T> {
-    /// How each edge resists stretching.
+    /// Rest length and axial stiffness of each edge.
     pub cells: &'a EdgeValues<Cell<T>>,
-    /// Its edges.
+    /// Edges.
     pub edges: &'a [Edge<T>],
     /// Mass, kg.
     pub mass: &'a [T],
@@ -27,7 +27,7 @@ pub(crate) struct MovingRod<'a, T> {
     pub moment: &'a [T],
 }
 
-/// Sums over a rod in motion.
+/// Sums over a moving rod.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RodSums<T: Real = f64> {
     /// Bending energy Σ ½ m (κ − κ̄), J.
@@ -36,7 +36,7 @@ pub(crate) struct RodSums<T: Real = f64> {
     pub stretching: T,
     /// Kinetic energy, J.
     pub kinetic: T,
-    /// Power of the moving natural curvature, −Σ m dκ̄/dt, W.
+    /// Power of the changing natural curvature, −Σ m dκ̄/dt, W.
     pub actuation: T,
     /// Σ of mass times position, kg m.
     pub moment_of_mass: T::Pair,
@@ -47,7 +47,7 @@ pub(crate) struct RodSums<T: Real = f64> {
 }
 
 impl<T: Real> RodSums<T> {
-    /// Those of a `rod`, in numbers like `zero`.
+    /// The sums over `rod`; `zero` selects the number type.
     #[inline(always)]
     pub fn of(rod: &MovingRod<'_, T>, zero: T) -> Self {
         let none = T::Pair::new([zero; 2]);

@@ -1,13 +1,14 @@
-//! Edges during a step: initial guesses that keep their lengths, and the angles by which they turn. Generic over one
-//! case and several SIMD lanes.
+//! Edges during a step: initial guesses that preserve edge lengths, and the angles by which edges turn. Generic over
+//! one case and several SIMD lanes.
 
 use nalgebra::Vector2;
 
 use super::EdgeValues;
 use crate::linear::{Direction, Number, Pair, Real, pair};
 
-/// Moves the nodes beyond the first, given by positions, velocities and accelerations, along `direction` until every edge is as long
-/// as between the `old` positions; the centre of mass of a rod of the `free` mass (kg) stays.
+/// Moves the nodes after the first, given by positions, velocities and accelerations, along `direction` until every
+/// edge has the length that it has between the `old` positions. The centre of mass of a free rod, of mass `free` (kg),
+/// does not move.
 #[inline(always)]
 pub(crate) fn keep<T: Real>(
     old: &[[T; 2]],
@@ -20,7 +21,8 @@ pub(crate) fn keep<T: Real>(
     stretch(old, nodes, mass, free, direction, |_, was, [edge, _]| (square(was) / square(edge)).sqrt());
 }
 
-/// The same where a material of the damping times `times` (s) keeps what it carries, ℓ + τ ℓ̇, from `old` positions and velocities.
+/// The same for a material with damping times `times` (s), preserving ℓ + τ ℓ̇, and so the tension, of `old` positions
+/// and velocities.
 #[inline(always)]
 pub(crate) fn keep_tensions<T: Real>(
     old: [&[[T; 2]]; 2],
@@ -41,8 +43,8 @@ pub(crate) fn keep_tensions<T: Real>(
     });
 }
 
-/// Moves the nodes along `direction` until every edge is as many times as long as `ratio` says of its number, its vector between the
-/// `old` positions, and its vector and the rate of that as they are.
+/// Moves the nodes along `direction` until the length of every edge is multiplied by `ratio`, a function of its index,
+/// its vector between the `old` positions, and its present vector with the rate of that.
 #[inline(always)]
 fn stretch<T: Real>(
     old: &[[T; 2]],
@@ -62,7 +64,7 @@ fn stretch<T: Real>(
         let (old, guessed, speed) = (T::Pair::new(*old), T::Pair::new(*q), T::Pair::new(*v));
         let (was, edge) = (old - old_before, guessed - before);
         let ratio = ratio(e, was, [edge, speed - speed_before]);
-        // Nothing where it is not finite.
+        // No move if the ratio is not finite.
         moved += edge * T::where_at_most(ratio, like(f64::MAX), ratio - like(1.0), like(0.0));
         mean += moved * *mass;
         direction.move_node([q, v, a], (moved / moved.like(direction.q)).to_array());
@@ -76,8 +78,9 @@ fn stretch<T: Real>(
     }
 }
 
-/// The least cosine, times a positive number, of the angles by which edges turn from `old` to `new` positions, and from each to the next
-/// at both; `clamp_tangents` are the tangents before the first of both, where there are any.
+/// The smallest cosine, times a positive number, of the angles by which edges turn from `old` to `new` positions, and
+/// of the angles between adjacent edges at both. `clamp_tangents` are the tangents before the first edge at both, if
+/// there are any.
 #[inline(always)]
 pub(crate) fn least_turn<T: Real>(
     clamp_tangents: Option<[Vector2<T>; 2]>,

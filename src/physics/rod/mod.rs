@@ -1,6 +1,7 @@
 //! The discrete elastic rod: section, mesh, elastic elements and mass; no time, no fluid.
 //!
-//! Both energies depend on the nodes through edge vectors only, so the elements give derivatives with respect to edges.
+//! Both energies depend on the nodes only through edge vectors, so the elements return derivatives with respect to
+//! edges.
 
 pub mod bend;
 pub mod damping;
@@ -44,7 +45,7 @@ impl Edge {
 }
 
 impl<T: Real> Edge<T> {
-    /// The edge along `vector`; its tangent is not finite where the vector is zero.
+    /// The edge along `vector`; its tangent is not finite if the vector is zero.
     #[inline(always)]
     pub fn new(vector: Vector2<T>) -> Self {
         let length = (vector.x * vector.x + vector.y * vector.y).sqrt();
@@ -58,7 +59,7 @@ impl<T: Real> Edge<T> {
         Vector2::new(-self.t.y, self.t.x)
     }
 
-    /// The components along and across it of a vector at each of its ends, pairs of both ends.
+    /// The components along and across the edge of a vector at each of its ends, as pairs over both ends.
     #[inline(always)]
     pub(crate) fn components(&self, ends: [T::Pair; 2]) -> [T::Pair; 2] {
         let [x, y] = T::Pair::transpose(ends);
@@ -85,14 +86,14 @@ pub fn add(values: &mut [f64], k: usize, vector: Vector2<f64>) {
     values[2 * k + 1] += vector.y;
 }
 
-/// How an edge's mass is given to nodes.
+/// How the mass of edges is lumped at nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MassLumping {
-    /// ρAΔL at every node: the source study's; total mass ρAL·N/(N−1), mesh error of first order.
+    /// ρAΔL at every node, as in the source study; total mass ρAL·N/(N−1), mesh error of first order.
     Uniform,
-    /// Every half of an edge to its own node: total mass ∫ρA ds, mesh error of second order.
+    /// The mass of each half edge at its own node; total mass ∫ρA ds, mesh error of second order.
     #[default]
     Tributary,
 }
@@ -119,13 +120,13 @@ impl Stiffness {
 /// A straight rod of N nodes at equal spacing, or of N − 1 behind a body, ready for assembly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rod {
-    /// Number of nodes N ≥ 3, that of a body's centre included.
+    /// Number of nodes N ≥ 3, including the centre of a body.
     pub nodes: usize,
     /// Length L, m.
     pub length: f64,
-    /// Node spacing at rest ΔL = L/(N−1), m.
+    /// Node spacing at rest ΔL, m: L/(N−1), or L/(N−2) behind a body.
     pub spacing: f64,
-    /// Cross-sections along it.
+    /// Cross-sections along the rod.
     pub sections: Sections,
     /// Largest stretching stiffness EA = Y A of an edge, N.
     pub ea: f64,
@@ -133,36 +134,36 @@ pub struct Rod {
     pub ei: f64,
     /// Young's modulus Y, Pa.
     pub youngs: f64,
-    /// How each edge resists stretching.
+    /// Rest length and axial stiffness of each edge.
     pub cells: EdgeValues<Cell>,
-    /// Node at which the rod begins: 0, or 1 where node 0 is the centre of a body and the first edge the neck between.
+    /// First node of the rod: 0, or 1 if node 0 is the centre of a body and the first edge is the neck between them.
     pub front: usize,
     /// The body whose centre is node 0.
     pub body: Option<Spheroid>,
-    /// First node with a joint: 1, or 0 where the head is held and a half-cell joint acts on the first edge.
+    /// First node with a joint: 1, or 0 if the head is held and a half-cell joint acts on the first edge.
     pub first_joint: usize,
     /// Stiffness B (N m) of the energy ½B(κ−κ̄)² of the joint at each node: EI_k/ΔL inside, 2EI₀/ΔL for the half-cell
     /// joint between a held head, or a body, and the rod, zero where there is no joint.
     pub joint: Vec<f64>,
-    /// How its material resists the rates of its strains; `None` of an elastic one.
+    /// Damping of the material; `None` if it is elastic.
     pub damping: Option<Damping>,
     /// Mass of each node, kg.
     pub mass: Vec<f64>,
     total_mass: f64,
-    /// EI at its front end, N m².
+    /// EI at the front end, N m².
     front_stiffness: f64,
 }
 
-/// What a rod is made from.
+/// Sections and material from which a rod is built.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Cross-sections and density along it.
+    /// Cross-sections and density along the rod.
     pub sections: Sections,
     /// Young's modulus Y, Pa.
     pub youngs: f64,
     /// Factor on the bending stiffness along the rod.
     pub stiffness: Stiffness,
-    /// How it resists the rates of its strains; `None` of an elastic material.
+    /// Damping; `None` if the material is elastic.
     pub damping: Option<MaterialDamping>,
 }
 
@@ -213,9 +214,9 @@ impl Rod {
         }
     }
 
-    /// The same rod behind a rigid `body` of `mass` (kg), whose centre is a new node 0. A straight neck as long as the
-    /// semi-axis and as stiff in stretching as the rod's first edge joins it to the rod, which starts with a half-cell joint
-    /// there as at a held head: second order in the mesh.
+    /// The same rod behind a rigid `body` of `mass` (kg), whose centre is a new node 0. A straight neck joins it to the
+    /// rod, with the length of the body's semi-axis and the EA of the rod's first edge. The rod starts with a half-cell
+    /// joint there, as at a held head: second order in the mesh.
     #[must_use]
     pub fn behind_body(mut self, mass: f64, body: Spheroid) -> Self {
         let neck = body.along;
@@ -232,7 +233,7 @@ impl Rod {
         self
     }
 
-    /// L²√(ρA/EI), s: the time in which it bends.
+    /// Time scale of bending L²√(ρA/EI), s.
     pub fn bending_time(&self) -> f64 {
         self.length * self.length * (self.total_mass() / (self.length * self.ei)).sqrt()
     }
@@ -242,7 +243,7 @@ impl Rod {
         self.cells[0].rest.min(self.spacing)
     }
 
-    /// EA L²/EI, the square of the slenderness ratio, with the least EI of a joint.
+    /// EA L²/EI, the square of the slenderness ratio, with the smallest EI of a joint.
     pub fn slenderness_squared(&self) -> f64 {
         let least = self.joints().map(|k| self.joint_stiffness(k)).fold(self.ei, f64::min);
         self.ea * self.length * self.length / least
@@ -253,14 +254,14 @@ impl Rod {
         self.first_joint..self.nodes - 1
     }
 
-    /// The part of a whole cell that the joint at node `k` stands for: the half-cell joint where the rod begins is twice as
-    /// stiff and takes half of a whole joint's natural curvature.
+    /// The fraction of a cell that the joint at node `k` represents. The half-cell joint at the front of the rod is
+    /// twice as stiff as a full joint and takes half of its natural curvature.
     pub fn joint_part(&self, k: usize) -> f64 {
         if k == self.front { 0.5 } else { 1.0 }
     }
 
-    /// Makes the `values` of whole cells, one entry per node, those of the joints there: none where there is no joint, half
-    /// at a half-cell joint.
+    /// Converts the `values` of whole cells, one entry per node, to those of the joints: zero where there is no joint,
+    /// half at a half-cell joint.
     pub fn at_joints(&self, values: &mut [f64]) {
         values[..self.first_joint].fill(0.0);
         values[self.nodes - 1] = 0.0;
@@ -279,17 +280,17 @@ impl Rod {
         self.sections.bending_stiffness(self.youngs, self.xi(k))
     }
 
-    /// Arc length of node `k`, m, from where the rod begins: negative of the centre of a body before it.
+    /// Arc length of node `k` from the front of the rod, m; negative for the centre of a body.
     pub fn arc_length(&self, k: usize) -> f64 {
         if k < self.front { -self.cells[0].rest } else { (k - self.front) as f64 * self.spacing }
     }
 
-    /// Arc length of node `k` over the length, 0 for the centre of a body.
+    /// Arc length of node `k` over the length; 0 for the centre of a body.
     pub fn xi(&self, k: usize) -> f64 {
         k.saturating_sub(self.front) as f64 / (self.nodes - self.front - 1) as f64
     }
 
-    /// Both halves of every edge; those of a neck have no length, for no force acts on it.
+    /// Both halves of every edge. Those of a neck have no length, because no force acts on it.
     pub fn halves(&self) -> impl Iterator<Item = [HalfEdge; 2]> {
         let half = 0.5 * self.spacing;
         let first = self.sections.half(0.0, half, self.length);
@@ -303,13 +304,13 @@ impl Rod {
         (0..self.front).map(move |_| [neck; 2]).chain(along)
     }
 
-    /// The fluid that it displaces, with a body before it, m³.
+    /// Volume of the displaced fluid, including that of a body, m³.
     pub fn displaced_volume(&self) -> f64 {
         let rod: f64 = self.halves().flatten().map(|half| half.displaced * half.length).sum();
         rod + self.body.as_ref().map_or(0.0, Spheroid::volume)
     }
 
-    /// Total mass, kg, with that of a body before it.
+    /// Total mass, including that of a body, kg.
     pub fn total_mass(&self) -> f64 {
         self.total_mass
     }

@@ -1,4 +1,4 @@
-//! The cross-section, and how it changes along the rod.
+//! The cross-section, and its variation along the rod.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -9,16 +9,16 @@ use serde::Deserialize;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Shape {
-    /// A round core of radius R_o; where the depth is another than 2R_o, with a membrane that only the fluid feels.
+    /// A round core of radius R_o. If the depth differs from 2R_o, it has a membrane that only the fluid feels.
     Round,
-    /// An ellipse of the axes t and D.
+    /// An ellipse with axes t and D.
     Ellipse,
-    /// A rectangle of the sides t and D.
+    /// A rectangle with sides t and D.
     Rectangle,
 }
 
 impl Shape {
-    /// Its name in a scene.
+    /// The name in a scene.
     pub fn name(self) -> &'static str {
         match self {
             Self::Round => "round",
@@ -28,21 +28,21 @@ impl Shape {
     }
 }
 
-/// A cross-section, solid or with a hole of its own shape in the ratio R_i/R_o.
+/// A cross-section, solid or with a similar hole in the ratio R_i/R_o.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Section {
-    /// Its outline.
+    /// Outline.
     pub shape: Shape,
     /// Outer radius R_o, m: half the thickness in the plane of motion.
     pub outer: f64,
-    /// Inner radius R_i, m: half the hole's; zero for a solid rod.
+    /// Inner radius R_i, m: half the thickness of the hole; zero for a solid rod.
     pub inner: f64,
     /// Depth D across the plane of motion, m.
     pub depth: f64,
 }
 
 impl Section {
-    /// A disc of that radius (m), or an annulus.
+    /// A disc or an annulus of these radii (m).
     pub fn round(outer: f64, inner: f64) -> Self {
         Self { shape: Shape::Round, outer, inner, depth: 2.0 * outer }
     }
@@ -52,12 +52,12 @@ impl Section {
         2.0 * self.outer / self.depth
     }
 
-    /// A quantity of the solid section, of this order in lengths, less that of the hole.
+    /// A quantity of the solid section that scales with this power of length, minus that of the hole.
     fn less_hole(&self, solid: f64, order: i32) -> f64 {
         solid * (1.0 - (self.inner / self.outer).powi(order))
     }
 
-    /// Area A of the material, m²: of the disc πR_o², of the ellipse ¼πtD, of the rectangle tD, less that of the hole.
+    /// Area A of the material, m²: πR_o² of the disc, ¼πtD of the ellipse, tD of the rectangle, minus that of the hole.
     pub fn area(&self) -> f64 {
         match self.shape {
             Shape::Round => PI * (self.outer.powi(2) - self.inner.powi(2)),
@@ -65,8 +65,8 @@ impl Section {
         }
     }
 
-    /// Thickness of the wall in the plane of motion and across it, m; of a solid section half its own. A wall across the plane is as much
-    /// thicker as the section is deeper, but in a round one.
+    /// Thickness of the wall in the plane of motion and across it, m; for a solid section half of its own. The ratio of
+    /// the two is t/D, except in a round section, whose wall is uniform.
     pub fn walls(&self) -> [f64; 2] {
         let wall = self.outer - self.inner;
         [wall, if self.shape == Shape::Round { wall } else { wall / self.aspect() }]
@@ -77,7 +77,7 @@ impl Section {
         [self.outer, if self.shape == Shape::Round { self.outer } else { 0.5 * self.depth }]
     }
 
-    /// Area inside the outline, m²: what displaces fluid.
+    /// Area inside the outline, m², which displaces fluid.
     pub fn displaced(&self) -> f64 {
         match self.shape {
             Shape::Round => PI * self.outer.powi(2),
@@ -86,8 +86,8 @@ impl Section {
         }
     }
 
-    /// Second moment of area I of bending in the plane of motion, m⁴: of the disc ¼πR_o⁴, of the ellipse ¼πa³b with a = R_o and
-    /// b = D/2, of the rectangle Dt³/12, less that of the hole.
+    /// Second moment of area I for bending in the plane of motion, m⁴: ¼πR_o⁴ of the disc, ¼πa³b of the ellipse with
+    /// a = R_o and b = D/2, Dt³/12 of the rectangle, minus that of the hole.
     pub fn inertia(&self) -> f64 {
         match self.shape {
             Shape::Round => PI / 4.0 * (self.outer.powi(4) - self.inner.powi(4)),
@@ -96,7 +96,8 @@ impl Section {
         }
     }
 
-    /// Second moment of area of bending across the plane of motion, m⁴: as [`inertia`](Self::inertia), t and D exchanged.
+    /// Second moment of area for bending across the plane of motion, m⁴: [`inertia`](Self::inertia) with t and D
+    /// exchanged.
     pub fn inertia_across(&self) -> f64 {
         match self.shape {
             Shape::Round => self.inertia(),
@@ -105,9 +106,10 @@ impl Section {
         }
     }
 
-    /// Torsion constant J, m⁴: of the disc ½πR_o⁴, of the ellipse πa³b³/(a² + b²), each less that of the hole, whose edge is a line
-    /// of the shear stress; of the rectangle with sides D ≥ t, Dt³ (1/3 − 64/π⁵ t/D Σ tanh(nπD/2t)/n⁵) over odd n. There is no closed
-    /// form for the rectangle with a hole. Source: S. Timoshenko & J. N. Goodier, Theory of Elasticity (1970), chapter 10.
+    /// Torsion constant J, m⁴: ½πR_o⁴ of the disc and πa³b³/(a² + b²) of the ellipse, minus that of the hole, whose
+    /// edge is a line of the shear stress; Dt³ (1/3 − 64/π⁵ t/D Σ tanh(nπD/2t)/n⁵) over odd n of the rectangle with
+    /// sides D ≥ t. `None` for the rectangle with a hole, which has no closed form. Source: S. Timoshenko & J. N.
+    /// Goodier, Theory of Elasticity (1970), chapter 10.
     pub fn torsion(&self) -> Option<f64> {
         let (a, b) = (self.outer, 0.5 * self.depth);
         match self.shape {
@@ -124,8 +126,8 @@ impl Section {
         }
     }
 
-    /// Perimeter of the outline, m. Around a round core with a membrane that of the ellipse around both, by Ramanujan's formula
-    /// (0.4 % too short at most), which is exact for the disc.
+    /// Perimeter of the outline, m. For a round core with a membrane it is that of the ellipse around both, by
+    /// Ramanujan's formula (at most 0.4 % too short), which is exact for the disc.
     pub fn perimeter(&self) -> f64 {
         match self.shape {
             Shape::Round => {
@@ -148,9 +150,9 @@ impl Section {
         (self.area() / PI).sqrt()
     }
 
-    /// Radius of the circle that conforms to the outline, m: slow flow far from a slender rod is that around a round one of this
-    /// radius. R_o of a round core, whose membrane it leaves out; ¼(t + D) of the ellipse; about 0.295 (t + D) of a
-    /// rectangle near the square. Source: G. K. Batchelor, J. Fluid Mech. 44 (1970).
+    /// Conformal radius of the outline, m: slow flow far from a slender rod is that around a round rod of this radius.
+    /// R_o of a round core, whose membrane is ignored; ¼(t + D) of the ellipse; about 0.295 (t + D) of a rectangle near
+    /// the square. Source: G. K. Batchelor, J. Fluid Mech. 44 (1970).
     pub fn slender_radius(&self) -> f64 {
         match self.shape {
             Shape::Round => self.outer,
@@ -160,9 +162,10 @@ impl Section {
         }
     }
 
-    /// What slow flow across a slender rod adds to the logarithm of [`slender_radius`](Self::slender_radius): t/(t + D), ½ of a round rod
-    /// and 0 of a plate that moves broadside. It is the limit of A. Oberbeck's ellipsoid (J. Reine Angew. Math. 81, 1876), exact for
-    /// ellipse and plate, and taken for the rectangle too.
+    /// The term that slow flow across a slender rod adds to the logarithm of [`slender_radius`](Self::slender_radius):
+    /// t/(t + D), which is ½ for a round rod and 0 for a plate that moves broadside. It is the limit of A. Oberbeck's
+    /// ellipsoid (J. Reine Angew. Math. 81, 1876), exact for the ellipse and the plate, and also used for the
+    /// rectangle.
     pub fn slender_across(&self) -> f64 {
         match self.shape {
             Shape::Round => 0.5,
@@ -170,10 +173,10 @@ impl Section {
         }
     }
 
-    /// The fluid that moves with the section as it moves across itself in the plane, m²: times ¼πρ it is the added mass per length.
-    /// D² of ellipse, disc and membrane; C D² of the rectangle, with C from 1 (a plate, t = 0) over 1.513 (a square) on. Exact, by the
-    /// conformal map of the outside. Sources: J. N. Newman, Marine Hydrodynamics (1977), table 4.3; R. D. Blevins, Formulas for
-    /// Natural Frequency and Mode Shape (1979), table 14-1.
+    /// The added mass per length for motion across the section in the plane, over ¼πρ, m²: D² of ellipse, disc and
+    /// membrane; C D² of the rectangle, where C increases from 1 (a plate, t = 0) through 1.513 (a square). Exact, by
+    /// the conformal map of the exterior. Sources: J. N. Newman, Marine Hydrodynamics (1977), table 4.3; R. D. Blevins,
+    /// Formulas for Natural Frequency and Mode Shape (1979), table 14-1.
     pub fn added(&self) -> f64 {
         match self.shape {
             Shape::Round | Shape::Ellipse => self.depth.powi(2),
@@ -187,9 +190,10 @@ impl Section {
         }
     }
 
-    /// Form drag C_d by the depth in flow across the section. Ellipse, disc and membrane: 2 − 0.9 t/D, from 2 of a plate to 1.1 of the
-    /// disc and of what is thicker (S. F. Hoerner, Fluid-Dynamic Drag, 1965). Rectangle with sharp edges: 2 up to t/D = 0.2, 2.4 at 0.7,
-    /// 1.0 at 5 and 0.9 from 10 on, linear in ln(t/D) in between (EN 1991-1-4:2005, figure 7.23).
+    /// Form drag coefficient C_d, based on the depth, in flow across the section. Ellipse, disc and membrane:
+    /// 2 − 0.9 t/D, from 2 for a plate to 1.1 for the disc and thicker sections (S. F. Hoerner, Fluid-Dynamic Drag,
+    /// 1965). Rectangle with sharp edges: 2 up to t/D = 0.2, 2.4 at 0.7, 1.0 at 5 and 0.9 from 10 on, linear in ln(t/D)
+    /// in between (EN 1991-1-4:2005, figure 7.23).
     pub fn form_drag(&self) -> f64 {
         match self.shape {
             Shape::Round | Shape::Ellipse => 2.0 - self.slim() * 0.9,
@@ -199,20 +203,21 @@ impl Section {
         }
     }
 
-    /// Thickness over depth, 1 at most.
+    /// Thickness over depth, at most 1.
     pub fn slim(&self) -> f64 {
         self.aspect().min(1.0)
     }
 }
 
-/// Form drag of rectangles over thickness by depth.
+/// Form drag coefficient of rectangles over the ratio of thickness to depth.
 const RECTANGLE_FORM_DRAG: [[f64; 2]; 4] = [[0.2, 2.0], [0.7, 2.4], [5.0, 1.0], [10.0, 0.9]];
 
 /// Riemann's ζ(5).
 const ZETA_5: f64 = 1.036_927_755_143_37;
 
-/// K(m) and E(m) − (1 − m)K(m) = ∫ √(m − sin²φ) dφ up to sin²φ = m, of the parameter m = k² and what is left of it to 1: by the
-/// arithmetic-geometric mean, without a difference of close numbers. Source: M. Abramowitz & I. A. Stegun, section 17.6.
+/// K(m) and S(m) = E(m) − (1 − m)K(m) = ∫ √(m − sin²φ) dφ up to sin²φ = m, for the parameter m = k² and `rest` = 1 − m,
+/// by the arithmetic-geometric mean, without a difference of close numbers. Source: M. Abramowitz & I. A. Stegun,
+/// section 17.6.
 fn elliptic(m: f64, rest: f64) -> [f64; 2] {
     let (mut a, mut b) = (1.0, rest.sqrt());
     let (mut sum, mut factor) = (0.5 * m, 1.0);
@@ -227,12 +232,13 @@ fn elliptic(m: f64, rest: f64) -> [f64; 2] {
     [complete, complete * sum]
 }
 
-/// How the outside of a rectangle of that thickness over its depth maps to that of a circle: m = sin²α, with ±α where the corners
-/// are, and the circle's radius over the depth. The map is dz/dζ = R √(ζ⁴ − 2ζ² cos 2α + 1)/ζ², so that D/2 = 2R S(m) and
-/// t/2 = 2R S(1 − m), S as in [`elliptic`].
+/// The conformal map of the exterior of a rectangle, of this thickness over depth, to that of a circle: m = sin²α,
+/// where the corners are at ±α, and the circle's radius over the depth. The map is dz/dζ = R √(ζ⁴ − 2ζ² cos 2α + 1)/ζ²,
+/// so that D/2 = 2R S(m) and t/2 = 2R S(1 − m), with S as in [`elliptic`].
 fn conformal(aspect: f64) -> [f64; 2] {
     let thin = aspect.min(aspect.recip());
-    // S(x)/S(1 − x) = thin: it is convex, so that Newton's method comes down from ½; its slope is ¼π/S(1 − x)² (Legendre).
+    // Solves S(x)/S(1 − x) = thin. The left side is convex, so Newton's method decreases monotonically from ½; the
+    // slope is ¼π/S(1 − x)² (Legendre).
     let sides = |x: f64| [elliptic(1.0 - x, x)[1], elliptic(x, 1.0 - x)[1]];
     let (mut x, mut next) = (1.0, 0.5);
     let mut long = 1.0;
@@ -245,7 +251,7 @@ fn conformal(aspect: f64) -> [f64; 2] {
     if aspect <= 1.0 { [1.0 - x, 0.25 / long] } else { [x, 0.25 * aspect / long] }
 }
 
-/// A quantity along the rod: points (ξ, value) with rising ξ = s/L, linear in between, constant outside.
+/// A quantity along the rod: points (ξ, value) with increasing ξ = s/L, linear in between, constant outside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile(Vec<[f64; 2]>);
 
@@ -257,7 +263,7 @@ impl From<f64> for Profile {
 }
 
 impl Profile {
-    /// The profile through points (ξ, value) with rising ξ; `None` without points.
+    /// The profile through points (ξ, value) with increasing ξ; `None` without points.
     pub fn through(points: Vec<[f64; 2]>) -> Option<Self> {
         if points.is_empty() { None } else { Some(Self(points)) }
     }
@@ -269,27 +275,27 @@ impl Profile {
         match (points.get(after.wrapping_sub(1)), points.get(after)) {
             (Some(&[x0, f0]), Some(&[x1, f1])) => f0 + (f1 - f0) * (xi - x0) / (x1 - x0),
             (Some(p), None) | (None, Some(p)) => p[1],
-            (None, None) => 0.0, // there is a point
+            (None, None) => 0.0, // not reached: there is at least one point
         }
     }
 
-    /// Where its points are, ξ.
+    /// The ξ of its points.
     pub fn places(&self) -> impl Iterator<Item = f64> {
         self.0.iter().map(|p| p[0])
     }
 
-    /// Those of them between `from` and `to`, both left out.
+    /// The ξ of its points strictly between `from` and `to`.
     fn places_between(&self, from: f64, to: f64) -> impl Iterator<Item = f64> {
         let [first, last] = [self.0.partition_point(|p| p[0] <= from), self.0.partition_point(|p| p[0] < to)];
         self.0[first.min(last)..last].iter().map(|p| p[0])
     }
 
-    /// True where the value is the same everywhere.
+    /// True if the value is the same everywhere.
     pub fn is_even(&self) -> bool {
         self.0.iter().all(|p| p[1] == self.0[0][1])
     }
 
-    /// The profile with every value times `factor`.
+    /// The profile with every value multiplied by `factor`.
     #[must_use]
     pub fn times(&self, factor: f64) -> Self {
         Self(self.0.iter().map(|[xi, value]| [*xi, value * factor]).collect())
@@ -301,26 +307,26 @@ impl Profile {
     }
 }
 
-/// What a rod is like across, along its length.
+/// The cross-sections along a rod, with density and mass.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sections {
-    /// Their outline.
+    /// Outline.
     pub shape: Shape,
     /// Outer radius R_o, m: half the thickness in the plane of motion.
     pub outer: Profile,
     /// Inner radius R_i, m.
     pub inner: Profile,
-    /// Depth D across the plane of motion, m; twice the outer radius where it is not given.
+    /// Depth D across the plane of motion, m; by default twice the outer radius.
     pub depth: Option<Profile>,
     /// Density, kg/m³.
     pub density: Profile,
     /// Factor on the mass.
     pub mass_factor: Profile,
-    /// What was measured of it.
+    /// Measured stiffness and mass.
     pub measured: Measured,
 }
 
-/// Stiffness and mass as measured, each in place of what sections and material would give.
+/// Measured stiffness and mass, each replacing the value computed from sections and material.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measured {
     /// Axial stiffness EA, N.
@@ -334,36 +340,36 @@ pub struct Measured {
 /// Means over half of an edge, for the forces that act on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfEdge {
-    /// Its length, m.
+    /// Length, m.
     pub length: f64,
-    /// Arc length at its middle, m.
+    /// Arc length at the middle, m.
     pub middle: f64,
     /// Outline of the section.
     pub shape: Shape,
     /// Outer radius R_o, m.
     pub outer: f64,
-    /// Radius of the round rod that slow flow far away is around, m, see [`Section::slender_radius`].
+    /// Radius for slow flow far from the rod, m, see [`Section::slender_radius`].
     pub radius: f64,
-    /// The term of slow flow across the section beside the logarithm of that radius, see [`Section::slender_across`].
+    /// Term that slow flow across the section adds to the logarithm of that radius, see [`Section::slender_across`].
     pub slender_across: f64,
     /// Radius √(A/π) of the disc of the material's area, m.
     pub equivalent_radius: f64,
     /// Depth D, m.
     pub depth: f64,
-    /// The fluid that moves with it over ¼πρ, m², see [`Section::added`].
+    /// Added mass per length over ¼πρ, m², see [`Section::added`].
     pub added: f64,
-    /// The area that displaces fluid, m².
+    /// Area that displaces fluid, m².
     pub displaced: f64,
 }
 
 impl HalfEdge {
-    /// The solid section of its means.
+    /// The solid section with these mean dimensions.
     pub fn section(&self) -> Section {
         Section { shape: self.shape, outer: self.outer, inner: 0.0, depth: self.depth }
     }
 }
 
-/// Abscissae and weights of Gauss's rule with three points on 0 … 1, exact for polynomials of degree 5.
+/// Nodes and weights of the three-point Gauss rule on 0 … 1, exact for polynomials of degree 5.
 const GAUSS: [[f64; 2]; 3] =
     [[0.112_701_665_379_258_31, 5.0 / 18.0], [0.5, 8.0 / 18.0], [0.887_298_334_620_741_7, 5.0 / 18.0]];
 
@@ -391,7 +397,7 @@ impl Sections {
         self.depth.as_ref().map_or_else(|| 2.0 * self.outer.at(xi), |depth| depth.at(xi))
     }
 
-    /// True where it is no round rod alone: of another outline, or with a membrane.
+    /// True if the outline is not round, or there is a membrane.
     pub fn is_flat(&self) -> bool {
         let membrane = |depth: &Profile| {
             depth.places().chain(self.outer.places()).any(|xi| depth.at(xi) != 2.0 * self.outer.at(xi))
@@ -399,13 +405,15 @@ impl Sections {
         self.shape != Shape::Round || self.depth.as_ref().is_some_and(membrane)
     }
 
-    /// The largest radius that slow flow sees, m, see [`Section::slender_radius`]: where a profile bends, for it is convex in between.
+    /// Maximum of [`Section::slender_radius`] along the rod, m. It is at a point of a profile, because the radius is
+    /// convex in between.
     pub fn largest_radius(&self) -> f64 {
         let places = self.outer.places().chain(self.depth.iter().flat_map(Profile::places));
         places.fold(0.0, |most: f64, xi| most.max(self.at(xi).slender_radius()))
     }
 
-    /// How far it reaches across the plane of motion at most, m: half the depth, of a membrane too, and no less than a round core.
+    /// Maximum extent across the plane of motion, m: half the depth, including a membrane, and at least the radius of a
+    /// round core.
     pub fn reach_across(&self) -> f64 {
         let places = self.outer.places().chain(self.depth.iter().flat_map(Profile::places));
         let round = |xi: f64| if self.shape == Shape::Round { self.outer.at(xi) } else { 0.0 };
@@ -421,12 +429,12 @@ impl Sections {
         material * self.mass_factor.at(xi)
     }
 
-    /// Bending stiffness EI at `xi`, N m², of a material of the Young's modulus `youngs` (Pa).
+    /// Bending stiffness EI at `xi`, N m², for Young's modulus `youngs` (Pa).
     pub fn bending_stiffness(&self, youngs: f64, xi: f64) -> f64 {
         self.measured.bending.as_ref().map_or_else(|| youngs * self.at(xi).inertia(), |bending| bending.at(xi))
     }
 
-    /// Axial stiffness EA at `xi`, N, of a material of the Young's modulus `youngs` (Pa).
+    /// Axial stiffness EA at `xi`, N, for Young's modulus `youngs` (Pa).
     pub fn axial_stiffness_at(&self, youngs: f64, xi: f64) -> f64 {
         self.measured.axial.as_ref().map_or_else(|| youngs * self.at(xi).area(), |axial| axial.at(xi))
     }
@@ -451,7 +459,7 @@ impl Sections {
         self.profiles().all(Profile::is_even)
     }
 
-    /// The mean of `quantity` from `from` to `to` (ξ), exact for polynomials of degree 5 in profiles that are linear in
+    /// The mean of `quantity` from `from` to `to` (ξ), exact for polynomials of degree 5 in profiles that are linear
     /// between their points.
     pub fn mean(&self, from: f64, to: f64, quantity: impl Fn(f64) -> f64) -> f64 {
         if self.is_even() {
@@ -467,7 +475,7 @@ impl Sections {
         ends.windows(2).map(piece).sum::<f64>() / (to - from)
     }
 
-    /// Half of an edge from arc length `start` over `length` (m), on a rod of `whole` metres.
+    /// Half of an edge, from arc length `start` over `length` (m), on a rod of length `whole` (m).
     pub fn half(&self, start: f64, length: f64, whole: f64) -> HalfEdge {
         let (from, to) = (start / whole, (start + length) / whole);
         let mean = |quantity: &dyn Fn(f64) -> f64| self.mean(from, to, quantity);

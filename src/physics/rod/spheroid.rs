@@ -1,4 +1,4 @@
-//! A rigid body before the rod.
+//! A rigid body in front of the rod.
 
 use std::f64::consts::PI;
 
@@ -17,7 +17,7 @@ impl Spheroid {
         4.0 / 3.0 * PI * self.along * self.across * self.across
     }
 
-    /// Moment of inertia (a² + b²)/5 of a mass of 1 kg spread evenly, about an axis across the body, m².
+    /// Moment of inertia (a² + b²)/5 of a homogeneous body of 1 kg about an axis across it, m².
     pub fn inertia(&self) -> f64 {
         (self.along * self.along + self.across * self.across) / 5.0
     }

@@ -1,12 +1,12 @@
-//! Stretching of one edge: E = ½ (EA/ℓ₀) (ℓ − ℓ₀)², with ℓ₀ its length at rest.
+//! Stretching of one edge: E = ½ (EA/ℓ₀) (ℓ − ℓ₀)², where ℓ₀ is its rest length.
 
 use super::Edge;
 use crate::linear::Real;
 
-/// How an edge resists stretching.
+/// Rest length and axial stiffness of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cell<T = f64> {
-    /// Length at rest ℓ₀, m.
+    /// Rest length ℓ₀, m.
     pub rest: T,
     /// Axial stiffness EA/ℓ₀, N/m.
     pub axial: T,
@@ -27,7 +27,7 @@ impl<T: Real> Cell<T> {
 }
 
 impl Cell {
-    /// Length (m) under a tension of `tension` N.
+    /// Length (m) under the tension `tension` (N).
     #[inline]
     pub fn length(&self, tension: f64) -> f64 {
         self.rest + tension / self.axial

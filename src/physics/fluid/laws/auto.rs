@@ -1,4 +1,4 @@
-//! The law that fits the flow that a scene makes: slender-body theory where the fluid has no inertia, cross-flow where it has.
+//! The law that suits the flow of a scene: slender-body theory without fluid inertia, cross-flow with it.
 
 use super::{Dependence, DragLaw, LawInputs, SectionInput, cox, cross_flow};
 use crate::fluid::uncertainty::Published;
@@ -21,10 +21,10 @@ pub static LAW: DragLaw = DragLaw {
     parts: Some(|inputs| taken(inputs).parts(inputs)),
 };
 
-/// The laws that it takes one of, the cheapest first.
+/// The laws that may be chosen, the cheapest first.
 pub static CANDIDATES: [&DragLaw; 2] = [&cox::LAW, &cross_flow::LAW];
 
-/// The law that the scene's own motion was found to need, or the highest where that is not known: it holds at every Reynolds number.
+/// The law chosen for the scene's motion, or `cross-flow` if that is unknown: it holds at every Reynolds number.
 pub fn taken(inputs: &LawInputs<'_>) -> &'static DragLaw {
     inputs.taken.unwrap_or(&cross_flow::LAW)
 }

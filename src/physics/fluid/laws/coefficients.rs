@@ -1,4 +1,4 @@
-//! Resistance as an experiment gives it: ξ∥ and ξ⊥ along the rod, whatever the fluid.
+//! Resistance measured in an experiment: ξ∥ and ξ⊥ along the rod, whatever the fluid.
 
 use super::resistance::{ACROSS, ALONG, Resistance};
 use super::{Dependence, DragLaw, SectionInput};

@@ -1,5 +1,6 @@
-//! Slender-body theory's resistance of a blunt cylinder: ξ∥ = 2πμ/(ln(ℒ/a) − 3/2 + ln 2), ξ⊥ = 4πμ/(ln(ℒ/a) − 1/2 + ln 2);
-//! across a flat section its [`slender_across`](crate::rod::Section::slender_across) less 1 in place of −1/2.
+//! Slender-body theory's resistance of a blunt cylinder: ξ∥ = 2πμ/(ln(ℒ/a) − 3/2 + ln 2),
+//! ξ⊥ = 4πμ/(ln(ℒ/a) − 1/2 + ln 2). Across a flat section, [`slender_across`](crate::rod::Section::slender_across)
+//! minus 1 replaces −1/2.
 
 use std::f64::consts::{LN_2, PI};
 

@@ -3,9 +3,10 @@
 //! With u = V·t, w = V·n, depth D, larger side B, perimeter P and form drag C_d of the section, ν = μ/ρ:
 //! f⊥ = [ξ⊥ + 2ρD(ν/D)^½ |w|^½ + ½ρD C_d |w|] w, and
 //! f∥ = [ξ∥ + ½·3.5 ρ(P/π)(ν/B)^½ (τ²w² + (1.42 B u/L)²)^¼ + ½ρP C_f |u|] u.
-//! The normal part is Taylor's, where u drops out; the tangential one is the heat that a cylinder loses, with the friction of
-//! Blasius' plate where nothing flows across. The larger side is the depth of a body that is flat across the plane of motion; along one that
-//! is thick in it the boundary layer grows over the thickness.
+//! The normal part is Taylor's, without its dependence on u. The tangential part follows from the heat transfer of a
+//! cylinder, with the friction of Blasius' plate if nothing flows across. The larger side is the depth of a body that
+//! is flat across the plane of motion; along a body that is thick in this plane, the boundary layer grows over the
+//! thickness.
 
 use std::f64::consts::PI;
 
@@ -54,7 +55,7 @@ pub static LAW: DragLaw = DragLaw {
     parts: Some(parts),
 };
 
-/// The law as three of its kind: each has what one cause does, and nothing of the others.
+/// The law as three forces of its type, one for each cause.
 fn parts(inputs: &LawInputs<'_>) -> ForcesByCause {
     let only = |keep: fn(Coefficients) -> Coefficients| -> Box<dyn Force> {
         Box::new(LocalDrag::new(CrossFlow, inputs.rod, inputs.head, |halves| keep(Coefficients::of(inputs, halves))))
@@ -76,14 +77,14 @@ pub const SKIN_FRICTION: Key = "drag.skin_friction";
 
 /// Friction of a cylinder's boundary layer, from its heat transfer.
 const FRICTION: f64 = 3.5;
-/// Makes the friction Blasius' where nothing flows across.
+/// Factor that makes the friction Blasius' if nothing flows across.
 const BLASIUS: f64 = 1.42;
 
 /// The law.
 #[derive(Debug)]
 pub(crate) struct CrossFlow;
 
-/// What does not depend on fluid and velocity, of both halves of an edge, a pair each.
+/// The coefficients that do not depend on fluid and velocity, as pairs over both halves of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Coefficients<P = f64x2> {
     /// ξ∥/μ, ξ⊥/μ.
@@ -96,7 +97,7 @@ pub(crate) struct Coefficients<P = f64x2> {
     form_unit: P,
     /// ½·3.5 (P/π)/√B, m^½: times √(ρμ).
     layer_along: P,
-    /// The same for a factor of 1 in place of 3.5.
+    /// The same for a factor of 1 instead of 3.5.
     layer_along_unit: P,
     /// ½P C_f, m: times ρ.
     turbulent: P,
@@ -130,7 +131,7 @@ impl Coefficients {
         }
     }
 
-    /// The same coefficients of several rods, which `gather` makes of those of each.
+    /// The coefficients of several rods, combined by `gather`.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     pub(crate) fn gathered<Q>(gather: impl Fn(fn(&Self) -> f64x2) -> Q) -> Coefficients<Q> {
         Coefficients {
@@ -155,7 +156,7 @@ impl<P: Number> Coefficients<P> {
         [square, square.sqrt().sqrt()]
     }
 
-    /// The traction at velocities `u` along and `w` across, and its derivatives, in fluids of these μ, √(ρμ) and ρ.
+    /// The traction at velocities `u` along and `w` across, and its derivatives, in fluids with these μ, √(ρμ) and ρ.
     #[inline(always)]
     pub(crate) fn with_slopes<T: Real<Pair = P>>(
         &self,
@@ -229,7 +230,7 @@ impl Law for CrossFlow {
         &[VISCOSITY, DENSITY, FORM_DRAG, SKIN_FRICTION]
     }
 
-    #[inline(always)] // which settles the key when it is compiled
+    #[inline(always)] // resolves the key at compile time
     fn by_parameter(&self, key: Key, c: &Coefficients, fluids: [&Fluid; 2], u: f64x2, w: f64x2) -> Traction {
         let [_, sweep] = c.sweep(u, w);
         let [viscosity, root, density] = self.in_fluids(fluids);

@@ -23,7 +23,7 @@ pub static LAW: DragLaw = DragLaw {
     },
     reynolds: CREEPING,
     published: Published {
-        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        // The growth with the Reynolds number, from the inertia of the fluid, is that of the errors of cox.
         table: &[
             Uncertainty::at(5e-4, [0.68, 0.48, 0.46]),
             Uncertainty::at(0.016, [0.687, 0.488, 0.46]),

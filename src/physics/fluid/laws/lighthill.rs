@@ -1,5 +1,5 @@
-//! Lighthill's resistance of a flagellum: ξ∥ = 2πμ/ln(0.18Λ/a), ξ⊥ = 4πμ/(ln(0.18Λ/a) + 1/2), Λ the wavelength along the arc;
-//! across a flat section its [`slender_across`](crate::rod::Section::slender_across) in place of 1/2.
+//! Lighthill's resistance of a flagellum: ξ∥ = 2πμ/ln(0.18Λ/a), ξ⊥ = 4πμ/(ln(0.18Λ/a) + 1/2), with the wavelength Λ
+//! along the arc. Across a flat section, [`slender_across`](crate::rod::Section::slender_across) replaces 1/2.
 
 use std::f64::consts::PI;
 
@@ -24,7 +24,7 @@ pub static LAW: DragLaw = DragLaw {
     },
     reynolds: CREEPING,
     published: Published {
-        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        // The growth with the Reynolds number, from the inertia of the fluid, is that of the errors of cox.
         table: &[
             Uncertainty::at(5e-4, [0.31, 0.57, 0.2]),
             Uncertainty::at(0.016, [0.325, 0.577, 0.2]),
@@ -49,7 +49,7 @@ pub(super) fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     [2.0 * PI / slender, 4.0 * PI / (slender + half.slender_across)]
 }
 
-/// Λ, m: the one that the scene names, else the actuation's, else the rod's length.
+/// Λ, m: the scene's `slender_length_m`, else the wavelength of the actuation, else the rod's length.
 fn wave(inputs: &LawInputs<'_>) -> f64 {
     inputs.slender_length.or(inputs.wavelength).unwrap_or(inputs.rod.length)
 }

@@ -37,35 +37,35 @@ pub static LAWS: &[&DragLaw] = &[
     &auto::LAW,
 ];
 
-/// The law of a scene that names none.
+/// The law for scenes that name none.
 pub static DEFAULT: &DragLaw = &cox::LAW;
 
-/// Reynolds number of the depth from which a drag linear in velocity is out of its range.
+/// Reynolds number of the depth above which a drag linear in velocity is out of its range.
 pub const CREEPING: f64 = 1.0;
 
-/// Least length over radius that laws of slender bodies hold for.
+/// Minimum ratio of length to radius for laws of slender bodies.
 pub const LEAST_SLENDERNESS: f64 = 10.0;
 
-/// Least ln(ℒ/a) of a body that counts as slender.
+/// Minimum ln(ℒ/a) of a body that counts as slender.
 pub const MIN_LOG_SLENDERNESS: f64 = 1.3;
 
-/// What the force of a law at a node depends on.
+/// What determines the force of a law at a node.
 #[derive(Debug, Clone, Copy)]
 pub enum Dependence {
-    /// On the edge there and its motion: matrices are banded, and derivatives exact.
+    /// The edge there and its motion: matrices are banded, and derivatives exact.
     Edge,
-    /// On the motion of the whole rod: Newton's matrix is dense, and a step on N nodes costs N³. It takes one fluid all around, and
-    /// has neither a chain form nor derivatives by positions, see [`Force::global`].
+    /// The motion of the whole rod: Newton's matrix is dense, and a step on N nodes costs N³. The fluid must be uniform,
+    /// and there is neither a chain form nor sensitivities, see [`Force::global`].
     Rod {
-        /// The least spacing of nodes, m.
+        /// The minimum node spacing, m.
         least_spacing: fn(&LawInputs<'_>) -> f64,
-        /// Most nodes whose steps take tenths of a second at most.
+        /// Number of nodes up to which a step takes at most tenths of a second.
         most_nodes: usize,
     },
 }
 
 impl Dependence {
-    /// True where it can be computed on the mesh of these inputs' rod.
+    /// True if the law can be computed on the mesh of the rod in `inputs`.
     pub fn allows(&self, inputs: &LawInputs<'_>) -> bool {
         match self {
             Self::Edge => true,
@@ -81,19 +81,19 @@ impl Dependence {
 pub enum SectionInput {
     /// Depth, perimeter and form drag; the viscous part uses the properties of its own law.
     Outline,
-    /// [`Section::slender_radius`](crate::rod::Section::slender_radius), which slender-body theory knows a section by, and
-    /// [`Section::slender_across`](crate::rod::Section::slender_across).
+    /// [`Section::slender_radius`](crate::rod::Section::slender_radius), which represents a section in slender-body
+    /// theory, and [`Section::slender_across`](crate::rod::Section::slender_across).
     SlenderRadius,
-    /// The same, in a theory of round rods: an ellipse is taken for one, a rectangle refused.
+    /// The same, in a theory of round rods: an ellipse is treated as a round rod, a rectangle is refused.
     Round,
-    /// The area of its material.
+    /// The area of the material.
     Area,
-    /// Nothing: its coefficients are given, or are those of another law.
+    /// None: its coefficients are given, or are those of another law.
     Nothing,
 }
 
 impl SectionInput {
-    /// It in words.
+    /// A description.
     pub fn in_words(self) -> &'static str {
         match self {
             Self::Outline => "depth, perimeter and form drag of the section",
@@ -119,7 +119,7 @@ pub struct DragLaw {
     pub reynolds: f64,
     /// Its published uncertainty.
     pub published: Published,
-    /// What the force at a place depends on.
+    /// What determines the force at a node.
     pub reach: Dependence,
     /// The properties of a cross-section that it uses.
     pub takes: SectionInput,
@@ -127,24 +127,25 @@ pub struct DragLaw {
     pub keys: &'static [&'static str],
     /// Those of them that are required.
     pub needs: &'static [&'static str],
-    /// Drag along and across the rod per length, speed and viscosity, of half an edge, where the law is of that form.
+    /// Drag along and across the rod per length, speed and viscosity on half an edge, if the law has that form.
     pub resistance: Option<fn(&LawInputs<'_>, &HalfEdge) -> [f64; 2]>,
-    /// The length ℒ (m) in its logarithm, which must be at least e^[`MIN_LOG_SLENDERNESS`] radii; none for a law without.
+    /// The length ℒ (m) in its logarithm, which must be at least e^[`MIN_LOG_SLENDERNESS`] radii; `None` for a law
+    /// without a logarithm.
     pub slender: Option<fn(&LawInputs<'_>) -> f64>,
-    /// The force.
+    /// The constructor of the force.
     pub build: fn(&LawInputs<'_>) -> Box<dyn Force>,
-    /// Forces whose sum it is, by what they come from; none where it has one cause, viscosity.
+    /// The constructor of the forces by cause whose sum it is; `None` if viscosity is the only cause.
     pub parts: Option<SplitByCause>,
 }
 
-/// Forces, each with what it comes from.
+/// Forces, each with its cause.
 pub type ForcesByCause = Vec<(&'static str, Box<dyn Force>)>;
 
-/// Forces whose sum is a law's.
+/// A constructor of forces by cause whose sum is the force of a law.
 pub type SplitByCause = fn(&LawInputs<'_>) -> ForcesByCause;
 
 impl std::fmt::Debug for DragLaw {
-    /// Its name alone, which is the same in every run of the program.
+    /// The name only, which is the same in every run of the program.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
@@ -162,7 +163,7 @@ impl DragLaw {
         LAWS.iter().copied().find(|law| law.name == name)
     }
 
-    /// Its name, and that of the reactive force where it is with it.
+    /// Its name, with that of the reactive force if that is included.
     pub fn with_reactive(&self, reactive: bool) -> String {
         format!("{}{}", self.name, if reactive { " + reactive" } else { "" })
     }
@@ -175,7 +176,7 @@ impl DragLaw {
         Some(omitted.map_or(drag, |omitted| drag.with(omitted)))
     }
 
-    /// Forces whose sum it is, by what they come from.
+    /// The forces by cause whose sum it is.
     pub fn parts(&self, inputs: &LawInputs<'_>) -> ForcesByCause {
         match self.parts {
             Some(parts) => parts(inputs),
@@ -183,14 +184,15 @@ impl DragLaw {
         }
     }
 
-    /// True of a law that has published results and needs no key of its own, in a scene with the height above a wall or without.
+    /// True for a law that has published results and needs no key of its own, in a scene with or without the height
+    /// above a wall.
     pub fn is_offered(&self, beside_wall: bool) -> bool {
         let given = |key: &str| beside_wall && key == "height_m";
         let knows_wall = !beside_wall || self.keys.contains(&"height_m");
         !self.published.table.is_empty() && knows_wall && self.needs.iter().all(|key| given(key))
     }
 
-    /// True where the force at a place depends on the motion of the whole rod.
+    /// True if the force at a node depends on the motion of the whole rod.
     pub fn is_nonlocal(&self) -> bool {
         matches!(self.reach, Dependence::Rod { .. })
     }
@@ -203,11 +205,11 @@ pub struct LawInputs<'a> {
     pub rod: &'a Rod,
     /// The wavelength of the actuation along the rod, m.
     pub wavelength: Option<f64>,
-    /// Frequency of what drives the rod, Hz.
+    /// Frequency of the drive, Hz.
     pub frequency: Option<f64>,
-    /// The drag on the head.
+    /// The factor on the drag of the head.
     pub head: HeadWeight,
-    /// The law that `auto` has chosen.
+    /// The law chosen by `auto`.
     pub taken: Option<&'static DragLaw>,
     /// The law of the viscous part.
     pub viscous: &'static DragLaw,
@@ -232,7 +234,7 @@ pub struct LawInputs<'a> {
 }
 
 impl<'a> LawInputs<'a> {
-    /// Nothing but the rod.
+    /// Defaults for everything but the rod.
     pub fn plain(rod: &'a Rod) -> Self {
         Self {
             rod,
@@ -253,7 +255,7 @@ impl<'a> LawInputs<'a> {
         }
     }
 
-    /// The length ℒ of most laws: the one that the scene names, else the shorter of rod and wave, m.
+    /// The length ℒ of most laws, m: the scene's `slender_length_m`, else the shorter of rod and wavelength.
     pub fn slender(&self) -> f64 {
         self.slender_length.unwrap_or_else(|| self.rod.length.min(self.wavelength.unwrap_or(f64::INFINITY)))
     }

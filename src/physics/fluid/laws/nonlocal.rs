@@ -5,8 +5,8 @@ use crate::fluid::nonlocal::{Nonlocal, least_spacing};
 use crate::fluid::uncertainty::{Published, Uncertainty};
 use crate::fluid::validity::{Bound, DimensionlessNumber, STEADY, Validity};
 
-/// Least height over radius beside a wall: of a long cylinder beside a plane, 2πμ/acosh(h/a) along and twice that across, drag is 1.2 and
-/// 3.2 % low there, 5 and 9 % at 2, 31 and 36 % at 1.2.
+/// Minimum height over radius near a wall. Compared with a long cylinder near a plane, 2πμ/acosh(h/a) along and twice
+/// that across, drag is 1.2 and 3.2 % low there, 5 and 9 % at 2, 31 and 36 % at 1.2.
 const MIN_HEIGHT_RATIO: f64 = 3.0;
 
 /// The entry of this law in the list of laws.

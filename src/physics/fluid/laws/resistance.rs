@@ -8,22 +8,23 @@ use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{Fluid, Key, VISCOSITY};
 use crate::fluid::validity::Validity;
 
-/// A linear law: each half of an edge knows its coefficients ξ∥ and ξ⊥, over the viscosity where they are in proportion to it.
+/// A linear law. Each half of an edge stores its coefficients ξ∥ and ξ⊥, divided by the viscosity if they are
+/// proportional to it.
 #[derive(Debug)]
 pub struct Resistance {
     law: &'static DragLaw,
-    /// True where the coefficients are in proportion to the viscosity.
+    /// True if the coefficients are proportional to the viscosity.
     viscous: bool,
     parameters: &'static [Key],
 }
 
 impl Resistance {
-    /// The force of a `law` whose coefficients are in proportion to the viscosity.
+    /// The force of a `law` whose coefficients are proportional to the viscosity.
     pub fn viscous(law: &'static DragLaw, inputs: &LawInputs<'_>) -> Box<dyn Force> {
         Self::scaled(law, inputs, &[VISCOSITY])
     }
 
-    /// The same with other parameters beside the viscosity.
+    /// The same for a law that depends on these `parameters`.
     pub fn scaled(law: &'static DragLaw, inputs: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let of = law.resistance.unwrap_or(|_, _| [0.0; 2]);
         let own = Self { law, viscous: true, parameters };
@@ -33,7 +34,7 @@ impl Resistance {
         }))
     }
 
-    /// The force of a `law` with the coefficients that the scene gives, whatever the fluid.
+    /// The force of a `law` with the coefficients given in the scene, whatever the fluid.
     pub fn given(law: &'static DragLaw, inputs: &LawInputs<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let own = Self { law, viscous: false, parameters };
         let length = inputs.rod.length;
@@ -95,7 +96,7 @@ impl Law for Resistance {
         self.parameters
     }
 
-    #[inline(always)] // which settles the key when it is compiled
+    #[inline(always)] // resolves the key at compile time
     fn by_parameter(
         &self,
         key: Key,
@@ -108,7 +109,7 @@ impl Law for Resistance {
             VISCOSITY => Traction { along: along * u, across: across * w },
             ALONG => Traction { along: u, across: f64x2::ZERO },
             ACROSS => Traction { along: f64x2::ZERO, across: w },
-            // Across is the ratio times along.
+            // ξ⊥ is the ratio times ξ∥.
             RATIO => Traction { along: f64x2::ZERO, across: along * both(&fluids, |fluid| fluid.viscosity) * w },
             _ => Traction::default(),
         }

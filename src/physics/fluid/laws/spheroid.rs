@@ -1,4 +1,5 @@
-//! Resistance of a slender prolate spheroid, its local part: ξ∥ = 2πμ/(ln(L/a) − 1/2), ξ⊥ = 4πμ/(ln(L/a) + 1/2), a the radius in its middle.
+//! Resistance of a slender prolate spheroid, local part: ξ∥ = 2πμ/(ln(L/a) − 1/2), ξ⊥ = 4πμ/(ln(L/a) + 1/2), with the
+//! radius a at its middle.
 
 use std::f64::consts::PI;
 
@@ -23,7 +24,7 @@ pub static LAW: DragLaw = DragLaw {
     },
     reynolds: CREEPING,
     published: Published {
-        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        // The growth with the Reynolds number, from the inertia of the fluid, is that of the errors of cox.
         table: &[
             Uncertainty::at(5e-4, [0.15, 0.25, 0.45]),
             Uncertainty::at(0.016, [0.178, 0.266, 0.45]),

@@ -1,7 +1,7 @@
 //! The source study's law: ξ∥ = 6πμR_eq and ξ⊥ = α ξ∥ per metre of length, R_eq = √(A/π).
 //!
-//! A sphere's coefficient taken per unit length: it is not homogeneous in length, so the same Reynolds and frequency numbers
-//! swim differently at another size. It is kept for the study's scenes.
+//! A sphere's coefficient per unit length. It is not dimensionally homogeneous, so scenes with the same Reynolds and
+//! frequency numbers swim differently at another size. It is kept for the study's scenes.
 
 use std::f64::consts::PI;
 
@@ -33,7 +33,7 @@ pub static LAW: DragLaw = DragLaw {
     parts: None,
 };
 
-/// ξ∥/μ and ξ⊥/μ, over a metre.
+/// ξ∥/μ and ξ⊥/μ, per metre.
 fn resistance(inputs: &LawInputs<'_>, half: &HalfEdge) -> [f64; 2] {
     let along = 6.0 * PI * half.equivalent_radius;
     [along, inputs.ratio * along]

@@ -1,4 +1,5 @@
-//! Resistance beside a wall at height h: ξ∥ = 2πμ/acosh(h/a), ξ⊥ = 4πμ/acosh(h/a), or the resistance far from it where that is larger.
+//! Resistance near a wall at height h: ξ∥ = 2πμ/acosh(h/a), ξ⊥ = 4πμ/acosh(h/a), or the resistance far from it if that
+//! is larger.
 
 use std::f64::consts::PI;
 
@@ -23,7 +24,7 @@ pub static LAW: DragLaw = DragLaw {
     },
     reynolds: CREEPING,
     published: Published {
-        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        // The growth with the Reynolds number, from the inertia of the fluid, is that of the errors of cox.
         table: &[
             Uncertainty::at(5e-4, [0.19, 0.19, 0.19]),
             Uncertainty::at(0.016, [0.213, 0.21, 0.19]),

@@ -1,15 +1,16 @@
-//! Drag where the fluid's inertia begins to matter: slender-body theory with a length that inertia shortens.
+//! Drag at weak fluid inertia: slender-body theory with a length that inertia shortens.
 //!
-//! Across the rod, Lamb's cylinder 4πμ/(½ − γ − ln(Re/8)), Re = 2a|V|/ν, is Cox's ξ⊥ with ℒ = 2e^(1−γ) ν/|V|, and Stokes's
-//! oscillating cylinder is Cox's with ℒ = e^(½−γ) √(ν/ω): 1/ℒ is the sum of what they say and 1/ℒ₀. Kaplun's factor 1 − 0.87 ε²,
-//! ε = ξ⊥/4πμ, applies in the share that the speed has in it.
+//! Across the rod, Lamb's cylinder 4πμ/(½ − γ − ln(Re/8)), Re = 2a|V|/ν, is Cox's ξ⊥ with ℒ = 2e^(1−γ) ν/|V|, and
+//! Stokes's oscillating cylinder is Cox's with ℒ = e^(½−γ) √(ν/ω). 1/ℒ is the sum of both inverses and 1/ℒ₀. Kaplun's
+//! factor 1 − 0.87 ε², ε = ξ⊥/4πμ, applies in proportion to the share of the speed in 1/ℒ.
 //!
-//! Along the rod a long cylinder that oscillates has ℒ = e^(3/2−γ) √(ν/ω), whatever the amplitude; what moves along is carried off by the
-//! flow across as heat is, ℒ = 2e^(3/2−γ) ν/|w|, and by the flow along through a boundary layer, ℒ² = e^(2−γ) ν ℒ₀/|V|. The squares of
-//! both inverses and of 1/ℒ₀ are summed, which is Oseen's first correction within 4 %; √(ω/ν) comes on top.
+//! Along the rod, a long cylinder that oscillates has ℒ = e^(3/2−γ) √(ν/ω), whatever the amplitude. Momentum along the
+//! rod is carried away like heat by the flow across, ℒ = 2e^(3/2−γ) ν/|w|, and through a boundary layer by the flow
+//! along, ℒ² = e^(2−γ) ν ℒ₀/|V|. The squares of both inverses and of 1/ℒ₀ are summed, which is Oseen's first correction
+//! within 4 %. The inverse for the oscillation is added to the root of this sum.
 //!
-//! What oscillates is drag in phase with the speed: Re 1/(D + iπ/4) = D/(D² + π²/16) of a logarithm D, with the angle π/4 in the share
-//! that the oscillation has in 1/ℒ.
+//! In an oscillation, drag is the part in phase with the speed: Re 1/(D + iπ/4) = D/(D² + π²/16) for a logarithm D,
+//! where the angle π/4 is multiplied by the share of the oscillation in 1/ℒ.
 
 use std::f64::consts::{FRAC_PI_4, LN_2, PI, TAU};
 
@@ -58,11 +59,11 @@ pub static LAW: DragLaw = DragLaw {
 /// ℒ|V|/ν and ℒ √(ω/ν) of a cylinder across the flow: 2e^(1−γ) and e^(½−γ).
 const STEADY: f64 = 3.052_410_2;
 const OSCILLATING: f64 = 0.925_690_2;
-/// Along it, ℒ|w|/ν, ℒ √(ω/ν) and ℒ²|V|/νℒ₀: 2e^(3/2−γ), e^(3/2−γ) and e^(2−γ).
+/// Along the rod, ℒ|w|/ν, ℒ √(ω/ν) and ℒ²|V|/νℒ₀: 2e^(3/2−γ), e^(3/2−γ) and e^(2−γ).
 const ALONG_CROSSED: f64 = 5.032_573_7;
 const ALONG_OSCILLATING: f64 = 2.516_286_8;
 const ALONG_SWEPT: f64 = 4.148_655_6;
-/// Of Kaplun's ε².
+/// The factor of Kaplun's ε².
 const KAPLUN: f64 = 0.87;
 
 /// The law of a rod.
@@ -79,15 +80,15 @@ type WeakInertiaFluids = [f64x2; 3];
 #[derive(Clone, Copy)]
 struct InverseLength<P> {
     value: P,
-    /// The part of it that the oscillation has.
+    /// The contribution of the oscillation.
     swinging: P,
-    /// Its derivatives by the velocities along and across.
+    /// Derivatives with respect to the velocities along and across.
     by: [P; 2],
-    /// That by 1/ν where √(ω/ν) stays.
+    /// Derivative with respect to 1/ν at constant √(ω/ν).
     by_per_nu: P,
 }
 
-/// ξ of one direction, and its derivatives by 1/ℒ and by the oscillation's part of that.
+/// ξ of one direction, and its derivatives with respect to 1/ℒ and to the contribution of the oscillation to it.
 struct DirectionalResistance<P> {
     xi: P,
     by_value: P,
@@ -99,7 +100,7 @@ struct DirectionalResistance<P> {
 fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [InverseLength<P>; 2] {
     let of = |x: f64| u.like(x);
     let speed = speed(u, w);
-    // |V| grows by V·δV/|V|.
+    // |V| changes by V·δV/|V|.
     let some = speed.larger(of(f64::MIN_POSITIVE));
     let (du, dw) = (u / some, w / some);
     let (swept, crossed) = (per_length * per_nu * of(1.0 / ALONG_SWEPT), per_nu * of(1.0 / ALONG_CROSSED));
@@ -124,7 +125,7 @@ fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [In
     [along, across]
 }
 
-/// `scale`/(−ln(a/ℒ) + `offset`) in phase with the speed. Beyond the range of slender bodies ℒ stays at its limit.
+/// `scale`/(−ln(a/ℒ) + `offset`) in phase with the speed. Outside the range of slender bodies ℒ stays at its limit.
 #[inline(always)]
 fn logarithmic<P: Number>(
     scale: P,
@@ -158,7 +159,7 @@ fn resistances<P: Number>(
     let one = radius.like(1.0);
     let (_, along) = logarithmic(viscosity * radius.like(2.0 * PI), radius, LN_2 - 1.5, inverse_along);
     let (log, plain) = logarithmic(viscosity * radius.like(4.0 * PI), radius, LN_2 - 0.5, inverse);
-    // Kaplun's factor holds where the speed has a share.
+    // Kaplun's factor applies to the share of the speed.
     let (epsilon, per_value) = (one / log, one / inverse.value);
     let kaplun = epsilon * epsilon * radius.like(KAPLUN);
     let rest = (per_length + inverse.swinging) * per_value;
@@ -175,7 +176,7 @@ fn resistances<P: Number>(
 }
 
 impl WeakInertia {
-    /// The traction on halves of that `radius` at velocities `u` along and `w` across, and its derivatives.
+    /// The traction on halves with this `radius` at velocities `u` along and `w` across, and its derivatives.
     #[inline(always)]
     pub(crate) fn slopes<T: Real>(
         [radius, per_length]: [T::Pair; 2],
@@ -246,13 +247,13 @@ impl Law for WeakInertia {
         &[VISCOSITY, DENSITY]
     }
 
-    #[inline(always)] // which settles the key when it is compiled
+    #[inline(always)] // resolves the key at compile time
     fn by_parameter(&self, key: Key, halves: &[f64x2; 2], fluids: [&Fluid; 2], u: f64x2, w: f64x2) -> Traction {
         let [radius, per_length] = *halves;
         let [viscosity, per_nu, root] = self.in_fluids(fluids);
         let inverses = inverses(per_length, [per_nu, root], u, w);
         let found = resistances(radius, per_length, viscosity, &inverses);
-        // ρ/μ moves by −ρ/μ² δμ or by δρ/μ.
+        // ρ/μ changes by −ρ/μ² δμ or by δρ/μ.
         let moved = match key {
             VISCOSITY => -per_nu / viscosity,
             DENSITY => f64x2::ONE / viscosity,
