@@ -919,7 +919,7 @@ impl Stepper {
     ///     }
     /// }
     ///
-    /// /// A snapshot names its model by the text of `Debug`, which an input does not belong to.
+    /// /// A snapshot identifies its model by its `Debug` output, which must not contain the input.
     /// impl std::fmt::Debug for Input {
     ///     fn fmt(&self, text: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
     ///         text.write_str("an input")
@@ -928,7 +928,7 @@ impl Stepper {
     /// ```
     ///
     /// # Errors
-    /// [`Error::NotFinite`] where the force is not a number now. Nothing is counted then.
+    /// [`Error::NotFinite`] if the force is not finite now. On error nothing is counted.
     pub fn inputs_changed(&mut self) -> Result<()> {
         self.forget_last_step();
         self.inputs.0.clone_from(&self.dynamics.inputs);

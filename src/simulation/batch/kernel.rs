@@ -499,7 +499,7 @@ impl TimeDependent {
 /// The lengths of the halves of edge `e`, and the coefficients of the drag linear in velocity along and across them in `fluid`.
 fn drag_coefficients(model: &Model, fluid: Fluid, e: usize) -> Option<[f64x2; 3]> {
     let (i, drag) = model.forces.in_pass()?;
-    // Only a force that counts as drag in the power balance.
+    // Only a force of the fluid whose powers are counted.
     let takes = model.forces.0[i].power_kind().is_some() && model.forces.0[i].is_of_fluid();
     drag.coefficients(fluid, e).filter(|_| takes)
 }
