@@ -1,13 +1,14 @@
-//! Small motions about a steady state, in flow and with damping: M ẍ + C ẋ + K x = 0 with x = φ e^{λt}.
+//! Linear stability about a steady state, in flow and with damping: M ẍ + C ẋ + K x = 0 with x = φ e^{λt}.
 //!
-//! The matrices are the model's own derivatives by accelerations, velocities and positions where the rod rests, so added mass,
-//! drag, Coriolis and centrifugal force of the flow, wake and tension are all in them, and none need be symmetric. λ = σ ± iω: a
-//! motion that grows (σ > 0) while it swings is flutter, one that grows without is divergence. The quadratic problem is that of the
-//! matrix A of the unknowns (x, ẋ/Ω). Rounding in the eigenvalues of A is of the size of the largest, so those below the geometric
-//! mean of largest and smallest are found as inverses of the eigenvalues of A⁻¹, where rounding is of the size of the slowest motion:
-//! growth in thick fluids is 10¹² times slower than stretching. The motions that nothing holds, exact rigid motions R with K R = 0 and
-//! what C R = 0 leaves undamped, are projected out; of a rod whose head is held nothing is left out, unless it turns about a hinge. Source: F. Tisseur & K. Meerbergen, SIAM
-//! Review 43 (2001).
+//! The matrices are the model's own derivatives with respect to accelerations, velocities and positions in the steady state. They
+//! therefore include added mass, drag, Coriolis and centrifugal force of the flow, wake and tension, and none need be symmetric.
+//! λ = σ ± iω: growth (σ > 0) with oscillation is flutter, growth without oscillation is divergence. The quadratic problem is
+//! that of the matrix A of the unknowns (x, ẋ/Ω). Rounding errors in the eigenvalues of A are relative to the largest eigenvalue,
+//! so those below the geometric mean of the largest and the smallest are computed as inverses of the eigenvalues of A⁻¹, whose
+//! rounding errors are relative to the slowest motion: growth in viscous fluids is 10¹² times slower than stretching. Rigid
+//! motions without restoring forces are projected out: exact rigid motions R with K R = 0, and those with C R = 0, which are
+//! undamped too. A rod with a held head has none, unless it turns about a hinge. Source: F. Tisseur & K. Meerbergen, SIAM Review
+//! 43 (2001).
 
 use std::sync::Arc;
 
@@ -24,28 +25,28 @@ use crate::newton::Newton;
 use crate::rod::node;
 use crate::system::{State, System};
 
-/// The least part of a way to rest that is gone at once.
+/// The smallest fraction of the holding forces that is removed in one step on the way to rest.
 const LEAST_PART: f64 = 1.0 / 4096.0;
 
-/// Convergence of the rest, relative to the length.
+/// Convergence tolerance of the rest state, relative to the length.
 pub(crate) const REST_TOLERANCE: f64 = 1e-11;
 
-/// Products below this part of the sum of the moduli of their terms are zero.
+/// Products below this fraction of the sum of the moduli of their terms count as zero.
 const ZERO_TOLERANCE: f64 = 1e-12;
 
 /// Eigenvalues above this fraction of the largest are resolved.
 const LEAST_RESOLVED_RATIO: f64 = 1e-6;
 
-/// Rounding in eigenvalues, over the size of the matrix and its number of unknowns.
+/// Rounding error of eigenvalues, relative to the size of the matrix times its number of unknowns.
 const ROUNDING: f64 = 1e-15;
 
-/// Matrix entries of this part of the largest couple nothing.
+/// Matrix entries below this fraction of the largest count as uncoupled.
 const DECOUPLED: f64 = 1e-14;
 
-/// Why a model has no steady state.
+/// The reason why a model has no steady state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoSteadyState {
-    /// The key of the scene that is to blame.
+    /// The key of the scene that is at fault.
     pub key: &'static str,
     /// The problem, and a remedy.
     pub problem: String,
@@ -58,14 +59,14 @@ pub struct SteadyState {
     state: State,
 }
 
-/// A motion x = Re(φ e^{λt}) about the rest.
+/// A motion x = Re(φ e^{λt}) about the steady state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Eigenmode {
-    /// σ, 1/s: it grows where this is above zero.
+    /// Growth rate σ, 1/s: the motion grows if this is positive.
     pub growth: f64,
     /// ω ≥ 0, rad/s.
     pub frequency: f64,
-    /// How far rounding may move it, 1/s.
+    /// Bound of the rounding error of λ, 1/s.
     pub uncertainty: f64,
     /// Real and imaginary part of φ, x and y of every node; the largest modulus is 1.
     pub shape: Vec<[[f64; 2]; 2]>,
@@ -79,40 +80,40 @@ impl Eigenmode {
         -self.growth / self.growth.hypot(self.frequency)
     }
 
-    /// True where it grows, beyond rounding.
+    /// True if the motion grows, beyond rounding.
     pub fn grows(&self) -> bool {
         grows(c64::new(self.growth, self.frequency), self.uncertainty)
     }
 
-    /// True where it moves the rod across the x axis more than along it.
+    /// True if the mode moves the rod across the x axis more than along it.
     pub fn bends(&self) -> bool {
         let size = |axis: usize| self.shape.iter().map(|[re, im]| re[axis].powi(2) + im[axis].powi(2)).sum::<f64>();
         size(1) >= size(0)
     }
 }
 
-/// M, C and K over the free unknowns of one group.
+/// M, C and K over the free unknowns of one group that is decoupled from the others.
 struct DecoupledGroup {
     unknowns: Vec<usize>,
     matrices: [Mat<f64>; 3],
-    /// The rigid motions that move them: of a free rod along x, along y, and turning; of a rod on a hinge turning about it.
+    /// The rigid motions in these unknowns: of a free rod along x, along y, and rotation; of a rod on a hinge, rotation about it.
     rigid: Vec<Vec<f64>>,
 }
 
-/// Moves `state` to the rest of `dynamics` that it leads to: forces that hold the rod where it is are taken away in parts, as large as
-/// Newton's method follows them, f(q) = (1 − s) f(q₀) with s from 0 to 1.
+/// Moves `state` to the rest state of `dynamics` that is reached by continuation: the forces that hold the rod in place are
+/// removed in fractions, as large as Newton's method can follow, f(q) = (1 − s) f(q₀) with s from 0 to 1.
 ///
 /// # Errors
-/// [`Error::NotConverged`] where the way ends before the rest; those of [`System::assemble`].
+/// [`Error::NotConverged`] if the continuation ends before the rest state; errors of [`System::assemble`].
 pub(crate) fn continue_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
     let mut holding = vec![0.0; 2 * dynamics.nodes()];
     dynamics.assemble(state, &mut holding, None)?;
     let hinged = dynamics.model.hinge.is_some();
-    // Where nothing loads it, a rod on a hinge without a servo rests at any angle.
+    // Without loads, a rod on a hinge without a servo rests at any angle.
     if hinged && holding.iter().all(|force| force.abs() <= dynamics.residual_floor(state)) {
         return Ok(());
     }
-    // What holds the angle of a hinge is a torque.
+    // The angle of a hinge is held by a torque.
     let torque = if hinged { std::mem::take(&mut holding[0]) * dynamics.length() } else { 0.0 };
     let (own, own_torque) = (dynamics.inputs.force.take(), dynamics.inputs.hinge.torque);
     let mut from = state.clone();
@@ -145,19 +146,19 @@ pub(crate) fn continue_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, sta
 }
 
 impl SteadyState {
-    /// The rest of `model` without its actuation, its head held where it is at time zero. A free rod goes with the flow: it is
-    /// seen from there.
+    /// The steady state of `model` without its actuation, with its head held at its pose at time zero. A free rod moves with the
+    /// flow and is described in its frame.
     ///
     /// # Errors
-    /// [`NoSteadyState`] where there is no rest, or none is found.
+    /// [`NoSteadyState`] if there is no steady state, or none is found.
     pub fn of(model: Model) -> std::result::Result<Self, NoSteadyState> {
         Self::found(model, None)
     }
 
-    /// The same that is next to `positions` (m, two entries per node).
+    /// The steady state next to `positions` (m, two entries per node).
     ///
     /// # Errors
-    /// [`NoSteadyState`] where there is no rest, or none is found.
+    /// [`NoSteadyState`] if there is no steady state, or none is found.
     pub fn near(model: Model, positions: &[f64]) -> std::result::Result<Self, NoSteadyState> {
         Self::found(model, Some(positions))
     }
@@ -190,7 +191,7 @@ impl SteadyState {
         }
         let mut model = rest::held_still(model);
         if model.head.is_none() {
-            // It goes with the flow, which is the same all along it, or it does not rest.
+            // A free rod moves with the flow, which must be uniform along it, or it does not rest.
             model.fluid.flow = Vector2::zeros();
             if let Some(layers) = &model.layers {
                 let first = layers.at(model.fluid, layers.height(Vector2::zeros())).fluid.flow;
@@ -245,7 +246,7 @@ impl SteadyState {
         Ok(Self { dynamics, state })
     }
 
-    /// The model, without what moves it.
+    /// The model, without its drives.
     pub fn model(&self) -> &Model {
         &self.dynamics.model
     }
@@ -255,14 +256,14 @@ impl SteadyState {
         self.dynamics.load(k)
     }
 
-    /// The mass (kg) of the fluid that every node moves along with itself, whichever way that is.
+    /// The trace of the added-mass block (kg) of every node, which does not depend on the direction of the rod.
     ///
     /// # Errors
-    /// Those of [`matrices`](Self::matrices).
+    /// Errors of [`matrices`](Self::matrices).
     pub fn added_mass(&mut self) -> Result<Vec<f64>> {
         let [inertia, ..] = self.matrices()?;
         let Model { rod, hinge, .. } = &*self.dynamics.model;
-        // The node that a hinge holds has no rows.
+        // The node held by a hinge has no rows.
         let has_rows = |k: usize| k > 0 || hinge.is_none();
         let added = |(k, m): (usize, &f64)| {
             let moved = inertia.entry(2 * k, 2 * k) + inertia.entry(2 * k + 1, 2 * k + 1) - 2.0 * m;
@@ -283,16 +284,16 @@ impl SteadyState {
         (0..nodes).map(|k| (node(&self.state.q, k) - node(&straight.q, k)).norm()).fold(0.0, f64::max)
     }
 
-    /// M, C and K of all nodes, that of a held head too, but of a hinge the arc in place of the node.
+    /// M, C and K of all nodes, including that of a held head; for a hinge, the arc takes the place of the node.
     ///
     /// # Errors
-    /// Those of [`System::assemble`].
+    /// Errors of [`System::assemble`].
     pub fn matrices(&mut self) -> Result<[BandMatrix; 3]> {
         let mut along = |direction: Direction| rest::derivative(&mut self.dynamics, &self.state, direction);
         Ok([along(Direction::ACCELERATIONS)?, along(Direction::VELOCITIES)?, along(Direction::POSITIONS)?])
     }
 
-    /// The free unknowns in groups that do not touch each other: x and y of a straight rod along an axis, else one.
+    /// The free unknowns in groups without coupling: x and y for a straight rod along an axis, otherwise one group.
     fn groups(&mut self) -> Result<Vec<DecoupledGroup>> {
         let nodes = self.dynamics.nodes();
         let free = FreeUnknowns::of(&self.dynamics.model);
@@ -316,7 +317,7 @@ impl SteadyState {
         } else {
             [1, 0].map(|axis| free.along(axis).collect()).to_vec()
         };
-        // About the middle, so that turning is as large as it can be beside going along; about a hinge where there is one.
+        // About the middle, so that rotation is as far from translation as possible; about the hinge if there is one.
         let model = &self.dynamics.model;
         let centre = if free.hinged { node(&self.state.q, 0) } else { model.rod.mean(&self.state.q) };
         let q: Vec<f64> = self.state.q[..2 * nodes].iter().enumerate().map(|(i, x)| x - centre[i % 2]).collect();
@@ -346,10 +347,11 @@ impl SteadyState {
         Error::Linear { unknowns: 2 * self.state.q.len(), reason: format!("its eigenvalues: {reason:?}") }
     }
 
-    /// λ = σ + iω with ω ≥ 0 of every motion that something holds or damps, each with how far rounding may move it (1/s); unsorted.
+    /// λ = σ + iω with ω ≥ 0 of every motion that is restored or damped, each with the bound of its rounding error (1/s);
+    /// unsorted.
     ///
     /// # Errors
-    /// [`Error::Linear`] where the iteration does not converge; those of [`matrices`](Self::matrices).
+    /// [`Error::Linear`] if the iteration does not converge; errors of [`matrices`](Self::matrices).
     pub fn eigenvalues(&mut self) -> Result<Vec<(c64, f64)>> {
         let mut found = Vec::new();
         for group in self.groups()? {
@@ -364,10 +366,10 @@ impl SteadyState {
         Ok(found)
     }
 
-    /// All motions that something holds or damps, the slowest first.
+    /// All motions that are restored or damped, the slowest first.
     ///
     /// # Errors
-    /// Those of [`eigenvalues`](Self::eigenvalues).
+    /// Errors of [`eigenvalues`](Self::eigenvalues).
     pub fn eigenmodes(&mut self) -> Result<Vec<Eigenmode>> {
         let (nodes, free) = (self.dynamics.nodes(), FreeUnknowns::of(&self.dynamics.model));
         let mut found = Vec::new();
@@ -383,7 +385,7 @@ impl SteadyState {
                     (From::Direct(j) | From::Inverse(j), _) => (fast.U(), j),
                 };
                 let entries: Vec<c64> = (0..pencil.places.ncols()).map(|i| vectors.0[(i, vectors.1)]).collect();
-                // Positions of the unknowns: those that are free of rigid motion, and, of a motion that is nothing but rigid, its rate.
+                // Positions of the unknowns: those without rigid motion; for a motion that is purely rigid, from its rate.
                 let place = |i: usize| (0..entries.len()).map(|j| entries[j] * pencil.places[(i, j)]).sum::<c64>();
                 let mut places: Vec<c64> = (0..group.unknowns.len()).map(place).collect();
                 if let Some(rates) = pencil.rates_of(&vectors.0, vectors.1) {
@@ -410,29 +412,29 @@ impl SteadyState {
     }
 }
 
-/// True where a motion of λ = `value`, which rounding may move by `uncertainty` (1/s), grows.
+/// True if a motion with λ = `value` grows, for a rounding error of `uncertainty` (1/s).
 pub fn grows(value: c64, uncertainty: f64) -> bool {
     value.re > uncertainty
 }
 
-/// Which eigenvalue of which matrix one comes from.
+/// The matrix and the index of an eigenvalue.
 #[derive(Debug, Clone, Copy)]
 enum From {
     Direct(usize),
     Inverse(usize),
 }
 
-/// The first-order form of M ẍ + C ẋ + K x = 0 without the motions that nothing holds: x = Q z and ẋ = P w.
+/// The first-order form of M ẍ + C ẋ + K x = 0 without unrestored motions: x = Q z and ẋ = P w.
 struct Pencil {
-    /// Q: positions that are orthogonal to rigid motions which meet no force.
+    /// Q: positions orthogonal to rigid motions without restoring force.
     places: Mat<f64>,
-    /// P: velocities without those that meet no force either.
+    /// P: velocities orthogonal to rigid motions without damping force either.
     velocities: Mat<f64>,
     /// A/Ω in the unknowns (z, w/Ω).
     direct: Mat<f64>,
     /// Ω, 1/s.
     scale: f64,
-    /// A⁻¹ω in the unknowns (z, w/ω), and ω, 1/s, where no motion is left that nothing holds.
+    /// A⁻¹ω in the unknowns (z, w/ω), and ω, 1/s, if no unrestored motion is left.
     inverse: Option<Mat<f64>>,
     inverse_scale: f64,
 }
@@ -444,7 +446,7 @@ impl Pencil {
         let free: Vec<&Vec<f64>> = rigid.iter().filter(|motion| vanishes(stiffness, motion)).collect();
         let undamped: Vec<&Vec<f64>> = free.iter().copied().filter(|motion| vanishes(damping, motion)).collect();
         let places = complement(n, &free.iter().map(|motion| motion.to_vec()).collect::<Vec<_>>());
-        // Without drag momentum stays: velocities are those of no momentum, Rᵀ M ẋ = 0.
+        // Without drag momentum is conserved: velocities are restricted to zero momentum, Rᵀ M ẋ = 0.
         let momenta: Vec<Vec<f64>> = undamped
             .iter()
             .map(|motion| (0..n).map(|j| (0..n).map(|i| motion[i] * mass[(i, j)]).sum()).collect())
@@ -473,7 +475,7 @@ impl Pencil {
             let size = [norm(&k), norm(&c), norm(&m)];
             let [k_size, ..] = size;
             let m_scale = (norm(&m) / k_size).sqrt().max(f64::MIN_POSITIVE);
-            // Rows over the size of K, velocities over ω = √(K/M).
+            // Rows scaled by the size of K, velocities by ω = √(K/M).
             let system = Mat::from_fn(rows + p, p + q, |i, j| match (i < rows, j < p) {
                 (true, true) => k[(i, j)] / k_size,
                 (true, false) => c[(i, j - p)] / (k_size * m_scale),
@@ -493,14 +495,14 @@ impl Pencil {
         Self { places, velocities, direct, scale, inverse: inverse.map(|(matrix, _)| matrix), inverse_scale }
     }
 
-    /// The matrix of the slow motions, where some of the eigenvalues of A/Ω are so small that rounding may show.
+    /// The matrix for the slow motions, if some eigenvalues of A/Ω are so small that rounding errors may matter.
     fn inverse_for_slow_motions(&self, fast: &[c64]) -> Option<&Mat<f64>> {
         let sizes = || fast.iter().map(|value| value.norm());
         let wide = sizes().fold(f64::INFINITY, f64::min) < LEAST_RESOLVED_RATIO * sizes().fold(0.0, f64::max);
         self.inverse.as_ref().filter(|_| wide)
     }
 
-    /// All eigenvalues λ with ω ≥ 0, from those of A/Ω and of A⁻¹ω, with how far rounding may move each.
+    /// All eigenvalues λ with ω ≥ 0, from those of A/Ω and of A⁻¹ω, each with the bound of its rounding error.
     fn joined(&self, fast: &[c64], slow: Option<&[c64]>) -> Vec<(c64, f64, From)> {
         let count = fast.len();
         let part = ROUNDING * count as f64;
@@ -520,7 +522,7 @@ impl Pencil {
         for (value, uncertainty, _) in &mut inverse {
             *uncertainty = part * value.norm_sqr() / least;
         }
-        // Where both are as uncertain, conjugates together.
+        // Switches where both are equally uncertain, and keeps conjugates together.
         let middle = (largest * least).sqrt();
         let mut taken = inverse.iter().take_while(|(value, ..)| value.norm() < middle).count();
         let conjugate = |i: usize| {
@@ -533,14 +535,14 @@ impl Pencil {
             taken += 1;
         }
         let all = inverse.into_iter().take(taken).chain(direct.into_iter().skip(taken));
-        // Without the inverse what cannot be told from zero is nothing that holds.
+        // Without the inverse, eigenvalues that cannot be distinguished from zero count as unrestored motions.
         let kept = |(value, uncertainty, _): &(c64, f64, From)| {
             value.im > -f64::MIN_POSITIVE && (slow.is_some() || value.norm() > *uncertainty)
         };
         all.filter(kept).collect()
     }
 
-    /// The velocities of eigenvector `j`, where rigid motion is left out of the positions.
+    /// The velocities of eigenvector `j`, if rigid motion is excluded from the positions.
     fn rates_of(&self, vectors: &MatRef<'_, c64>, j: usize) -> Option<Vec<c64>> {
         let (n, p) = (self.places.nrows(), self.places.ncols());
         (p < n).then(|| {
@@ -551,7 +553,7 @@ impl Pencil {
     }
 }
 
-/// True where `matrix` times a rigid `motion` is nothing but rounding.
+/// True if `matrix` times a rigid `motion` is zero to rounding.
 fn vanishes(matrix: &Mat<f64>, motion: &[f64]) -> bool {
     (0..matrix.nrows()).all(|i| {
         let terms = || (0..matrix.ncols()).map(|j| matrix[(i, j)] * motion[j]);
@@ -559,7 +561,7 @@ fn vanishes(matrix: &Mat<f64>, motion: &[f64]) -> bool {
     })
 }
 
-/// An orthonormal basis of what is orthogonal to all of `vectors`; the identity where there are none.
+/// An orthonormal basis of the orthogonal complement of `vectors`; the identity if there are none.
 fn complement(n: usize, vectors: &[Vec<f64>]) -> Mat<f64> {
     if vectors.is_empty() {
         return Mat::identity(n, n);

@@ -1,14 +1,15 @@
 //! Natural frequencies and mode shapes of the discrete rod: K φ = ω² M φ at the straight, unstressed rest state.
 //!
-//! K is the model's own Jacobian there, without actuation, drag and loads; M is the lumped mass with the fluid that the rod
-//! accelerates and the moment of inertia of a body. Along a straight rod the
-//! two axes decouple: motion across it bends, motion along it stretches. A held head leaves node 0 out; one on a hinge has its arc φL as
-//! one more unknown of bending, with the inertia of the rotor and the stiffness of the servo. Rigid modes are dropped: those of a free
-//! rod, and the turning about a hinge without a servo. Source: R. W. Clough & J. Penzien, Dynamics of Structures (1975), chapter 12.
+//! K is the model's own Jacobian there, without actuation, drag and loads; M is the lumped mass with the added mass of the fluid
+//! and the moment of inertia of a body. In a straight rod the two axes decouple: motion across it bends, motion along it
+//! stretches. A held head excludes node 0; a head on a hinge adds its arc φL as an unknown of bending, with the inertia of the
+//! rotor and the stiffness of the servo. Rigid modes are dropped: those of a free rod, and the rotation about a hinge without a
+//! servo. Source: R. W. Clough & J. Penzien, Dynamics of Structures (1975), chapter 12.
 //!
-//! All frequencies come from dense matrices, at a cost that grows as N³, and rounding reaches the first of bending as N⁴
-//! (3·10⁻⁶ of its square at N = 1000). The lowest modes of finer rods come from a Krylov iteration with (K + σM)⁻¹, which
-//! the chain form applies: its cost grows as N, EI/ΔL³ is never formed, and the frequencies are right to 10⁻⁸ on any mesh.
+//! All frequencies are computed from dense matrices, at a cost that grows as N³. Rounding errors in the first bending frequency
+//! grow as N⁴ (3·10⁻⁶ of its square at N = 1000). The lowest modes of finer rods are computed by a Krylov iteration with (K +
+//! σM)⁻¹, applied in the chain form: its cost grows as N, EI/ΔL³ is never formed, and the frequencies are accurate to 10⁻⁸ on any
+//! mesh.
 
 use std::fmt::Write;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,19 +27,19 @@ use crate::model::{Dynamics, Model};
 use crate::rod::{Damping, Rod};
 use crate::system::{Form, System};
 
-/// Up to this many nodes shapes are computed from dense matrices: beyond, vectors lose digits (2e-8 of the first frequency
-/// at 129 nodes), and the iteration needs that many.
+/// Up to this many nodes shapes are computed from dense matrices. Beyond, eigenvectors lose digits (2e-8 of the first frequency
+/// at 129 nodes); the Krylov iteration needs at least that many nodes.
 pub const DENSE: usize = 65;
 
 /// Convergence of the Krylov iteration, relative to the largest eigenvalue of (K + σM)⁻¹M.
 const TOLERANCE: f64 = 1e-12;
 
-/// Which way a mode moves the rod.
+/// The direction in which a mode moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModeKind {
-    /// Across it.
+    /// Across the rod.
     Bending,
-    /// Along it.
+    /// Along the rod.
     Stretching,
 }
 
@@ -53,7 +54,7 @@ impl ModeKind {
         }
     }
 
-    /// Its entry of a node: x or y.
+    /// Its coordinate of a node: x or y.
     fn entry(self) -> usize {
         match self {
             Self::Bending => 1,
@@ -61,7 +62,7 @@ impl ModeKind {
         }
     }
 
-    /// Its rigid modes in a free rod: along itself; across itself and around its centre.
+    /// Number of its rigid modes in a free rod: one along the rod; two across it, translation and rotation.
     fn rigid(self) -> usize {
         match self {
             Self::Bending => 2,
@@ -73,11 +74,11 @@ impl ModeKind {
 /// One natural mode of the free or held rod, without drag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
-    /// Which way it moves the rod.
+    /// The direction in which the mode moves the rod.
     pub axis: ModeKind,
     /// Angular frequency ω, rad/s.
     pub frequency: f64,
-    /// Displacement of every node along the axis; the largest is 1.
+    /// Displacement of every node along the axis, scaled to a maximum of 1.
     pub shape: Vec<f64>,
     /// Displacement of the arc φL of a hinge; zero without one.
     pub arc: f64,
@@ -90,42 +91,42 @@ impl Mode {
     }
 }
 
-/// The natural angular frequencies of a rod (rad/s), each list rising, without the rigid modes, and what damps them.
+/// The natural angular frequencies of a rod (rad/s), in increasing order and without rigid modes, with the damping by drag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
-    /// Of bending: motion across the rod; N − 2 of a free rod, N − 1 of one with a held head, and one more of a head on the spring of
-    /// a servo.
+    /// Bending, motion across the rod: N − 2 frequencies for a free rod, N − 1 with a held head, and one more with a head on a
+    /// servo hinge.
     pub bending: Vec<f64>,
-    /// Of stretching: motion along the rod; N − 1 of either.
+    /// Stretching, motion along the rod: N − 1 frequencies in both cases.
     pub stretching: Vec<f64>,
-    /// The largest drag of a node over its inertia, across the rod and along it, at rest, 1/s.
+    /// The largest ratio of drag to inertia of a node, across the rod and along it, at rest, 1/s.
     pub drag: [f64; 2],
-    /// A bound of what winches, left out of the frequencies, add to the largest ω² when they are taut, 1/s².
+    /// A bound of the increase of the largest ω² by taut winches, which are excluded from the frequencies, 1/s².
     pub winches: f64,
 }
 
 impl Modes {
-    /// The modes of `rod`, whose head is held where it has a joint at node 0, in no fluid.
+    /// The modes of `rod` in vacuum; its head is held if it has a joint at node 0.
     ///
     /// # Errors
-    /// [`Error::Linear`] where the eigenvalue iteration does not converge.
+    /// [`Error::Linear`] if the eigenvalue iteration does not converge.
     pub fn of(rod: &Rod) -> Result<Self> {
         Self::of_model(rest::bare(rod.clone()))
     }
 
-    /// The modes of the rod of `model` with its hinge and the fluid that it accelerates.
+    /// The modes of the rod of `model` with its hinge and added mass.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of).
+    /// Errors of [`of`](Self::of).
     pub fn of_model(model: Model) -> Result<Self> {
         let winches = model.tendons.stiffness_over_inertia(&model.rod);
         Self::of_matrices(&Matrices::of_natural_modes(model)?, winches)
     }
 
-    /// The modes of M and K of `matrices`, of which K is that of rod and servo alone, beside [`winches`](Self::winches).
+    /// The modes of M and K of `matrices`, where K contains only rod and servo; see [`winches`](Self::winches) for the rest.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of).
+    /// Errors of [`of`](Self::of).
     pub fn of_matrices(matrices: &Matrices, winches: f64) -> Result<Self> {
         let [bending, stretching] = ModeKind::BOTH.map(|axis| {
             let (scaled, _) = matrices.scaled(axis)?;
@@ -145,28 +146,29 @@ impl Modes {
         Some(Self { bending: bending?, stretching: stretching?, drag, winches })
     }
 
-    /// The lowest of all.
+    /// The lowest frequency of all.
     pub fn lowest(&self) -> f64 {
         self.bending.iter().chain(&self.stretching).copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// The highest of all.
+    /// The highest frequency of all.
     pub fn highest(&self) -> f64 {
         self.bending.iter().chain(&self.stretching).copied().fold(0.0, f64::max)
     }
 
-    /// The steps of an explicit method, symplectic Euler, that amplify none of them, see [`stable_steps`](Self::stable_steps).
+    /// The steps of an explicit method, symplectic Euler, that amplify no mode, see [`stable_steps`](Self::stable_steps).
     pub fn explicit_steps(&self, damping: Option<&Damping>) -> Option<StableSteps> {
         let method = METHODS.iter().find(|method| !method.implicit)?;
         self.stable_steps(&*(method.build)(&method.defaults()), damping)
     }
 
-    /// The steps of `method` that amplify none of them in a rod of `damping`, by theory; `None` where all are. Kelvin–Voigt damping
-    /// gives a mode the ratio ζ = τω/2, and a drag c per inertia c/(2ω): the steps that a mode with both allows become shorter as ω grows,
-    /// so the highest of each kind bounds them. Some methods allow longer steps where there is drag, which the highest mode need not feel.
-    /// Cables have no damping: with winches it is 2ζω = τω₀² + c of the rod's own ω₀² = ω² − w.
+    /// The steps of `method` that in theory amplify no mode of a rod with this `damping`; `None` if all steps are stable.
+    /// Kelvin–Voigt damping gives a mode the damping ratio ζ = τω/2, and a drag c per inertia gives c/(2ω). With both, the
+    /// largest stable step decreases as ω grows, so the highest mode of each kind is decisive. Some methods allow longer steps
+    /// with drag, which need not act on the highest mode. Cables have no damping: with winches, 2ζω = τω₀² + c with the rod's own
+    /// ω₀² = ω² − w.
     pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
-        // The least and the largest along the rod.
+        // The smallest and the largest along the rod.
         let ends = |times: &mut dyn Iterator<Item = &f64>| {
             times.fold([f64::INFINITY, 0.0_f64], |[least, most], time| [least.min(*time), most.max(*time)])
         };
@@ -191,24 +193,24 @@ impl Modes {
 /// Steps that amplify no mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StableSteps {
-    /// The largest of them, s.
+    /// The largest of these steps, s.
     pub largest: f64,
-    /// The frequency ω that bounds them, rad/s.
+    /// The frequency ω that limits them, rad/s.
     pub frequency: f64,
-    /// The largest ωh of its oscillator.
+    /// The largest ωh for an oscillator of this frequency.
     pub limit: f64,
 }
 
-/// A model linearised about the straight, unloaded rest of its rod: M q̈ + C q̇ + K q = 0.
+/// A model linearised about the straight, unloaded rest state of its rod: M q̈ + C q̇ + K q = 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrices {
-    /// Inertia of each unknown, x and y of every node, kg: that of the fluid around a straight rod included. It is all of M
-    /// but for the moment of inertia of a body, which couples the first two nodes. That of the arc of a hinge is I/L².
+    /// Inertia of each unknown, x and y of every node, kg, including the fluid around a straight rod. It is all of M except the
+    /// moment of inertia of a body, which couples the first two nodes. The entry of the arc of a hinge is I/L².
     pub mass: Vec<f64>,
     /// Inertia M, kg.
     pub inertia: BandMatrix,
-    /// Damping C by drag, the material and the bearing of a hinge, N s/m; `None` without. A drag that couples every node with every
-    /// other is left out.
+    /// Damping C by drag, the material and the bearing of a hinge, N s/m; `None` without damping. A drag that couples every node
+    /// with every other one is excluded.
     pub damping: Option<BandMatrix>,
     /// Stiffness K, N/m.
     pub stiffness: BandMatrix,
@@ -217,10 +219,10 @@ pub struct Matrices {
 }
 
 impl Matrices {
-    /// The matrices of the [`unloaded`](rest::unloaded) `model`; in layers, of a rod that lies along x from the origin.
+    /// The matrices of the [`unloaded`](rest::unloaded) `model`; in layers, for a rod that lies along x from the origin.
     ///
     /// # Errors
-    /// Those of [`System::assemble`].
+    /// Errors of [`System::assemble`].
     pub fn of(model: Model) -> Result<Self> {
         let by_drag = !model.forces.is_empty() && model.forces.global().is_none();
         let damped = by_drag || model.is_damped();
@@ -238,23 +240,24 @@ impl Matrices {
         })
     }
 
-    /// The same for natural modes: K of the rod and the servo of its hinge alone, and C without the damping of the material.
+    /// The same for natural modes: K contains only the rod and the servo of its hinge, and C excludes the damping of the
+    /// material.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of).
+    /// Errors of [`of`](Self::of).
     pub fn of_natural_modes(mut model: Model) -> Result<Self> {
         model.rod.damping = None;
         let alone = Model { hinge: model.hinge.clone(), ..rest::bare(model.rod.clone()) };
         Ok(Self { stiffness: Self::of(alone)?.stiffness, ..Self::of(model)? })
     }
 
-    /// Inertia per length (kg/m) across the rod at its middle, where it all moves together.
+    /// Inertia per length (kg/m) across the rod at its middle, for a common motion of the whole rod.
     pub fn line_density(&self, spacing: f64) -> f64 {
         let k = self.nodes() / 2;
         self.inertia.coupled(k).map(|j| self.inertia.entry(2 * k + 1, 2 * j + 1)).sum::<f64>() / spacing
     }
 
-    /// True where every node has its inertia for itself.
+    /// True if M is diagonal (lumped).
     fn is_lumped(&self) -> bool {
         let alone = |k: usize| {
             let mut beside = self.inertia.coupled(k).filter(|j| *j != k).flat_map(|j| [2 * j, 2 * j + 1]);
@@ -267,7 +270,7 @@ impl Matrices {
         self.mass.len() / 2
     }
 
-    /// The free unknowns along the axis of unknown `i` that `matrix` couples with it.
+    /// The free unknowns along the axis of unknown `i` to which `matrix` couples it.
     fn coupled(&self, matrix: &BandMatrix, i: usize) -> impl Iterator<Item = usize> + use<> {
         let (free, axis) = (self.free, self.free.axis(i));
         let near = matrix.coupled(i / 2).flat_map(|k| [2 * k, 2 * k + 1]);
@@ -279,7 +282,7 @@ impl Matrices {
         self.free.along(axis.entry()).collect()
     }
 
-    /// A bound of the damping of a mode over its inertia, 1/s: the largest sum of a row of M^(-½) C M^(-½).
+    /// A bound of the ratio of damping to inertia of a mode, 1/s: the largest row sum of M^(-½) C M^(-½).
     fn largest_damping(&self, axis: ModeKind) -> f64 {
         let Some(damping) = &self.damping else { return 0.0 };
         let row = |i: usize| {
@@ -330,7 +333,7 @@ impl Matrices {
         Error::Linear { unknowns: self.nodes() - self.free.first, reason: format!("its eigenvalues: {reason:?}") }
     }
 
-    /// The symmetric L⁻¹ K L⁻ᵀ along `axis`, and L of M = L Lᵀ, where it is not the root of a diagonal.
+    /// The symmetric L⁻¹ K L⁻ᵀ along `axis`, and the factor L of M = L Lᵀ if it is not diagonal.
     fn scaled(&self, axis: ModeKind) -> Result<(Mat<f64>, Option<Mat<f64>>)> {
         let unknowns = self.along(axis);
         let free = unknowns.len();
@@ -350,7 +353,7 @@ impl Matrices {
         Ok((symmetric, Some(root)))
     }
 
-    /// All modes along `axis`, rising.
+    /// All modes along `axis`, in increasing order.
     fn modes(&self, axis: ModeKind) -> Result<Vec<Mode>> {
         let (scaled, root) = self.scaled(axis)?;
         let unknowns = self.along(axis);
@@ -369,8 +372,9 @@ impl Matrices {
             .collect())
     }
 
-    /// M, C and K as texts in the Matrix Market exchange format, symmetric, each with a name; the unknowns are x and y of
-    /// every node that is free to move, after the arc of a hinge. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935 (1996).
+    /// M, C and K in the Matrix Market exchange format, symmetric, each with a name. The unknowns are the arc of a hinge, if any,
+    /// followed by x and y of every node that is free to move. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935
+    /// (1996).
     pub fn matrix_market(&self) -> Vec<(&'static str, String)> {
         let mut texts = vec![
             ("mass.mtx", self.matrix_market_text("mass M, kg", &self.inertia)),
@@ -391,7 +395,7 @@ impl Matrices {
                 let value = matrix.entry(*row, *column);
                 if value != 0.0 {
                     count += 1;
-                    let _ = writeln!(lines, "{} {} {value:e}", i + 1, j + 1); // a String takes everything
+                    let _ = writeln!(lines, "{} {} {value:e}", i + 1, j + 1); // writing to a String cannot fail
                 }
             }
         }
@@ -409,7 +413,7 @@ impl Matrices {
     }
 }
 
-/// The mode along `axis` of that frequency (rad/s) in which the free unknowns are displaced as `moved` says.
+/// The mode along `axis` of this `frequency` (rad/s), with the displacements `moved` of the free unknowns.
 fn mode(
     axis: ModeKind,
     frequency: f64,
@@ -430,7 +434,7 @@ fn mode(
     Mode { axis, frequency, shape, arc: arc / largest }
 }
 
-/// Nodes to either side that one is coupled with, in M and so in its root L.
+/// Number of nodes to either side to which M, and therefore its root L, couples a node.
 const BAND_HALF_WIDTH: usize = 2;
 
 /// L⁻¹ B.
@@ -453,18 +457,18 @@ fn backward(root: &Mat<f64>, x: &mut [f64]) {
     }
 }
 
-/// The `count` lowest modes of `rod` of either axis, rising, but at most half as many as there are nodes, in no fluid.
+/// The `count` lowest modes of `rod` in vacuum, of both axes, in increasing order, but at most half as many as there are nodes.
 ///
 /// # Errors
-/// [`Error::Linear`] where the eigenvalue iteration does not converge.
+/// [`Error::Linear`] if the eigenvalue iteration does not converge.
 pub fn lowest(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
     lowest_of_model(rest::bare(rod.clone()), count)
 }
 
-/// The same of the rod of `model`, with its hinge and the fluid that the rod accelerates.
+/// The same for the rod of `model`, with its hinge and added mass.
 ///
 /// # Errors
-/// Those of [`lowest`].
+/// Errors of [`lowest`].
 pub fn lowest_of_model(model: Model, count: usize) -> Result<Vec<Mode>> {
     let nodes = model.rod.nodes;
     let count = count.clamp(1, nodes / 2);
@@ -479,18 +483,18 @@ pub fn lowest_of_model(model: Model, count: usize) -> Result<Vec<Mode>> {
     Ok(modes)
 }
 
-/// Entries of a row of the root of an inertia, its diagonal last: a node is coupled with the two before it.
+/// Entries per row of the root of an inertia matrix, the diagonal last: a node is coupled with the two previous ones.
 const REACH: usize = 6;
 
 /// L of an inertia M = L Lᵀ in x and y of every node, row by row: entry `d` of row i is that of column i + d − 5.
 struct Root {
     rows: Vec<[f64; REACH]>,
-    /// The first entry of a row that is not zero in any: the last where M is diagonal.
+    /// The first entry that is not zero in all rows: the last entry if M is diagonal.
     first: usize,
 }
 
 impl Root {
-    /// That of `inertia` in the unknowns that are free; zero in the others.
+    /// The root of `inertia` in the free unknowns; zero in the others.
     fn of(inertia: &BandMatrix, free: FreeUnknowns) -> Self {
         let mut rows = vec![[0.0; REACH]; 2 * free.nodes];
         for i in free.all() {
@@ -499,7 +503,7 @@ impl Root {
                     continue;
                 };
                 let own = if inertia.coupled(i / 2).contains(&(j / 2)) { inertia.entry(i, j) } else { 0.0 };
-                // Σ L_ik L_jk over the columns k before j that both rows have.
+                // Σ L_ik L_jk over the columns k before j that both rows contain.
                 let known: f64 = (0..REACH)
                     .filter_map(|e| {
                         let k = (i + e + 1).checked_sub(REACH).filter(|k| *k < j)?;
@@ -514,7 +518,7 @@ impl Root {
         Self { rows, first }
     }
 
-    /// The columns of row `i` with their entries.
+    /// The columns of row `i`, with their entries.
     fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
         let column = move |(d, entry): (usize, &f64)| Some(((i + d + 1).checked_sub(REACH)?, *entry));
         self.rows[i].iter().enumerate().skip(self.first).filter_map(column)
@@ -529,7 +533,7 @@ impl Root {
         out
     }
 
-    /// Replaces `x` by L⁻ᵀ x; zero where nodes are held.
+    /// Replaces `x` by L⁻ᵀ x; entries of held nodes become zero.
     fn unscale(&self, x: &mut [f64]) {
         for i in (0..x.len()).rev() {
             let own = self.rows[i][REACH - 1];
@@ -540,7 +544,7 @@ impl Root {
     }
 }
 
-/// Lᵀ (K + σM)⁻¹ L in x and y of every node, M = L Lᵀ, without the rigid modes: its largest eigenvalues are 1/(ω² + σ).
+/// Lᵀ (K + σM)⁻¹ L in x and y of every node, with M = L Lᵀ, without the rigid modes: its largest eigenvalues are 1/(ω² + σ).
 struct ShiftInvert {
     root: Root,
     /// The rigid modes, orthonormal in the unknowns Lᵀ x.
@@ -554,9 +558,9 @@ struct ShiftInvert {
 struct EliminatedHinge {
     /// k + σI, N m.
     slope: f64,
-    /// The length that the arc is over the angle, m.
+    /// The ratio of arc to angle, m.
     length: f64,
-    /// What the equation of the joint is multiplied with to be a force, N.
+    /// The factor that scales the equation of the joint to a force, N.
     per_radian: f64,
 }
 
@@ -579,7 +583,7 @@ impl ShiftInvert {
 
     fn apply_to(&self, x: &mut [f64]) {
         self.without_rigid(x);
-        let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner); // each use fills it anew
+        let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner); // overwritten by each use
         let (solver, rhs, solution) = &mut *work;
         rhs.fill(0.0);
         for i in 0..x.len() {
@@ -636,7 +640,7 @@ fn iterated(model: Model, count: usize) -> Result<Vec<Mode>> {
     let rod = &model.rod;
     let failed = |reason: String| Error::Linear { unknowns: 2 * rod.nodes, reason };
     let across: f64 = (usize::from(free.hinged)..rod.nodes).map(|k| inertia.entry(2 * k + 1, 2 * k + 1)).sum();
-    // σ is of the size of the first ω², so that K + σM is regular for a free rod too and nearly as good as K.
+    // σ is of the size of the first ω², so that K + σM is regular for a free rod too and nearly as well conditioned as K.
     let sigma = rod.ei / (across * rod.length.powi(3)) * 500.0;
     let mut matrix = ChainMatrix::new(rod.nodes);
     let mut residual = vec![0.0; matrix.unknowns()];
@@ -670,7 +674,7 @@ fn iterated(model: Model, count: usize) -> Result<Vec<Mode>> {
         operator.rigid.push(mode);
     }
     let unknowns = 2 * rod.nodes;
-    // A start with something of every mode.
+    // A start vector with components of every mode.
     let start = Col::from_fn(unknowns, |i| {
         let xi = (i / 2) as f64 / rod.nodes as f64;
         (1.0 + xi).ln() + (37.0 * xi * xi).cos()

@@ -1,8 +1,8 @@
-//! A model at rest, and its derivatives there: every linear analysis of a model begins with one of these.
+//! A model at rest and its derivatives in that state, the starting point of every linear analysis.
 //!
-//! [`unloaded`] is the straight rod in still fluid, with nothing that loads it: its natural modes are those about it. [`held_still`] keeps
-//! flow, loads and tensions, and leaves out what moves the rod: the rest of such a model need not be straight. Both keep a hinge with
-//! its servo, whose angle is one more unknown, see [`FreeUnknowns`].
+//! [`unloaded`] is the straight rod in still fluid without loads; natural modes are computed about this state. [`held_still`]
+//! keeps flow, loads and tensions, and removes the drives of the rod: the rest state of such a model need not be straight. Both
+//! keep a hinge with its servo, whose angle is an additional unknown, see [`FreeUnknowns`].
 
 use nalgebra::Vector2;
 
@@ -16,7 +16,7 @@ use crate::start::Start;
 use crate::system::{Linearisation, State, System};
 use crate::tendons::Tendons;
 
-/// The straight `rod` along x from the origin, in no fluid; its head is held where it has a joint at node 0.
+/// The straight `rod` along x from the origin, in vacuum; its head is held if it has a joint at node 0.
 pub fn bare(rod: Rod) -> Model {
     Model {
         actuation: None,
@@ -40,7 +40,7 @@ pub fn bare(rod: Rod) -> Model {
     }
 }
 
-/// The rod of `model` in the same way, in its fluid at rest and with its hinge, whose servo is told the angle that it has.
+/// The straight rod of `model`, in its fluid at rest and with its hinge, whose commanded angle equals its angle.
 pub fn unloaded(model: Model) -> Model {
     let Model { rod, forces, fluid, layers, hinge, .. } = model;
     Model {
@@ -52,7 +52,8 @@ pub fn unloaded(model: Model) -> Model {
     }
 }
 
-/// `model` without what moves it: actuation, start, motion of the head, and a torque that changes. The head stays where it is at time zero.
+/// `model` without its drives: actuation, start, motion of the head, and a varying torque. The head stays at its pose at time
+/// zero.
 pub fn held_still(model: Model) -> Model {
     let still = |signal: &Signal| Signal::Constant(signal.at(0.0).value);
     let steady = |hinge: Hinge| if hinge.torque.constant().is_some() { hinge } else { without_torque(hinge) };
@@ -72,11 +73,11 @@ fn without_torque(hinge: Hinge) -> Hinge {
     Hinge { torque: Signal::Constant(0.0), ..hinge }
 }
 
-/// The derivative of the equation of motion of `dynamics` at `state` along `direction`, of all nodes. A held node has the rows that it
-/// would have if it were free, but that of a hinge is left out, and the arc of the hinge stands in the place of its x.
+/// The derivative of the equation of motion of `dynamics` at `state` along `direction`, for all nodes. A held node has the rows
+/// of a free one. A node held by a hinge has none, and the arc of the hinge takes the place of its x.
 ///
 /// # Errors
-/// Those of [`System::assemble`].
+/// Errors of [`System::assemble`].
 pub(super) fn derivative(dynamics: &mut Dynamics, state: &State, direction: Direction) -> Result<BandMatrix> {
     let nodes = dynamics.nodes();
     let mut matrix = BandMatrix::new(nodes);
@@ -90,22 +91,22 @@ pub(super) fn derivative(dynamics: &mut Dynamics, state: &State, direction: Dire
     Ok(matrix)
 }
 
-/// The unknowns that are free to move, by their places in the matrices of `derivative`: x and y of every node, without those of a held
-/// head, and the arc φL of a hinge, in the place of x of node 0.
+/// The unknowns that are free to move, by their index in the matrices of `derivative`: x and y of every node, without those of a
+/// held head, and the arc φL of a hinge, in the place of x of node 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FreeUnknowns {
-    /// The first node that is free: 1 where the head is held.
+    /// The first free node: 1 if the head is held.
     pub first: usize,
     /// The number of nodes.
     pub nodes: usize,
-    /// True where the head is on a hinge.
+    /// True if the head is on a hinge.
     pub hinged: bool,
-    /// True where that hinge has no servo: the straight rod turns about it without a force.
+    /// True if the hinge has no servo, so that the straight rod turns about it without a force.
     pub turns_freely: bool,
 }
 
 impl FreeUnknowns {
-    /// Those of `model`.
+    /// The free unknowns of `model`.
     pub fn of(model: &Model) -> Self {
         Self {
             first: usize::from(model.head.is_some()),
@@ -115,28 +116,28 @@ impl FreeUnknowns {
         }
     }
 
-    /// True for an unknown that is one of them.
+    /// True if `unknown` is free.
     pub fn contains(&self, unknown: usize) -> bool {
         self.is_arc(unknown) || (2 * self.first..2 * self.nodes).contains(&unknown)
     }
 
-    /// All of them, rising.
+    /// All free unknowns, in increasing order.
     pub fn all(&self) -> impl Iterator<Item = usize> + use<> {
         self.hinged.then_some(0).into_iter().chain(2 * self.first..2 * self.nodes)
     }
 
-    /// Those along x (0) or y (1) of a rod that lies along x. Turning the head moves such a rod along y.
+    /// The free unknowns along x (0) or y (1) of a rod that lies along x. Turning the head moves such a rod along y.
     pub fn along(&self, axis: usize) -> impl Iterator<Item = usize> + use<> {
         let free = *self;
         self.all().filter(move |i| free.axis(*i) == axis)
     }
 
-    /// The axis that an unknown moves such a rod along.
+    /// The axis along which an unknown moves such a rod.
     pub fn axis(&self, unknown: usize) -> usize {
         if self.is_arc(unknown) { 1 } else { unknown % 2 }
     }
 
-    /// True for the arc of a hinge.
+    /// True if `unknown` is the arc of a hinge.
     pub fn is_arc(&self, unknown: usize) -> bool {
         self.hinged && unknown == 0
     }

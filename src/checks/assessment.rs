@@ -1,5 +1,5 @@
-//! Assessment of a scene before its run: dimensionless numbers, the models and fluid laws that apply, and warnings where model or
-//! method leave their range.
+//! Assessment of a scene before its run: dimensionless numbers, the models and fluid laws that apply, and warnings if the model
+//! or the method is outside its range of validity.
 
 use std::cell::OnceCell;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
@@ -30,10 +30,10 @@ use crate::tendons::Tendon;
 use crate::variable::Variable;
 use crate::wording::Phrase;
 
-/// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³. So is what follows from
-/// the shapes that the drive prescribes, which are many whole states.
+/// Natural frequencies are computed with at most this many nodes, because the cost of the dense eigenproblem grows as N³. The
+/// same limit applies to quantities computed from the prescribed shapes of the drive, which are many complete states.
 const MAX_NODES_FOR_MODES: u64 = 201;
-/// Drag laws are compared on at most this many nodes: what a nonlocal one costs grows as N³.
+/// Drag laws are compared on at most this many nodes, because the cost of a nonlocal law grows as N³.
 const MAX_NODES_FOR_LAWS: u64 = 33;
 /// Stokes number below which the boundary layer contributes more than a fifth of the added mass.
 const MIN_STOKES_NUMBER: f64 = 100.0;
@@ -41,22 +41,24 @@ const MIN_STOKES_NUMBER: f64 = 100.0;
 const SURFACE_TENSION: f64 = 0.072;
 /// Relative difference of mass and displaced mass up to which a swimmer is neutrally buoyant.
 const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
-/// The frequency over the first natural one up to which a rod begins well in the shape that moments bend it to without load.
+/// Largest ratio of the drive frequency to the first natural frequency for which a rod may start in the shape that moments bend
+/// it to without load.
 const MAX_SHAPED_FREQUENCY_RATIO: f64 = 1.5;
-/// Fewest steps per period of the drive.
+/// Smallest number of steps per period of the drive.
 const MIN_STEPS_PER_PERIOD: f64 = 20.0;
 /// Largest kΔL of waves along a passive tail.
 const MAX_WAVE_PHASE: f64 = 0.5;
-/// Young's moduli (Pa) below are those of rubbers and gels.
+/// Young's moduli (Pa) below this are typical of rubbers and gels.
 const MAX_SOFT_MODULUS_PA: f64 = 1e8;
-/// Factors above this are worth a word.
+/// Only factors above this are reported.
 const MIN_REPORTED_FACTOR: f64 = 1.05;
-/// Largest ω₁Δt that resolves the ringing of an abrupt start.
+/// Largest ω₁Δt that resolves the oscillations after an abrupt start.
 const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Typical length of a number with its separator in a table, bytes.
 const BYTES_PER_NUMBER: f64 = 20.0;
 
-/// The columns of trajectory.csv: variables, each with the index of its entry. First those of every run, then those of `record.variables`.
+/// The columns of trajectory.csv: variables, each with the index of its entry. The variables of every run come first, followed by
+/// those of `record.variables`.
 ///
 /// # Errors
 /// [`Error::Scene`](crate::Error::Scene) for a variable that the scene does not have.
@@ -72,7 +74,8 @@ pub fn recorded_variables(scene: &Scene, stepper: &Stepper) -> Result<Vec<(&'sta
     Ok(columns)
 }
 
-/// Number of rows that a run of `scene` records, and approximate size of its tables, bytes; `None` if it depends on the steps.
+/// Number of rows that a run of `scene` records, and approximate size of its tables, bytes; `None` if the number of rows depends
+/// on the steps.
 pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
     let rows = match (scene.record.interval_s, scene.steps()) {
         (Some(interval), _) => scene.solver.duration_s.get() / interval.get(),
@@ -93,11 +96,11 @@ pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
 pub struct AssessmentLine {
     /// Name of the quantity.
     pub name: &'static str,
-    /// Value, unit and meaning.
+    /// Value, unit and explanation.
     pub text: String,
 }
 
-/// The numbers that characterise a scene's motion; `None` if the scene lacks that part.
+/// The numbers that characterise a scene's motion; `None` if the scene lacks the corresponding part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assessment {
     /// First non-rigid natural frequency ω₁ of the scene's own discrete rod, with added mass, rad/s.
@@ -116,18 +119,18 @@ pub struct Assessment {
     pub facts: Vec<AssessmentLine>,
     /// Warnings.
     pub warnings: Vec<String>,
-    /// Forces that leave their range of validity in the predicted motion; a run checks its own motion.
+    /// Forces that leave their range of validity in the predicted motion. A run checks its own motion.
     pub ranges: Vec<String>,
 }
 
-/// What an assessment is made from, beside its scene and stepper.
+/// The data that an assessment is based on, in addition to its scene and stepper.
 struct AssessmentBasis {
-    /// The flow around the rod, or why it is unknown.
+    /// The flow around the rod, or the reason why it is unknown.
     regime: std::result::Result<Regime, String>,
-    /// The natural modes, and whether they are of a coarser mesh.
+    /// The natural modes, and whether they were computed on a coarser mesh.
     natural: NaturalModes,
     is_coarse: bool,
-    /// The spectrum of what drives the rod.
+    /// The spectrum of the drives of the rod.
     spectrum: Spectrum,
 }
 
@@ -169,7 +172,7 @@ impl Assessment {
     /// Assesses `scene`, whose stepper is at its start.
     ///
     /// # Errors
-    /// Those of [`Modes::of`].
+    /// Errors of [`Modes::of`].
     pub fn of(scene: &Scene, stepper: &Stepper) -> Result<Self> {
         let (mut assessment, basis) = Self::begin(scene, stepper)?;
         assessment.describe(scene, stepper, &basis)?;
@@ -179,7 +182,7 @@ impl Assessment {
     /// The same without [`facts`](Self::facts) and [`ranges`](Self::ranges), which a run does not show.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of).
+    /// Errors of [`of`](Self::of).
     pub fn of_run(scene: &Scene, stepper: &Stepper) -> Result<Self> {
         Ok(Self::begin(scene, stepper)?.0)
     }
@@ -196,7 +199,7 @@ impl Assessment {
             Ok(regime) => Some(regime.tip),
             Err(_) => prescribed_tip(&model),
         };
-        // Where the rod is, the mean over it.
+        // The mean fluid over the position of the rod.
         let fluid = regime.as_ref().map_or(model.fluid, |regime| regime.across.fluid);
         let across = resistance(scene, &model, fluid);
         let drive = DriveShape::of(&model, stepper.model().rod.spacing / model.rod.spacing);
@@ -225,12 +228,12 @@ impl Assessment {
             ranges: Vec::new(),
         };
         assessment.warn_of_media(scene, stepper.model());
-        // A scene may give stiffness and mass in place of a section.
+        // A scene may give stiffness and mass instead of a section.
         if scene.rod.outer_radius_m.is_some() {
             assessment.warn_of_tendons(stepper.model());
         }
         assessment.warn_of_waves(scene, rod);
-        // Of a coarser mesh it is another.
+        // On a coarser mesh the limit would differ.
         if !is_coarse {
             assessment.warn_of_limit(scene, stepper, &natural)?;
         }
@@ -243,10 +246,10 @@ impl Assessment {
         self.warnings.iter().chain(&self.ranges)
     }
 
-    /// The models that apply to the scene, cheapest first, with their estimated errors, and the one that is used.
+    /// The models that apply to the scene, cheapest first, with their estimated errors, and the model that is used.
     ///
     /// # Errors
-    /// Those of [`Scene::estimates`].
+    /// Errors of [`Scene::estimates`].
     pub fn models(scene: &Scene, stepper: &Stepper) -> Result<Vec<AssessmentLine>> {
         let known = stepper.choice().and_then(|choice| choice.estimates.clone());
         let estimates = known.map_or_else(|| scene.estimates(), Ok)?;
@@ -266,8 +269,8 @@ impl Assessment {
         Ok(facts)
     }
 
-    /// What each fluid law predicts for the scene's motion, which of them an automatic choice uses, and the effect of the reactive
-    /// force. Empty without medium and drag.
+    /// The prediction of each fluid law for the scene's motion, the law that an automatic choice uses, and the effect of the
+    /// reactive force. Empty without medium and drag.
     pub fn fluid_models(scene: &Scene, stepper: &Stepper) -> Vec<AssessmentLine> {
         let rod = &stepper.model().rod;
         let Ok(regime) = scene.regime() else { return Vec::new() };
@@ -348,7 +351,7 @@ impl Assessment {
             ),
         );
         fact("section", describe_section(rod));
-        // As the joints have it, with the profile along the rod.
+        // The stiffness of the joints, with the profile along the rod.
         let joints = rod.joints();
         let [head, middle, tip] = [joints.start, rod.nodes / 2, joints.end - 1].map(|k| rod.joint_stiffness(k));
         fact(
@@ -541,7 +544,7 @@ impl Assessment {
         }
         self.describe_media(scene, model, regime);
         let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
-        // Along and across, at the speed of the motion.
+        // Along and across the rod, at the speed of the motion.
         let speed = if regime.reynolds > 0.0 { regime.counted_speed() } else { 1e-9 * rod.length };
         let coefficients = |forces: &Forces, rod: &Rod| forces.coefficients(rod, regime.across.fluid, speed);
         let Some([along, across]) = coefficients(forces, rod) else { return Ok(()) };
@@ -610,7 +613,7 @@ impl Assessment {
         }
     }
 
-    /// The layers of the medium, and how fast the rod crosses their interfaces.
+    /// The layers of the medium, and the speed at which the rod crosses their interfaces.
     fn describe_media(&mut self, scene: &Scene, model: &Model, regime: &Regime) {
         let Some(layers) = model.layers else { return };
         let rod = &model.rod;
@@ -649,7 +652,7 @@ impl Assessment {
         }
         let speed = regime.counted_speed();
         if speed > 0.0 {
-            // Waves on the interface of two liquids have the gravity that is left of their difference.
+            // For waves on the interface of two liquids, gravity is reduced by the relative difference of their densities.
             let densities =
                 std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density));
             let densities: Vec<f64> = densities.collect();
@@ -671,7 +674,7 @@ impl Assessment {
         }
     }
 
-    /// Warns of interfaces that nodes cross in jumps, and of a medium that would not stay at rest.
+    /// Warns of interfaces that nodes cross abruptly, and of a medium that would not stay at rest.
     fn warn_of_media(&mut self, scene: &Scene, model: &Model) {
         let Some((layers, medium)) = model.layers.zip(scene.medium.as_ref()) else { return };
         let rod = &model.rod;
@@ -679,7 +682,7 @@ impl Assessment {
         let thin = 2.0 * radius.max(spacing);
         for (i, layer) in layers.iter().enumerate().filter(|(_, layer)| layer.thickness < thin) {
             let nodes = (2.0 * rod.length / layer.thickness).ceil() + 1.0;
-            // More nodes do not help where the rod itself is thicker.
+            // More nodes do not help if the rod itself is thicker than the interface.
             let finer =
                 if layer.thickness >= 2.0 * radius { format!(", or at least {nodes} nodes") } else { String::new() };
             self.warnings.push(format!(
@@ -696,7 +699,7 @@ impl Assessment {
         }
     }
 
-    /// Warns of tendons that would run outside of the body.
+    /// Warns of tendons that run outside the body.
     fn warn_of_tendons(&mut self, model: &Model) {
         let rod = &model.rod;
         for (i, tendon) in model.tendons.iter().enumerate() {
@@ -715,9 +718,9 @@ impl Assessment {
         }
     }
 
-    /// Warns if a tail that nothing bends from within has fewer nodes than the waves need that its head, or the flow, sends along it: with their
-    /// wavenumber k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI its thrust errs by 0.4 (kΔL)² (measured, in oil and in water, for kL of 0.4 to
-    /// 21).
+    /// Warns if a passive tail, without internal drive, has too few nodes for the waves that its head or the flow sends along it.
+    /// With their wavenumber k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI the relative error of its thrust is 0.4 (kΔL)² (measured, in oil and
+    /// in water, for kL of 0.4 to 21).
     fn warn_of_waves(&mut self, scene: &Scene, rod: &Rod) {
         let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| !scene.drives().bend());
         let Some(waves) = numbers.map(|(sperm, inertia)| sperm * (1.0 + inertia * inertia).powf(0.125)) else { return };
@@ -792,7 +795,7 @@ impl Assessment {
         let keys = ["head.position_m.0", "head.position_m.1", "head.angle_rad"];
         let signals = || keys.into_iter().zip(stepper.model().head.iter().flatten());
         let is_zero = |signal: &Signal| matches!(signal, Signal::Sinusoid { amplitude: 0.0, .. });
-        // Of two coordinates that one function of time moves, one may stay.
+        // If one function of time moves two coordinates, one of them may stay constant.
         let moves = signals().any(|(_, signal)| !is_zero(signal) && !matches!(signal, Signal::Constant(_)));
         if let Some((key, _)) = signals().find(|(_, signal)| is_zero(signal)).filter(|_| !moves) {
             warnings.push(format!("{key} has an amplitude of 0: the head stands still unless a host moves it"));
@@ -811,13 +814,13 @@ impl Assessment {
                 "actuation.frequency_hz = 0 keeps this wave at its phase, where it bends nothing; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] keeps it at its crest".to_string(),
             );
         }
-        // Steps that a tolerance chooses are judged by it.
+        // With a tolerance, the steps are checked against the tolerance.
         let fixed = match stepper.step_control() {
             StepControl::Fixed(step) => Some(step),
             StepControl::Adaptive(_) => None,
         };
         let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), TAU / omega));
-        // Rounding is no reason to warn.
+        // Rounding must not cause a warning.
         if let Some((steps, period)) = coarse.filter(|(steps, _)| *steps < MIN_STEPS_PER_PERIOD * (1.0 - 1e-9)) {
             warnings.push(format!(
                 "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {MIN_STEPS_PER_PERIOD}, solver.time_step_s = {:e}",
@@ -873,7 +876,7 @@ impl Assessment {
                 )
             });
         }
-        // The chain form's rounding error does not grow with the mesh, and the model of shapes solves for none.
+        // The chain form's rounding error does not grow with the mesh, and the shape model does not solve for positions.
         if stepper.form() == Form::Positions && stepper.view().dynamics.mechanics != Mechanics::Shape {
             let rounding = chain::rounding(rod, step);
             if let Some(problem) = chain::too_fine(rod, step) {
@@ -917,7 +920,7 @@ fn describe_section(rod: &Rod) -> String {
     format!("{outline}{hole}{at}")
 }
 
-/// How heavy what turns with a hinge is, and how its servo swings with the straight rod.
+/// The inertia that turns with a hinge, and the oscillation of its servo with the straight rod.
 fn describe_hinge(hinge: &Hinge, rod: &Rod) -> String {
     let tail = rod.inertia_about_head();
     let whole = hinge.inertia + tail;
@@ -937,7 +940,7 @@ fn describe_hinge(hinge: &Hinge, rod: &Rod) -> String {
     text
 }
 
-/// Where a tendon runs, how long it is at rest, and what it bends and strains the unloaded rod by for each newton.
+/// The course of a tendon, its length at rest, and the bending and strain that it causes in the unloaded rod per newton.
 fn describe_tendon(tendon: &Tendon, rod: &Rod) -> String {
     let side = if tendon.offset < 0.0 { "right" } else { "left" };
     let length = rod.spacing * tendon.edges.len() as f64;
@@ -966,8 +969,9 @@ fn describe_tendon(tendon: &Tendon, rod: &Rod) -> String {
     )
 }
 
-/// The `damping` of a `rod` of these natural `modes` that is driven at a frequency (rad/s), if it is: where `given` by a natural curvature
-/// whose rate is not resisted. Kelvin–Voigt: C = τK, so ζ = τω/2 of every mode, and tan δ = τω at any frequency.
+/// Describes the `damping` of a `rod` with these natural `modes`, driven at a frequency (rad/s), if any; `given` is true if a
+/// natural curvature whose rate is not resisted drives it. Kelvin–Voigt: C = τK, so ζ = τω/2 for every mode, and tan δ = τω at
+/// any frequency.
 fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(f64, bool)>) -> String {
     let Some(time) = damping.uniform(rod) else {
         let [least, most] = damping.range(rod).map(|time| significant(time, 3));
@@ -992,7 +996,7 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
         significant(time * omega, 3),
         significant(omega / TAU, 3)
     );
-    // What the first mode answers at this frequency with and without.
+    // The response of the first mode at this frequency, with and without damping.
     let square = 1.0 - (omega / first).powi(2);
     let driven = if given { 1.0_f64.hypot(time * omega) } else { 1.0 };
     let without = square.hypot(time * omega) / (square.abs() * driven);
@@ -1005,7 +1009,8 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
     text
 }
 
-/// The mass of `rod`, with its body, over the displaced mass of a fluid of this `density` (kg/m³), and what follows from it.
+/// The mass of `rod`, with its body, relative to the mass of a fluid of this `density` (kg/m³) that it displaces, and the
+/// consequences.
 fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
     let ratio = rod.total_mass() / (density * rod.displaced_volume());
     match head {
@@ -1026,7 +1031,7 @@ fn rounded_down(x: f64) -> f64 {
     format!("{digits}e{exponent}").parse().unwrap_or(x)
 }
 
-/// The effect of added mass on the frequencies of `rod`, and whether the rod is slender enough for its theory.
+/// The effect of added mass on the frequencies of `rod`, and whether the rod is slender enough for the theory.
 fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
     let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
     let slender = regime.depth / rod.length;
@@ -1054,7 +1059,7 @@ fn prescribed_tip(model: &Model) -> Option<f64> {
     Some(regime::half_width(&tips))
 }
 
-/// Drag across the rod per length and speed in that fluid, N s/m²; for a nonlocal law that of the default law.
+/// Drag across the rod per length and speed in `fluid`, N s/m²; for a nonlocal law, that of the default law.
 fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     let Model { rod, forces, .. } = model;
     let own = || forces.resistance(rod, fluid);
@@ -1066,16 +1071,16 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     Some(across)
 }
 
-/// What the actuation prescribes.
+/// Properties of the shape that the actuation prescribes.
 struct DriveShape {
     /// Largest rotation of a joint, rad.
     sharpest_turning: f64,
-    /// True if its frequency is zero, and it bends nothing at the phase where that keeps it.
+    /// True if its frequency is zero and it bends nothing at its constant phase.
     rests_straight: bool,
 }
 
 impl DriveShape {
-    /// That of `model`, of a rod whose spacing is `finer` times that of the model's.
+    /// Properties for `model`, evaluated for a rod whose node spacing is `finer` times that of the model.
     fn of(model: &Model, finer: f64) -> Self {
         let largest = |values: &[f64]| values.iter().fold(0.0, |max: f64, k| max.max(k.abs()));
         let sharpest = |phase: f64| largest(&model.natural_curvature(phase)[model.rod.joints()]);

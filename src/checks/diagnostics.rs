@@ -1,5 +1,5 @@
-//! Diagnostics of a finished simulation: do the balances of energy and momentum close, do strain and rotation per step stay in range, and does the
-//! motion stay inside the validity of the fluid's laws?
+//! Diagnostics of a finished simulation: whether the balances of energy and momentum close, whether strain and rotation per step
+//! stay in range, and whether the motion stays within the range of validity of the fluid's laws.
 
 use crate::integrator::StepControl;
 use crate::metrics::{HingeExtremes, Resultants, RunMetrics};
@@ -8,27 +8,28 @@ use crate::number_format::significant;
 use crate::rod::Rod;
 use crate::scene::Scene;
 
-/// A defect of the balance of energy or momentum above this fraction of the largest energy or work, or of the largest impulse, is
-/// reported. Measured on the scenes of `models/` with adaptive steps: at most 0.7 % of either, but where a jump start rings, where
-/// nothing takes the energy out of a free bar for many turns (8 %), and beyond the flutter limit of a column, which comes to rest.
+/// An error of the balance of energy or momentum above this fraction of the largest energy or work, or of the largest impulse, is
+/// reported. Measured on the scenes of `models/` with adaptive steps: at most 0.7 % of either, except for oscillations after a
+/// jump start, a free bar that turns many times without losing energy (8 %), and a column beyond its flutter limit that comes to
+/// rest.
 const MAX_BALANCE_DEFECT: f64 = 0.05;
 
-/// Impulses along an axis count for at least this part of all: they may cancel along it.
+/// Impulses along an axis are compared with at least this fraction of all impulses, because they may cancel along the axis.
 const CANCELLATION_FLOOR: f64 = 0.03;
 
-/// Rounding errors of a position, in units of the machine epsilon, that the energy balance may contain.
+/// Number of rounding errors of a position, in units of the machine epsilon, that the energy balance may contain.
 const POSITION_ROUNDINGS: f64 = 16.0;
 
-/// A rod whose centre moves by less than the first part of its length, and whose edges stretch and turn by less than the second, is at
-/// rest: its balances hold what the tolerance of Newton's method, 1e-10 of the length, leaves.
+/// A rod is at rest if its centre moves by less than the first fraction of its length and its edges stretch and turn by less than
+/// the second. Its balances then only contain the tolerance of Newton's method, 1e-10 of the length.
 const AT_REST: [f64; 2] = [1e-9, 1e-7];
 
-/// Strain above which the linear elastic law of the rod does not hold. Measured on the scenes of `models/` and
-/// `tests/reference`, 9–129 nodes, steps of 1e-5 … 2e-2 s: at most 0.7 %, in steps whose energy comes from nowhere.
+/// Strain above which the linear elastic law of the rod does not hold. Measured on the scenes of `models/` and `tests/reference`,
+/// 9–129 nodes, steps of 1e-5 … 2e-2 s: at most 0.7 %, reached in steps that create energy.
 const MAX_LINEAR_STRAIN: f64 = 0.05;
 
-/// Rotation (rad) of an edge within one step above which the step is reported as too large. Measured on the same: at most 20° after a
-/// smooth start, up to 70° in the one step that takes a jump start to its shape, 51–150° where energy comes from nowhere.
+/// Rotation (rad) of an edge within one step above which the step is reported as too large. Measured on the same scenes: at most
+/// 20° after a smooth start, up to 70° in the single step in which a jump start takes its shape, 51–150° if steps create energy.
 const MAX_ROTATION_PER_STEP: f64 = std::f64::consts::FRAC_PI_4;
 
 /// The setting that a user reduces for finer steps.
@@ -39,7 +40,7 @@ fn finer(step_control: StepControl) -> &'static str {
     }
 }
 
-/// The energy (J) of rounding errors: that of edges whose ends are rounded at their positions.
+/// The energy (J) of rounding errors: the energy of edges whose ends are rounded at their positions.
 pub(crate) fn rounding_energy(rod: &Rod, positions: &[f64]) -> f64 {
     rod.ea * rod.length * rounding_strain(rod, positions).powi(2)
 }
@@ -50,8 +51,8 @@ fn rounding_strain(rod: &Rod, positions: &[f64]) -> f64 {
     POSITION_ROUNDINGS * f64::EPSILON * reach / rod.spacing
 }
 
-/// A note on an energy balance that does not close beyond `rounding` (J): a sign of steps that are too large, or of a wrong root of
-/// the equations.
+/// A note on an energy balance that does not close to within `rounding` (J): a sign of too large steps, or of a wrong root of the
+/// equations.
 fn balance_note(metrics: &RunMetrics, rounding: f64, step_control: StepControl) -> Option<String> {
     let scale = metrics.totals.max_energy;
     let defect = metrics.numerical_dissipation();
@@ -66,7 +67,7 @@ fn balance_note(metrics: &RunMetrics, rounding: f64, step_control: StepControl) 
     })
 }
 
-/// A note on a momentum balance that does not close: the mean forces are off by as much.
+/// A note on a momentum balance that does not close: mean forces have an error of this size.
 fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_control: StepControl) -> Option<String> {
     let Resultants { drag, wake, spray, inertia: _, flow, load, head, other } = metrics.totals.impulse;
     let parts = [
@@ -81,7 +82,7 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_contro
         head,
         other,
     ];
-    // Where they cancel: what moves the rod at its mean speed, and what the largest power takes there.
+    // Reference impulses in case these cancel: that of the rod at its mean speed, and the largest work over the mean speed across.
     let motion = (2.0 * rod.total_mass() * metrics.totals.energy_time.kinetic / metrics.elapsed()).sqrt();
     let speed = metrics.across().map_or(0.0, |across| across.speed);
     let effort = if speed > 0.0 { metrics.totals.work.largest() / speed } else { 0.0 };
@@ -104,7 +105,7 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_contro
     })
 }
 
-/// Notes on edges that stretch or rotate further than the model or the step size allows.
+/// Notes on edges that stretch or rotate more than the model or the step size allows.
 fn motion_notes(metrics: &RunMetrics, step_control: StepControl) -> impl Iterator<Item = String> {
     let strained = (metrics.totals.max_strain > MAX_LINEAR_STRAIN).then(|| {
         format!(
@@ -131,7 +132,7 @@ fn is_at_rest(metrics: &RunMetrics, rod: &Rod) -> bool {
     totals.path < of_length * rod.length && totals.max_strain.max(totals.max_rotation) < of_edges
 }
 
-/// A note on a motor of a hinge that was asked for more than it can give.
+/// A note on the motor of a hinge if more torque was commanded than it can supply.
 fn motor_note(model: &Model, metrics: &RunMetrics) -> Option<String> {
     let largest = model.hinge.as_ref()?.largest_torque?;
     let HingeExtremes { asked, torque, .. } = metrics.totals.hinge;
@@ -145,8 +146,9 @@ fn motor_note(model: &Model, metrics: &RunMetrics) -> Option<String> {
     })
 }
 
-/// Notes on a simulation of `scene` with this `model` and `step_control`, measured by `metrics`, that ends at these `positions`: the
-/// `warnings` given before it, the balances of energy and momentum, strain, rotation per step, a motor at its limit, and ranges of validity that the motion left.
+/// Notes on a simulation of `scene` with this `model` and `step_control`, measured by `metrics`, that ends at these `positions`:
+/// the `warnings` given before the run, the balances of energy and momentum, strain, rotation per step, a motor at its limit, and
+/// ranges of validity that the motion left.
 pub(crate) fn notes(
     scene: &Scene,
     model: &Model,

@@ -1,4 +1,4 @@
-//! Checks of a scene before it runs, and of a run after its end.
+//! Checks of a scene before its run, and of a run after its end.
 
 #[cfg(feature = "faer")]
 pub mod assessment;

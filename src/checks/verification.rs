@@ -1,4 +1,4 @@
-//! Verification of a run against the full model: of a cheaper model, or of the fluid model that was chosen automatically.
+//! Verification of a run against the full model, for a run with a cheaper model or with an automatically chosen fluid model.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -23,20 +23,20 @@ const SAME_TIME: f64 = 1e-9;
 #[expect(missing_docs, reason = "the names say what they are, with units")]
 pub struct Verification {
     pub net_displacement_m: f64,
-    /// Relative differences of the two; see [`ErrorMeasure`] for what they are relative to.
+    /// Relative differences of the two runs; see [`ErrorMeasure`] for the reference values.
     pub relative_differences: Differences,
-    /// The measures that are zero to rounding in both runs: their differences are meaningless.
+    /// The measures that are zero to rounding in both runs, so that their differences are meaningless.
     pub noise: Vec<ErrorMeasure>,
     pub steps: u64,
     pub wall_s: f64,
 }
 
 impl Verification {
-    /// Runs the full model up to the time of `stepper`, whose scene is `scene`, along with the scene itself once more, and
-    /// compares their trajectories at the ends of the scene's steps, or at equal intervals. `None` if `observe` stops it.
+    /// Runs the full model up to the time of `stepper`, whose scene is `scene`, together with the scene itself once more, and
+    /// compares the two trajectories at the ends of the scene's steps, or at equal intervals. `None` if `observe` stops it.
     ///
     /// # Errors
-    /// Those of the run.
+    /// Errors of the run.
     pub fn of(
         scene: &Scene,
         stepper: &Stepper,

@@ -23,16 +23,16 @@ pub const LOG_CATEGORIES: [(&str, &str); 4] = [
     ("logSteps", "every communication step: its internal steps and iterations"),
 ];
 
-/// The name of the structural parameter.
+/// The name of the structural parameter for the number of nodes.
 pub const NODES: &str = "nodes";
 
-/// The name of the internal step.
+/// The name of the variable for the internal step.
 pub(super) const TIME_STEP: &str = "time_step_s";
 
 /// The variables and parameters of a scene with the value references of both versions.
 ///
-/// FMI 3.0: the index in [`VARIABLES`], or [`PARAMETERS`](Self::PARAMETERS) plus the index among the parameters. FMI 2.0: the same
-/// times 2²⁴, plus the node. So both are looked up by arithmetic.
+/// FMI 3.0: the index in [`VARIABLES`], or [`PARAMETERS`](Self::PARAMETERS) plus the index among the parameters. FMI 2.0: the
+/// same times 2²⁴, plus the node. Both are therefore looked up by arithmetic.
 #[derive(Debug)]
 pub struct Catalogue {
     /// The parameters of the scene.
@@ -53,7 +53,7 @@ pub enum Target {
 const NODE_BITS: u32 = 24;
 
 impl Catalogue {
-    /// Value reference of the first parameter. There are fewer variables, and an index with a node fits into 32 bits.
+    /// Value reference of the first parameter. There are fewer variables than this, and an index with a node fits into 32 bits.
     pub const PARAMETERS: u32 = 200;
 
     /// The catalogue of a scene and its stepper.
@@ -67,9 +67,9 @@ impl Catalogue {
         VARIABLES.iter().enumerate().filter(|(i, _)| self.exists[*i])
     }
 
-    /// Causality and variability of a variable of `stepper`, in the words of the standard.
+    /// Causality and variability of a variable of `stepper`, as named by the standard.
     pub fn role(variable: &Variable, stepper: &Stepper) -> [&'static str; 2] {
-        /// Counters, which change at internal steps only.
+        /// Counters, which change only at internal steps.
         const COUNTS: [&str; 4] = ["steps", "newton_iterations", "step_halvings", "cycles_used"];
         match variable.causality {
             Causality::Independent => ["independent", "continuous"],

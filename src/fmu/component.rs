@@ -7,7 +7,7 @@ use crate::scene::{Document, Scene};
 use crate::stepper::Stepper;
 use crate::variable;
 
-/// Which variables, parameters and nodes of a scene its FMU exposes, and how.
+/// Selects the variables, parameters and nodes of a scene that its FMU exposes, and their form.
 #[derive(Debug, Clone, Default)]
 pub struct FmuOptions {
     /// Names of the exposed variables and parameters; `None` for all.
@@ -32,7 +32,7 @@ impl<'a> Fmu<'a> {
     /// Prepares the FMU of a scene.
     ///
     /// # Errors
-    /// Those of the scene and of its first state.
+    /// Errors of the scene and of its initial state.
     pub fn of(document: &'a Document) -> Result<Self> {
         let scene = document.scene()?;
         let stepper = document.stepper(&scene)?;
@@ -65,7 +65,7 @@ impl<'a> Fmu<'a> {
         standard == Standard::Fmi3 && !self.options.plain
     }
 
-    /// True if the variable or parameter of this name is exposed.
+    /// True if the variable or parameter with this name is exposed.
     pub(super) fn shows(&self, name: &str) -> bool {
         self.options.variables.as_ref().is_none_or(|names| names.iter().any(|shown| shown == name))
     }
@@ -85,7 +85,7 @@ impl<'a> Fmu<'a> {
         identifier
     }
 
-    /// See [`token`].
+    /// The instantiation token, see [`token`].
     pub fn token(&self) -> String {
         token(&self.scene)
     }

@@ -103,7 +103,7 @@ struct DescriptionEntry {
     unit: Option<&'static Unit>,
     /// Range, size, start: attributes of its type.
     value: Attributes,
-    /// True for an array of the structural parameter's size.
+    /// True for an array whose size is the structural parameter.
     sized: bool,
 }
 
@@ -151,7 +151,7 @@ impl DescriptionEntry {
         let target = Target::Variable(place, node.unwrap_or(0));
         Self {
             name: node.map_or(variable.name.to_string(), |node| format!("{}[{node}]", variable.name)),
-            // An entry of its own has the reference of FMI 2.0, which no array has.
+            // A separate entry has the reference of FMI 2.0, which no array uses.
             reference: Catalogue::reference(if node.is_some() { Standard::Fmi2 } else { standard }, target),
             description: match variable.size {
                 Size::Joints if sized => format!("{}; zero at nodes without a joint", variable.description),
@@ -242,7 +242,7 @@ fn with<'a>(xml: &'a mut Xml, name: &str, attributes: &Attributes) -> ElementWri
 }
 
 impl Fmu<'_> {
-    /// `modelDescription.xml`.
+    /// The content of `modelDescription.xml`.
     ///
     /// # Errors
     /// [`Error::Fmu`](crate::Error::Fmu).
@@ -275,7 +275,7 @@ fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
             UNITS.iter().filter(used).try_for_each(|unit| write_unit(xml, unit))
         })?;
         if standard == Standard::Fmi3 {
-            // Not at every variable: some readers know units of types only.
+            // Units are not given at every variable, because some readers only evaluate units of types.
             element(xml, "TypeDefinitions", Vec::new(), |xml| {
                 UNITS.iter().filter(used).try_for_each(|unit| {
                     let mut attributes = vec![("name", unit.1.to_string())];
@@ -329,7 +329,7 @@ fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
             if fmu.has_arrays(standard) {
                 attributes.push(yes("providesPerElementDependencies"));
             }
-            // Not of a step that is a parameter.
+            // Not if the step is an exposed parameter.
             if let (StepControl::Fixed(step), false) = (fmu.scene.step_control(), fmu.shows("solver.time_step_s")) {
                 attributes.push(("fixedInternalStepSize", number(step)));
             }
@@ -349,7 +349,7 @@ fn write_unit(xml: &mut Xml, Unit(name, _, exponents, shown): &Unit) -> Result<(
     })
 }
 
-/// The default experiment: the scene's duration, with its step or a thousandth.
+/// The default experiment: the scene's duration, with its step or a thousandth of the duration.
 fn experiment(fmu: &Fmu<'_>) -> Attributes {
     let duration = fmu.scene.solver.duration_s.get();
     let step = match fmu.scene.step_control() {
@@ -359,7 +359,7 @@ fn experiment(fmu: &Fmu<'_>) -> Attributes {
     vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
 }
 
-/// The variables of a description. FMI 2.0 does not require the time, and some of its hosts reject it.
+/// The variables of a description. FMI 2.0 does not require the time variable, and some of its hosts reject it.
 fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
     fmu.catalogue.variables().filter(move |(_, variable)| match variable.causality {
         Causality::Independent => standard == Standard::Fmi3,
@@ -396,7 +396,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Descri
     let (model, dynamics, form) = (fmu.stepper.model(), fmu.stepper.view().dynamics, fmu.stepper.form());
     let arrays = fmu.has_arrays(standard);
     let scalar = |variable: &Variable| variable.size == Size::Scalar;
-    // What names an entry: its index in FMI 2.0, which counts from 1, its reference in FMI 3.0.
+    // The name of an entry: its index in FMI 2.0, which counts from 1, its value reference in FMI 3.0.
     let mut name = HashMap::new();
     let mut count = 0;
     for (place, variable) in variables(fmu, standard) {
@@ -409,7 +409,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Descri
         }
     }
     let inputs: Vec<_> = variables(fmu, standard).filter(|(_, variable)| variable.is_input()).collect();
-    // Parameters and the time are known to FMI 3.0 alone.
+    // Only FMI 3.0 allows parameters and the time here.
     let others = |variable: &Variable| {
         let time = VARIABLES.iter().position(|variable| variable.causality == Causality::Independent);
         let time = time.filter(|_| variable.follows_time(dynamics, form)).map(|place| Target::Variable(place, 0));
@@ -468,7 +468,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Descri
     }
 }
 
-/// The same; one entry for a scalar.
+/// The same as [`nodes`]; one entry for a scalar.
 fn nodes_or_one(fmu: &Fmu<'_>, variable: &Variable) -> Vec<usize> {
     if variable.size == Size::Scalar { vec![0] } else { nodes(fmu, variable).collect() }
 }

@@ -1,9 +1,9 @@
-//! The documentation inside an FMU: what the model computes, and the licences.
+//! The documentation inside an FMU: a description of the model, and the licences.
 
 use super::component::Fmu;
 use crate::variable::Size;
 
-/// Names and contents of its files.
+/// Names and contents of the files.
 pub(super) fn files(fmu: &Fmu<'_>) -> Vec<(String, String)> {
     let licences = [
         ("license.txt", include_str!("../../LICENSE")),

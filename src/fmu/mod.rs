@@ -1,8 +1,7 @@
-//! FMUs: a scene as a component for co-simulation hosts, by the FMI standard, versions 2.0 and 3.0.
+//! FMUs: a scene as a component for co-simulation hosts, following the FMI standard, versions 2.0 and 3.0.
 //!
-//! An FMU is a zip file with the description of the variables (`modelDescription.xml`), the shared library of
-//! `bindings/fmi`, the scene in `resources/`, and documentation. Library and description agree on the variables through
-//! the [`Catalogue`].
+//! An FMU is a zip file with the description of the variables (`modelDescription.xml`), the shared library of `bindings/fmi`, the
+//! scene in `resources/`, and documentation. Library and description share the variables of the [`Catalogue`].
 
 mod catalogue;
 #[cfg(feature = "fmu")]

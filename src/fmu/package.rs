@@ -101,7 +101,8 @@ pub fn library_name() -> String {
     format!("{}caudal_fmi{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
 }
 
-/// Finds the shared library of the program `executable`: in its folder, in `../lib`, or in the Python package of its environment.
+/// Finds the shared library for the program `executable`: in its folder, in `../lib`, or in the Python package of its
+/// environment.
 ///
 /// # Errors
 /// [`Error::Fmu`] with advice.
@@ -121,13 +122,13 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
     })
 }
 
-/// The folders in which the Python package may be in the folder `lib` of an environment, in alphabetical order.
+/// The folders that may contain the Python package in the folder `lib` of an environment, in alphabetical order.
 fn python_packages(lib: PathBuf) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(&lib).into_iter().flatten().flatten();
     let versions = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("python"));
     let mut roots: Vec<PathBuf> = versions.map(|entry| entry.path()).collect();
     roots.sort();
-    roots.push(lib); // Windows has no folder of the version
+    roots.push(lib); // Windows has no versioned folder
     let kinds = ["site-packages", "dist-packages"];
     roots.iter().flat_map(|root| kinds.map(|kind| root.join(kind).join("caudal"))).collect()
 }

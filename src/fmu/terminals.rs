@@ -1,4 +1,4 @@
-//! `terminalsAndIcons.xml` of FMI 3.0: terminals, by which variables of FMUs are connected in groups, and the icon.
+//! `terminalsAndIcons.xml` of FMI 3.0: terminals, which group variables for connections between FMUs, and the icon.
 //!
 //! The head of a held tail is a bus with pose, rates and accelerations as inputs and force and moment as outputs. The tip of any
 //! tail provides pose and rates under the same names, so that it can drive a second tail. The drive of the actuation is a plug.
@@ -19,7 +19,7 @@ const TERMINALS: [Terminal; 4] = [
         "head",
         "flange in the plane at the held head: pose, rates and accelerations in, force and moment of the tail out",
         "planar-flange",
-        "bus", // the tip of one tail gives the head of another a part of its members
+        "bus", // the tip of one tail provides only some members for the head of another
         &[
             ("x", "head_x_m"),
             ("y", "head_y_m"),
@@ -79,7 +79,7 @@ const TERMINALS: [Terminal; 4] = [
 /// The icon, 128 pixels square.
 pub(super) const ICON: &[u8] = include_bytes!("icon.png");
 
-/// The file.
+/// The content of the file.
 pub(super) fn write(fmu: &Fmu<'_>) -> Result<Vec<u8>> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;

@@ -1,4 +1,4 @@
-//! The journal of a job: its results on disk, one line each, as soon as each is finished.
+//! The journal of a job: its results on disk, one line each, written as soon as each is finished.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::files::write_error;
 use crate::wording::Phrase;
 
-/// A power cut costs at most the results of about this time.
+/// Interval between flushes to disk: a power failure loses at most the results of about this time.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Version and build of this program: results of different builds are not mixed.
@@ -25,7 +25,7 @@ pub fn hash(text: &[u8]) -> String {
     format!("{:032x}", XxHash3_128::oneshot(text))
 }
 
-/// The identity of a job: journals of the same job are equal in it.
+/// The identity of a job: journals of the same job have equal values.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Job {
     /// Kind and name of the work.
@@ -36,19 +36,19 @@ pub struct Job {
     pub caudal_version: String,
     /// Number of results of the whole job.
     pub size: usize,
-    /// Description of what is recorded per result.
+    /// Description of what is stored per result.
     #[serde(default)]
     pub kept: String,
 }
 
 impl Job {
-    /// The job `name` of this build with `size` results that depend on `inputs` alone.
+    /// The job `name` of this build with `size` results, which depend on `inputs` only.
     pub fn new(name: &str, inputs: &[u8], size: usize) -> Self {
         let caudal_version = BUILD.to_string();
         Self { name: name.to_string(), hash: hash(inputs), caudal_version, size, kept: String::new() }
     }
 
-    /// A description of how `other` differs; `None` if it is the same.
+    /// A description of the difference from `other`; `None` if both are the same.
     pub fn difference(&self, other: &Self) -> Option<String> {
         let differs = |what: &str, mine: &str, its: &str| (mine != its).then(|| format!("{what} {its}, now {mine}"));
         differs("of", &self.name, &other.name)
@@ -59,7 +59,7 @@ impl Job {
     }
 }
 
-/// A result in a line.
+/// A result in one line.
 #[derive(Serialize, Deserialize)]
 struct JournalEntry<T> {
     index: usize,
@@ -72,7 +72,7 @@ enum FirstLine {
     Job(Job),
     /// Missing or incomplete.
     Torn,
-    /// Not that of a journal.
+    /// Not the first line of a journal.
     Other,
 }
 
@@ -84,11 +84,11 @@ static HELD: std::sync::Mutex<Vec<i32>> = std::sync::Mutex::new(Vec::new());
 /// are closed, so it must replace these descriptors.
 #[cfg(unix)]
 pub fn held_descriptors() -> Vec<i32> {
-    // Whoever held the list when the process was forked is not there to release it.
+    // The list may have been locked by another thread when the process was forked, and is then never unlocked.
     HELD.try_lock().map(|held| held.clone()).unwrap_or_default()
 }
 
-/// Records that `file` is locked, or no longer.
+/// Records whether `file` is locked.
 fn note_held(file: &File, held: bool) {
     #[cfg(unix)]
     {
@@ -133,7 +133,7 @@ fn held_by_others(path: &Path) -> Error {
     journal_error(path, format!("{who}; wait for the end, or end what was left behind"))
 }
 
-/// Results on disk; at most one program at a time has it open for writing.
+/// Results on disk. At most one program at a time has the journal open for writing.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
@@ -146,7 +146,7 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens or creates the journal of `job` at `path`. A line that was left incomplete is removed.
+    /// Opens or creates the journal of `job` at `path`. An incomplete last line is removed.
     ///
     /// # Errors
     /// [`Error::Journal`] if it belongs to another job or is locked by another program; [`Error::Write`].
@@ -156,7 +156,7 @@ impl Journal {
         match file.try_lock() {
             Ok(()) => note_held(&file, true),
             Err(TryLockError::WouldBlock) => return Err(held_by_others(path)),
-            // A file system without locks is no reason not to work.
+            // Not all file systems support locks.
             Err(TryLockError::Error(_)) => {}
         }
         let mut journal = Self {
@@ -169,7 +169,7 @@ impl Journal {
         };
         let found = journal.scan()?;
         if found == FirstLine::Torn {
-            journal.file.set_len(0).map_err(failed)?; // nothing is lost by beginning again
+            journal.file.set_len(0).map_err(failed)?; // no result is lost by starting again
         }
         match found {
             FirstLine::Job(found) => {
@@ -205,7 +205,7 @@ impl Journal {
         }
         let mut lines = BufReader::new(&file).split(b'\n').peekable();
         let empty = lines.peek().is_none();
-        // Of a damaged journal some line is whole, or the only one begins as one does.
+        // A damaged journal has some complete line, or its only line begins like one.
         let known = |line: std::io::Result<Vec<u8>>| {
             line.is_ok_and(|line| checked_json(&line).is_some() || line.get(16..18) == Some(b" {"))
         };
@@ -224,10 +224,10 @@ impl Journal {
             .ok_or_else(|| journal_error(path, "it is only begun, and has no results yet".to_string()))
     }
 
-    /// The same; `None` if it is empty or its first line is incomplete.
+    /// The same as [`read`](Self::read); `None` if the file is empty or its first line is incomplete.
     ///
     /// # Errors
-    /// Those of [`read`](Self::read).
+    /// Errors of [`read`](Self::read).
     pub fn read_begun(path: &Path) -> Result<Option<Self>> {
         let file = File::open(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
         let job = Job::new("", b"", 0);
@@ -311,7 +311,7 @@ impl Journal {
         Ok(Some(entry.result))
     }
 
-    /// Appends a result; it is in the file when this returns.
+    /// Appends a result. It is in the file when this returns.
     ///
     /// # Errors
     /// [`Error::Write`]; earlier results remain.
@@ -322,11 +322,11 @@ impl Journal {
         Ok(())
     }
 
-    /// Appends the result in a `line` that another program made with [`line()`]. Returns its index, and false if there was a result
-    /// of that index, which remains.
+    /// Appends the result in a `line` that another program created with [`line()`]. Returns its index, and false if a result with
+    /// that index existed already, which is kept.
     ///
     /// # Errors
-    /// [`Error::Journal`] for a damaged line or one that is not of this job; [`Error::Write`].
+    /// [`Error::Journal`] for a damaged line or one that does not belong to this job; [`Error::Write`].
     pub fn add_line(&mut self, line: &[u8]) -> Result<(usize, bool)> {
         let entry = line_json(line).and_then(|json| serde_json::from_slice::<JournalEntry<IgnoredAny>>(json).ok());
         let index = entry.map(|entry| entry.index).filter(|index| *index < self.job.size);
@@ -349,7 +349,7 @@ impl Journal {
     fn write(&mut self, line: &[u8]) -> Result<()> {
         let failed = |e: &std::io::Error| write_error(&self.path, e);
         if let Err(error) = self.file.write_all(line) {
-            let _ = self.file.set_len(self.end); // half a line is of no use
+            let _ = self.file.set_len(self.end); // removes an incomplete line
             return Err(failed(&error));
         }
         self.end += line.len() as u64;
@@ -378,7 +378,7 @@ impl Drop for Journal {
     }
 }
 
-/// The line of a result, for [`Journal::add_line`] of another program; `None` if it cannot be serialised as JSON.
+/// Serialises a result as a line for [`Journal::add_line`] of another program; `None` if it cannot be serialised as JSON.
 pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
     line_of(&JournalEntry { index, result }).ok()
 }
@@ -389,7 +389,7 @@ pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
     Some((entry.index, entry.result))
 }
 
-/// A line with checksum and newline.
+/// Serialises a line with checksum and newline.
 fn line_of(content: &impl Serialize) -> std::result::Result<Vec<u8>, String> {
     let json = serde_json::to_vec(content).map_err(|e| e.to_string())?;
     let mut line = format!("{:016x} ", XxHash3_64::oneshot(&json)).into_bytes();
@@ -403,7 +403,7 @@ fn line_json(line: &[u8]) -> Option<&[u8]> {
     checked_json(line.strip_suffix(b"\n")?)
 }
 
-/// The JSON of a line without newline, if its checksum is right.
+/// The JSON of a line without newline, if its checksum is correct.
 fn checked_json(line: &[u8]) -> Option<&[u8]> {
     let (checksum, json) = line.split_at_checked(16)?;
     let json = json.strip_prefix(b" ")?;

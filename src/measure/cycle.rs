@@ -1,15 +1,15 @@
 //! Performance of a swimmer: means over the last whole cycles of its drive (speed, thrust, power, efficiency) and their spread.
 //!
-//! A cycle is a period of the actuation, whose frequency a host may change; without an actuation it is the period of the sinusoids
-//! of driven head and flow. [`Cycles`] follows the run step by step and keeps the increments of a few integrals over each of the
-//! last [`MAX_CYCLES`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held head, and
-//! work. A cycle may end within a step: the integrals are interpolated there by cubic Hermite polynomials of their values and rates,
-//! to fourth order in the step. ∫F dt, ∫M dt and ∫e dt are integrated by the parabola through the ends of the last three steps, or
-//! by Simpson's rule if the midpoint of a step is known; work is that of [`RunMetrics`].
+//! A cycle is a period of the actuation, whose frequency a host may change; without an actuation it is the common period of the
+//! sinusoids that drive head and flow. [`Cycles`] follows the run step by step and stores the increments of a few integrals over
+//! each of the last [`MAX_CYCLES`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a
+//! held head, and work. A cycle may end within a step: the integrals are interpolated there by cubic Hermite polynomials of their
+//! values and rates, to fourth order in the step. ∫F dt, ∫M dt and ∫e dt are integrated by the parabola through the ends of the
+//! last three steps, or by Simpson's rule if the midpoint of a step is known; work is taken from [`RunMetrics`].
 //!
-//! [`MEASURES`] lists the measures of a cycle, with its duration T, f = 1/T, the length L of the rod, the mean unit vector e from the
-//! rod to the front of its head, and the mean velocity U relative to the flow, of the centre of mass or of a held head. The mean of
-//! each is taken over the cycles, and its spread is the standard deviation √(Σ(x − x̄)²/(n − 1)).
+//! [`MEASURES`] lists the measures of a cycle. They use its duration T, f = 1/T, the length L of the rod, the mean unit vector e
+//! from the rod to the front of its head, and the mean velocity U relative to the flow, of the centre of mass or of a held head.
+//! The mean of each is taken over the cycles, and its spread is the standard deviation √(Σ(x − x̄)²/(n − 1)).
 
 pub mod derivatives;
 
@@ -27,18 +27,18 @@ use crate::rod::node;
 use crate::system::State;
 use crate::tendons::{MAX_TENDONS, Tendon};
 
-/// The largest number of cycles that are kept and averaged.
+/// The largest number of cycles that are stored and averaged.
 pub const MAX_CYCLES: usize = 4;
 
-/// Cycles are periodic if they differ by no more than this, relative.
+/// Cycles count as periodic if their relative difference is at most this.
 const PERIODIC_TOLERANCE: f64 = 0.01;
 
-/// Differences of speed and thrust are relative to at least this fraction of the mean modulus, because means may nearly cancel over a
-/// cycle. What a symmetric beat cancels wholly, lateral force and moment, is relative to the mean modulus itself.
+/// Differences of speed and thrust are relative to at least this fraction of the mean modulus, because means may nearly cancel
+/// over a cycle. Lateral force and moment, which a symmetric beat cancels completely, are relative to the mean modulus itself.
 const CANCELLATION_FLOOR: f64 = 0.1;
 
-/// A moment with a shorter lever than this part of the length, for the mean modulus of the force, is rounding: that of a rod which is driven
-/// along itself.
+/// A moment is rounding if its lever, for the mean modulus of the force, is shorter than this fraction of the length; this occurs
+/// for a rod driven along its own axis.
 const LEAST_LEVER: f64 = 1e-6;
 
 /// The names of the powers, in the order of the work in [`Integrals`].
@@ -54,18 +54,18 @@ const POWERS: [&str; index::ALL - index::WORK] = [
     "power into the material",
 ];
 
-/// A swimmer that moves less than this fraction of its length per cycle is at rest; so is a held head, of which the phases of the ends of
-/// cycles are rounded.
+/// A swimmer that moves less than this fraction of its length per cycle is at rest. For a held head the second limit applies,
+/// because the phases at the ends of cycles are rounded.
 const MIN_DISTANCE: f64 = 1e-9;
 const MIN_HELD_DISTANCE: f64 = 1e-7;
 
-/// Rounding of phases (in cycles) to integers, and of frequency ratios.
+/// Rounding error of phases (in cycles) near integers, and of frequency ratios.
 const PHASE_ROUNDING: f64 = 1e-9;
 
-/// The parabola of three steps' ends is not used if a step is longer than this many times the one before.
+/// The parabola through the ends of three steps is not used if a step is more than this many times longer than the previous one.
 const MAX_STEP_RATIO: f64 = 4.0;
 
-/// True if loads and other forces drive a swimmer too: they put in more than a hundredth of the power, or work, of its actuation.
+/// True if loads and other forces drive a swimmer too: they supply more than a hundredth of the power, or work, of its actuation.
 pub(crate) fn is_pulled(actuation: f64, load: f64, other: f64) -> bool {
     load.max(0.0) + other.max(0.0) > 0.01 * actuation.abs()
 }
@@ -119,7 +119,7 @@ enum CycleSource {
     Head(f64),
     /// A head, a flow or a tendon given by a table, which has no period.
     Table,
-    /// Sinusoids of head, flow and tendons whose frequencies are not multiples of the lowest.
+    /// Sinusoids of head, flow and tendons whose frequencies are not multiples of the lowest one.
     Mixed,
     /// Nothing.
     Nothing,
@@ -141,7 +141,7 @@ impl CycleSource {
             let ratio = frequency / lowest;
             (ratio - ratio.round()).abs() <= PHASE_ROUNDING * ratio
         };
-        // An actuation without amplitude may be given one by a host; where the head moves it is that which counts.
+        // A host may give an amplitude to an actuation without one; if the head moves, the head defines the cycles.
         let acts = |amplitude: f64| amplitude != 0.0 || lowest.is_infinite();
         match &model.actuation {
             Some((_, drive)) if acts(drive.amplitude) => Self::Actuation,
@@ -255,8 +255,8 @@ impl CycleSample {
         }
     }
 
-    /// Integrates the other integrals from `last` on, with the rates at the `middle` of the step or, if unknown, those `before` the
-    /// last.
+    /// Integrates the other integrals from `last` on, with the rates at the `middle` of the step or, if these are unknown, with
+    /// the rates `before` the last sample.
     #[inline(always)]
     fn sum(&mut self, last: &Self, middle: Option<&Integrals>, before: Option<(f64, &Integrals)>) {
         let h = self.time - last.time;
@@ -290,7 +290,7 @@ fn interpolate(from: &CycleSample, to: &CycleSample, z: f64) -> [Integrals; 2] {
 /// The fractions of a step at which a cycle ends, as the phase grows from `before` to `after`.
 fn ends_in(before: f64, after: f64) -> impl DoubleEndedIterator<Item = f64> {
     let (first, last) = ((before + PHASE_ROUNDING).floor() as i64 + 1, (after + PHASE_ROUNDING).floor() as i64);
-    // Of more than are kept the first need not be known.
+    // Only the last of many cycles are stored, so earlier ends are skipped.
     let phases = first.max(last.saturating_sub(MAX_CYCLES as i64))..=last;
     phases.map(move |phase| ((phase as f64 - before) / (after - before)).min(1.0))
 }
@@ -304,7 +304,7 @@ fn range(values: [f64; 2], rates: [f64; 2], h: f64, span: [f64; 2]) -> [f64; 2] 
     // a + 2bz + 3cz² = 0, without cancellation.
     let root = (b * b - 3.0 * a * c).sqrt();
     let q = -(b + root.copysign(b));
-    let turns = [q / (3.0 * c), a / q].into_iter().filter(|z| (span[0]..span[1]).contains(z)); // never NaN
+    let turns = [q / (3.0 * c), a / q].into_iter().filter(|z| (span[0]..span[1]).contains(z)); // NaN is excluded
     let ends = span.map(at);
     turns.map(at).fold([ends[0].min(ends[1]), ends[0].max(ends[1])], |[least, most], y| [least.min(y), most.max(y)])
 }
@@ -347,7 +347,7 @@ impl Cycle {
         self.mean(index::PATH)
     }
 
-    /// A mean of a square of the motor of a hinge, as its root.
+    /// A root mean square of the motor of a hinge.
     fn root(&self, place: usize) -> f64 {
         self.mean(place).max(0.0).sqrt()
     }
@@ -367,7 +367,7 @@ impl Cycle {
         self.mean_vector(index::POSITION) - self.mean_vector(index::FLOW)
     }
 
-    /// e, or None if the head turned all round.
+    /// The unit vector e, or `None` if the head made full turns.
     fn axis(&self) -> Option<Vector2<f64>> {
         self.mean_vector(index::AXIS).try_normalize(PHASE_ROUNDING)
     }
@@ -377,7 +377,7 @@ impl Cycle {
         self.axis().map_or([0.0; 2], |axis| [vector.dot(&axis), axis.perp(&vector)])
     }
 
-    /// The least |U| (m/s) that is none of one that stays in place.
+    /// The smallest |U| (m/s) that is distinguished from rest.
     fn least_speed(&self, dynamics: &Dynamics) -> f64 {
         let least = if dynamics.model.head.is_some() { MIN_HELD_DISTANCE } else { MIN_DISTANCE };
         least * dynamics.model.rod.length / self.period()
@@ -400,8 +400,8 @@ impl Cycle {
         is_pulled(self.power(0), self.power(2), self.power(6))
     }
 
-    /// Thrust (N) and speed (m/s) along the axis of a held head that moves relative to the flow, and the mean power of actuation and
-    /// head, if that is positive.
+    /// Thrust (N) and speed (m/s) along the axis of a held head that moves relative to the flow, and the mean power of actuation
+    /// and head, if it is positive.
     fn thrust_speed_and_power(&self, dynamics: &Dynamics) -> Option<([f64; 2], f64)> {
         let axis = held(dynamics, self.axis()?)?;
         let (thrust, speed) = (self.mean_vector(index::FORCE).dot(&axis), self.velocity().dot(&axis));
@@ -430,7 +430,7 @@ impl Cycle {
         })
     }
 
-    /// What differs most from `other`, the next cycle, of a rod of this `length` (m).
+    /// The quantity that differs most from the next cycle, `other`, for a rod of this `length` (m).
     fn difference(&self, other: &Self, length: f64) -> CycleDifference {
         let of = |cycle: &Self| {
             let [ahead, aside] = cycle.along_and_across(cycle.velocity());
@@ -461,36 +461,37 @@ impl Cycle {
     }
 }
 
-/// What differs most between two cycles.
+/// The quantity that differs most between two cycles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleDifference {
-    /// The quantity, for messages.
+    /// Name of the quantity, for messages.
     pub quantity: &'static str,
-    /// Its difference over its size. The size of a lateral force or a moment, which a symmetric beat cancels, is the mean modulus.
+    /// Its relative difference. A lateral force or a moment, which a symmetric beat cancels, is relative to the mean modulus.
     pub relative: f64,
 }
 
 impl CycleDifference {
-    /// The largest of the differences between each of `cycles` of a rod of this `length` (m) and the next; none for fewer than two.
+    /// The largest of the differences between each of `cycles` and the next, for a rod of this `length` (m); `None` for fewer
+    /// than two cycles.
     pub fn largest(cycles: &[Cycle], length: f64) -> Option<Self> {
         let differences = cycles.windows(2).map(|pair| pair[0].difference(&pair[1], length));
         differences.reduce(|a, b| if b.relative > a.relative { b } else { a })
     }
 
-    /// True if it is at most 1 %: the motion is periodic.
+    /// True if the difference is at most 1 %: the motion is periodic.
     pub fn is_periodic(&self) -> bool {
         self.relative <= PERIODIC_TOLERANCE
     }
 }
 
-/// "the thrust differs by 3.1 %".
+/// For example "the thrust differs by 3.1 %".
 impl std::fmt::Display for CycleDifference {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "the {} differs by {}", self.quantity, percent(self.relative))
     }
 }
 
-/// A quantity of a cycle, or None if it is undefined for the scene or the motion.
+/// A quantity of a cycle, or `None` if it is undefined for the scene or the motion.
 #[derive(Debug, Clone, Copy)]
 pub struct CycleMeasure {
     /// Its name, the common part of its keys.
@@ -513,7 +514,7 @@ impl CycleMeasure {
     }
 }
 
-/// A [`CycleMeasure`] `cycle_<name><unit>` and its spread.
+/// Defines a [`CycleMeasure`] `cycle_<name><unit>` and its spread.
 macro_rules! measure {
     ($constant:ident, $name:literal, $suffix:literal, $unit:literal, $description:literal, $of:expr) => {
         #[doc = $description]
@@ -539,7 +540,7 @@ fn hinged<T>(dynamics: &Dynamics, value: T) -> Option<T> {
     dynamics.model.hinge.is_some().then_some(value)
 }
 
-/// The mean of a force along the head's mean axis, in a fluid with added mass; otherwise drag is the only force.
+/// The mean of a force along the head's mean axis, in a fluid with added mass; without added mass, drag is the only force.
 fn along_axis_in_water(cycle: &Cycle, dynamics: &Dynamics, place: usize) -> Option<f64> {
     let axis = cycle.axis().filter(|_| dynamics.model.forces.are_inertial())?;
     Some(cycle.mean_vector(place).dot(&axis))
@@ -796,7 +797,7 @@ pub(crate) fn efficiency(cycles: &[Cycle], dynamics: &Dynamics, fluid: Fluid) ->
 }
 
 impl CycleMeasure {
-    /// Its mean over `cycles`, or None if it is undefined for one of them.
+    /// Its mean over `cycles`, or `None` if it is undefined for one of them.
     pub fn mean(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
         let mut sum = 0.0;
         for cycle in cycles {
@@ -824,8 +825,8 @@ pub struct Cycles {
     before: Option<(f64, Integrals)>,
     /// Time (s) and integrals at the start of the current cycle.
     begin: Option<(f64, Integrals)>,
-    /// The direction across the path through the fluid, and the velocity (m/s) of the frame that the tip is observed in, of the last
-    /// cycle.
+    /// Of the last cycle: the direction across the path through the fluid, and the velocity (m/s) of the frame in which the tip
+    /// is observed.
     across: Vector2<f64>,
     drift: Vector2<f64>,
     /// The minimum and maximum coordinate of the tip in that direction in this cycle, m.
@@ -843,7 +844,7 @@ impl Cycles {
         Self::start_with(CycleSource::of(&dynamics.model), dynamics, state, metrics)
     }
 
-    /// As [`start`](Self::start), where a table that moves the head or the flow repeats itself after `period` (s), if it does.
+    /// As [`start`](Self::start); a table that moves the head or the flow repeats itself after `period` (s), if that is given.
     pub fn start_with_period(dynamics: &Dynamics, state: &State, metrics: &RunMetrics, period: Option<f64>) -> Self {
         let source = match (CycleSource::of(&dynamics.model), period) {
             (CycleSource::Table, Some(period)) => CycleSource::Head(period.recip()),
@@ -857,7 +858,7 @@ impl Cycles {
         let chord = last.tip[0] - node(&state.q, 0);
         let across = Vector2::new(-chord.y, chord.x).try_normalize(0.0).unwrap_or(Vector2::y());
         let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, swing: 0.0, change: Integrals::zeros() };
-        // What goes with a free rod before its first cycle is the fluid.
+        // Before its first cycle, a free rod is observed in the frame of the fluid.
         let drift = if dynamics.model.head.is_some() { Vector2::zeros() } else { vector(&last.rates, index::FLOW) };
         let range = [(last.tip[0] - drift * last.time).dot(&across); 2];
         Self {
@@ -951,7 +952,7 @@ impl Cycles {
     fn push_cycle(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
         let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
         let [excursion, swing] = [self.range, self.hinge_range].map(|[least, most]| most - least);
-        let swing = swing.max(0.0); // of a hinge that has not moved
+        let swing = swing.max(0.0); // for a hinge that has not moved
         let cycle = Cycle { from, until, excursion, swing, change: integrals - first };
         if self.count == MAX_CYCLES {
             self.kept.rotate_left(1);
@@ -966,7 +967,7 @@ impl Cycles {
         self.drift = cycle.mean_vector(index::POSITION);
     }
 
-    /// The last whole cycles at time `t` (s), at present or within the last step.
+    /// The last whole cycles at time `t` (s), the current time or a time within the last step.
     pub fn whole(&self, t: f64) -> &[Cycle] {
         let count = self.kept[..self.count].iter().take_while(|cycle| cycle.until <= t).count();
         &self.kept[..count]
@@ -988,7 +989,7 @@ impl Cycles {
         }
     }
 
-    /// The reason why there is none yet.
+    /// The reason why there are no cycles yet.
     pub(crate) fn reason(&self, dynamics: &Dynamics) -> Option<String> {
         (self.count == 0).then(|| self.source.reason(dynamics))
     }
@@ -1024,9 +1025,9 @@ pub struct CycleAverages {
     pub used: usize,
     /// Times of the start of the first and the end of the last, s.
     pub span: Option<[f64; 2]>,
-    /// What differs most from one cycle to the next; none for fewer than two.
+    /// The quantity that differs most from one cycle to the next; `None` for fewer than two cycles.
     pub difference: Option<CycleDifference>,
-    /// The reason why there are none.
+    /// The reason why there are no cycles, if there are none.
     pub reason: Option<String>,
     /// The reason why there is no efficiency, if there is none.
     pub efficiency_reason: Option<String>,
@@ -1042,7 +1043,7 @@ impl CycleAverages {
         self.measures[place].0
     }
 
-    /// How a free swimmer swims: head first or tail first within 60°, or sideways.
+    /// How a free swimmer swims: head first or tail first (within 60°), or sideways.
     pub fn swims(&self) -> Option<&'static str> {
         let degrees = self.mean(&DIRECTION).filter(|_| self.free)?.to_degrees();
         Some(match degrees {
@@ -1053,7 +1054,7 @@ impl CycleAverages {
     }
 }
 
-/// Four digits.
+/// Formats with four digits.
 fn short(x: f64) -> String {
     match x.abs() {
         size @ 1e-3..1e4 => format!("{x:.*}", (3 - size.log10().floor() as i32).max(0) as usize),
@@ -1106,7 +1107,7 @@ impl std::fmt::Display for CycleAverages {
             ]
         };
         for (name, measure) in shown {
-            // A drive that is not there, or does not move, has no power.
+            // A drive that is absent or does not move has no power.
             if let Some(mean) = self.mean(measure).filter(|mean| measure.unit != "W" || *mean != 0.0) {
                 let unit = if measure.unit == "1" { String::new() } else { format!(" {}", measure.unit) };
                 part(f, format!("{name} {}{unit}", short(mean)))?;
@@ -1123,7 +1124,7 @@ impl std::fmt::Display for CycleAverages {
     }
 }
 
-/// A flat map of the number of cycles, and each measure and its spread by its key.
+/// A flat map of the number of cycles, and of each measure and its spread by key.
 impl Serialize for CycleAverages {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;

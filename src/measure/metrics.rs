@@ -21,13 +21,13 @@ use crate::rod::{Cell, DampedRate, Edge, Rod, bend, node};
 use crate::system::{Link, State, System};
 use crate::tendons::MAX_TENDONS;
 
-/// What a batched step measured: the sums over a rod, of one case or of all lanes.
+/// The measurements of a batched step: sums over a rod, for one case or for all lanes.
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BatchedMeasurements<T: Real = f64> {
     /// Sums over the rod.
     pub sums: RodSums<T>,
-    /// The force that a held head must exert, N; zero for a free one.
+    /// The force that a held head must exert, N; zero for a free head.
     pub held: Vector2<T>,
 }
 
@@ -67,11 +67,11 @@ pub struct Power {
     pub material: f64,
     /// Dissipated by drag: F·(v − u) ≥ 0.
     pub viscous: f64,
-    /// Dissipated in the wake that the tail sheds.
+    /// Dissipated in the wake shed by the tail.
     pub wake: f64,
     /// Dissipated in the spray where the rod enters a denser fluid.
     pub spray: f64,
-    /// Supplied by gravity, point loads and forces of a host.
+    /// Supplied by gravity, point loads and the forces of a host.
     pub load: f64,
     /// Supplied by a held head.
     pub head: f64,
@@ -98,7 +98,7 @@ impl Power {
         parts.into_iter().fold(0.0, |max: f64, x| max.max(x.abs()))
     }
 
-    /// Of the actuation and of a held head.
+    /// The powers of the actuation and of a held head.
     fn of_drives(&self) -> [f64; 2] {
         [self.actuation, self.head]
     }
@@ -119,7 +119,8 @@ impl Power {
         }
     }
 
-    /// Adds the powers and resultants of all `forces` to `self` and `resultants`; returns the energy (J) and momentum (N s) they store.
+    /// Adds the powers and resultants of all `forces` to `self` and `resultants`; returns the energy (J) and momentum (N s) that
+    /// they store.
     fn add_forces(
         &mut self,
         forces: &Forces,
@@ -140,7 +141,7 @@ impl Power {
         (stored, momentum)
     }
 
-    /// Adds the powers and the resultant of a force with that kind of power.
+    /// Adds the powers and the resultant of a force whose power is of this `kind`.
     #[inline(always)]
     fn add_powers(&mut self, kind: Option<PowerKind>, powers: Powers, resultants: &mut Resultants) {
         let Powers { opposing, against_fluid, of_flow } = powers;
@@ -165,15 +166,15 @@ impl Power {
 pub struct Resultants {
     /// Drag.
     pub drag: Vector2<f64>,
-    /// The wake that the tail sheds.
+    /// The wake shed by the tail.
     pub wake: Vector2<f64>,
     /// The spray where the rod enters a denser fluid.
     pub spray: Vector2<f64>,
-    /// The inertia of the fluid, minus the rate of its momentum. It is not part of the balance.
+    /// The inertia of the fluid: minus the rate of its momentum. It is not part of the balance.
     pub inertia: Vector2<f64>,
     /// The pressure of an accelerating flow.
     pub flow: Vector2<f64>,
-    /// Gravity, point loads, buoyancy and forces of a host.
+    /// Gravity, point loads, buoyancy and the forces of a host.
     pub load: Vector2<f64>,
     /// A held head.
     pub head: Vector2<f64>,
@@ -187,7 +188,7 @@ impl Resultants {
         self.drag + self.wake + self.spray + self.flow + self.load + self.head + self.other
     }
 
-    /// The resultant of forces with that kind of power.
+    /// The resultant of forces whose power is of this `kind`.
     pub(crate) fn from(&mut self, kind: Option<PowerKind>) -> &mut Vector2<f64> {
         match kind {
             Some(PowerKind::Drag) => &mut self.drag,
@@ -215,20 +216,20 @@ impl Resultants {
 /// Momentum, N s.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Momentum {
-    /// Of the rod; zero without inertia.
+    /// Momentum of the rod; zero without inertia.
     pub rod: Vector2<f64>,
-    /// Of the fluid that it accelerates, relative to the flow.
+    /// Momentum of the fluid accelerated by the rod, relative to the flow.
     pub fluid: Vector2<f64>,
 }
 
 impl Momentum {
-    /// Of both.
+    /// Momentum of rod and fluid.
     pub fn total(&self) -> Vector2<f64> {
         self.rod + self.fluid
     }
 }
 
-/// A tendon at one time.
+/// Values of a tendon at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct TendonReading {
     /// Its tension, N.
@@ -239,39 +240,39 @@ pub struct TendonReading {
     pub length_rate: f64,
     /// Σ ℓ_e of its edges, m.
     pub edge_length: f64,
-    /// The length that is let out to it, m, and its rate, m/s: that of a winch, else its own.
+    /// The free length of its cable, m, and the rate of that length, m/s: set by a winch, or else the tendon's own.
     pub wound: [f64; 2],
 }
 
 impl TendonReading {
-    /// The power (W) that whatever pulls it puts in, −T dΛ/dt.
+    /// The power (W) of whatever pulls the tendon, −T dΛ/dt.
     pub fn power(&self) -> f64 {
         -self.tension * self.length_rate
     }
 
-    /// The power (W) that what winds it puts in: that of a winch, which stretches the cable too.
+    /// The power (W) of whatever winds the cable: for a winch, which also stretches the cable.
     pub fn winding_power(&self) -> f64 {
         -self.tension * self.wound[1]
     }
 }
 
-/// A head on a hinge at one time.
+/// Values of a hinge at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HingeReading {
     /// Torque T of its motor, N m.
     pub torque: f64,
-    /// The torque that the motor is asked for, before its limit, N m.
+    /// The torque commanded to the motor, before its limit, N m.
     pub asked: f64,
     /// Angle, rad.
     pub angle: f64,
     /// Angular velocity, rad/s.
     pub spin: f64,
-    /// What the angle that its servo is told is ahead of it by, rad.
+    /// The commanded angle of the servo minus the angle, rad.
     pub error: f64,
 }
 
 impl HingeReading {
-    /// The power (W) that the motor puts in.
+    /// The power (W) supplied by the motor.
     pub fn power(&self) -> f64 {
         self.torque * self.spin
     }
@@ -296,25 +297,25 @@ pub struct Measurements {
     pub head_force: Vector2<f64>,
     /// Moment of the tail on a held head about node 0, N m.
     pub head_moment: f64,
-    /// Of a head on a hinge.
+    /// Values of a hinge.
     pub hinge: HingeReading,
     /// Position and velocity of node 0.
     head: [Vector2<f64>; 2],
-    /// Angle and spin of a held head.
+    /// Angle and angular velocity of a held head.
     head_angle: [f64; 2],
-    /// The moment (N m) against which that angle is turned: of the tail, or the opposite of a motor's torque.
+    /// The moment (N m) against which the head is turned: that of the tail, or the opposite of a motor's torque.
     head_couple: f64,
     /// Force (N) that a held head exerts beyond the inertia of node 0.
     head_push: Vector2<f64>,
     /// Curvature κ_k, dimensionless, one entry per node.
     pub kappa: Vec<f64>,
-    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k) − M_k, N m, conjugate to κ_k, with what a damped material resists its rate with; one entry per node.
+    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k) − M_k, N m, conjugate to κ_k, plus the damping moment of the material; one entry per node.
     pub moment: Vec<f64>,
-    /// The elastic part of it, N m, of a damped material or beside active moments; else empty.
+    /// The elastic part of `moment`, N m, with a damped material or with active moments; empty otherwise.
     elastic: Vec<f64>,
-    /// The active moments M_k, N m, where there are any; else empty.
+    /// The active moments M_k, N m; empty without active moments.
     active: Vec<f64>,
-    /// True where the moving natural curvature works against all of the moments, else against the elastic part.
+    /// True if the moving natural curvature works against the total moments, false if it works against the elastic part.
     drives_all: bool,
     /// Largest |ℓ/ΔL − 1| of an edge.
     pub strain: f64,
@@ -322,32 +323,32 @@ pub struct Measurements {
     natural: Vec<f64>,
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
-    /// Of each tendon.
+    /// Values of each tendon.
     pub tendons: [TendonReading; MAX_TENDONS],
-    /// Its cross-flow velocity.
+    /// Cross-flow velocity of the rod.
     across: CrossFlowSquares,
 }
 
-/// Cross-flow of a rod, its velocity normal to itself through the fluid, as mean squares over its length. [`RunningTotals`] integrates
-/// them over time.
+/// Cross-flow of a rod: its velocity through the fluid, normal to itself, as mean squares over its length. [`RunningTotals`]
+/// integrates them over time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct CrossFlowSquares {
-    /// Of the velocity w, m²/s².
+    /// Mean square of the velocity w, m²/s².
     pub speed: f64,
-    /// Of w/ν by the fluid there, 1/m².
+    /// Mean square of w/ν for the local fluid, 1/m².
     pub per_depth: f64,
-    /// Of u/ν by the fluid there, of the velocity u along the rod, 1/m².
+    /// Mean square of u/ν for the local fluid, where u is the velocity along the rod, 1/m².
     pub along: f64,
-    /// Of |V|/ν of a head body by the fluid there, 1/m².
+    /// Mean square of |V|/ν of a head body for the local fluid, 1/m².
     pub body: f64,
-    /// Mean density of the fluid there, kg/m³.
+    /// Mean density of the local fluid, kg/m³.
     pub density: f64,
-    /// Mean viscosity of the fluid there, Pa s.
+    /// Mean viscosity of the local fluid, Pa s.
     pub viscosity: f64,
 }
 
 impl CrossFlowSquares {
-    /// Of a rod at `state` whose edges have these tangents; zero without fluid.
+    /// Computes the mean squares for a rod at `state` whose edges have these tangents; zero without fluid.
     fn of(dynamics: &Dynamics, state: &State, tangent: &[Vector2<f64>]) -> Self {
         let (forces, inputs) = (&dynamics.model.forces, &dynamics.inputs);
         if forces.is_empty() || inputs.fluid.viscosity <= 0.0 {
@@ -355,14 +356,14 @@ impl CrossFlowSquares {
         }
         let rod = &dynamics.model.rod;
         let mut sums = Self::default();
-        // A body's neck is no part of the rod.
+        // The neck of a body is not part of the rod.
         let edges = rod.front..tangent.len();
         let share = 1.0 / edges.len() as f64;
         if rod.body.is_some() {
             let fluid = dynamics.fluid_at(node(&state.q, 0));
             sums.body = (node(&state.v, 0) - fluid.flow).norm_squared() * (fluid.density / fluid.viscosity).powi(2);
         }
-        // In a uniform medium the ratio is the same at every edge.
+        // In a uniform medium the ratio is equal at every edge.
         let with_ratio = |fluid: Fluid| (fluid, (fluid.density / fluid.viscosity).powi(2));
         let uniform = inputs.layers.is_none().then(|| with_ratio(inputs.fluid));
         for e in edges {
@@ -418,7 +419,7 @@ impl Measurements {
     /// Measures `state`. `dynamics` must be at its time.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
+    /// Errors of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
     pub fn measure(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
         let taken = dynamics.mechanics == Mechanics::Shape;
         let mut workspace = std::mem::take(&mut dynamics.unused);
@@ -482,13 +483,13 @@ impl Measurements {
         self.assemble(dynamics, state, &sums, material, forces, held)
     }
 
-    /// Adds the damping moments of the material to the moments, unless these already contain `all` moments because they
-    /// follow from balance, and adds their share of the power of the `actuation`. Returns the dissipated power, W.
+    /// Adds the damping moments of the material to the moments, unless these already contain `all` moments because they follow
+    /// from balance, and adds their contribution to the power of the `actuation`. Returns the dissipated power, W.
     fn resist(&mut self, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
         dynamics.damped().map_or(0.0, |damped| self.resist_by(damped, dynamics, all, actuation))
     }
 
-    #[inline(never)] // most rods are elastic
+    #[inline(never)] // rare: most rods are elastic
     fn resist_by(&mut self, damped: KelvinVoigt<'_>, dynamics: &Dynamics, all: bool, actuation: &mut f64) -> f64 {
         let KelvinVoigt { damping, rates } = damped;
         let (rod, natural_rate) = (&dynamics.model.rod, &dynamics.natural_rate);
@@ -497,7 +498,7 @@ impl Measurements {
         self.elastic.clone_from(&self.moment);
         for k in rod.joints() {
             let resisting = damped.moment_of_rate(rod, k);
-            // Balance gives all of the moment, the curvature its elastic part; the power so far is that against what was given.
+            // Balance gives the total moment, the curvature only its elastic part. The power so far is based on the given part.
             if all {
                 self.elastic[k] -= resisting;
             } else {
@@ -511,9 +512,8 @@ impl Measurements {
         damping.power(rod, rates)
     }
 
-    /// Separates active moments from the natural curvature, and corrects the bending energy and the actuation power in
-    /// `sums`. If the shape is `taken`, it follows from the moments if the scene has them, and otherwise from
-    /// curvatures.
+    /// Separates active moments from the natural curvature, and corrects the bending energy and the actuation power in `sums`. If
+    /// the shape is `taken` (prescribed), it follows from the moments if the scene has them, and otherwise from curvatures.
     fn activate(&mut self, dynamics: &Dynamics, state: &State, taken: bool, sums: &mut RodSums) {
         match dynamics.active.as_ref().filter(|_| !taken || dynamics.model.active_moments) {
             Some(active) => self.activate_by(active, dynamics, state, taken, sums),
@@ -526,7 +526,7 @@ impl Measurements {
         }
     }
 
-    #[inline(never)] // most rods are bent by curvature
+    #[inline(never)] // rare: most rods are bent by natural curvature
     fn activate_by(
         &mut self,
         active: &ActiveMoments,
@@ -549,7 +549,7 @@ impl Measurements {
             self.elastic[k] = elastic;
             sums.bending += 0.5 * elastic * strained;
             sums.actuation += if taken {
-                // Beside what balance asks for, what the moments store: κ = κ̄ + M/B.
+                // In addition to the work required by balance, the moments store energy: κ = κ̄ + M/B.
                 strained * active.rate[k]
             } else {
                 active.moment[k] * self.curvature_rate(dynamics, state, k) - elastic * active.natural_rate[k]
@@ -557,7 +557,7 @@ impl Measurements {
         }
     }
 
-    /// Reads the tendons.
+    /// Evaluates the tendons.
     fn read_tendons(&mut self, bent: &DeformedRod<'_>) {
         let DeformedRod { dynamics, state } = bent;
         for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
@@ -574,7 +574,7 @@ impl Measurements {
         }
     }
 
-    /// dκ_k/dt of the joint at node `k`, 1/s, as its edges turn.
+    /// dκ_k/dt of the joint at node `k`, 1/s, from the rotation of its edges.
     fn curvature_rate(&self, dynamics: &Dynamics, state: &State, k: usize) -> f64 {
         let spin = |e: usize| {
             let across = |values: &[f64]| self.tangent[e].perp(&(node(values, e + 1) - node(values, e)));
@@ -587,8 +587,8 @@ impl Measurements {
         bend::curvature_per_turning(self.kappa[k]) * (spin(k) - before)
     }
 
-    /// The power (W) that the actuation puts in at the joint of each node, that of tendons by what they bend there and by what
-    /// they shorten the edge behind it, or that nearest to it; all of them make [`Power::actuation`].
+    /// The power (W) that the actuation supplies at the joint of each node. For tendons this is the power of bending the joint
+    /// and of shortening the edge behind it, or the nearest edge. The sum is [`Power::actuation`].
     #[cfg(feature = "report")]
     pub(crate) fn actuation_powers(&self, dynamics: &Dynamics, state: &State) -> Vec<f64> {
         let rod = &dynamics.model.rod;
@@ -607,7 +607,7 @@ impl Measurements {
             };
         }
         for (tendon, TendonReading { tension, .. }) in dynamics.model.tendons.iter().zip(&self.tendons) {
-            // Their moments are among the active ones.
+            // The moments of tendons are among the active ones.
             for e in tendon.edges.clone() {
                 let opening = self.tangent[e].dot(&(node(&state.v, e + 1) - node(&state.v, e)));
                 powers[e.clamp(tendon.joints.start, tendon.joints.end - 1)] -= tension * opening;
@@ -616,16 +616,17 @@ impl Measurements {
         powers
     }
 
-    /// The moments that the natural curvature works against, N m: where it `jumps`, the elastic part of them.
+    /// The moments that the natural curvature works against, N m: for a jump (`jumps`), their elastic part.
     fn driven(&self, jumps: bool) -> &[f64] {
         if self.elastic.is_empty() || (self.drives_all && !jumps) { &self.moment } else { &self.elastic }
     }
 
-    /// The same for a `state` that was `measured` in a batch. `of_force` returns the powers of the force with that index, and the energy
-    /// (J) and momentum (N s) that it stores; `fill` writes curvatures, moments and tangents.
+    /// The same as [`measure`](Self::measure) for a `state` that was `measured` in a batch. `of_force` returns the powers of the
+    /// force with that index, and the energy (J) and momentum (N s) that it stores; `fill` writes curvatures, moments and
+    /// tangents.
     ///
     /// # Errors
-    /// Those of [`measure`](Self::measure).
+    /// Errors of [`measure`](Self::measure).
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     pub(crate) fn measure_presolved(
         &mut self,
@@ -655,8 +656,9 @@ impl Measurements {
         self.assemble(dynamics, state, &sums, material, forces, || measured.held)
     }
 
-    /// Assembles the measurements from the `sums` of `state`, after curvatures, moments and tangents. `forces` adds the powers and
-    /// resultants of forces and returns the energy (J) and momentum (N s) they store; `held` returns the force (N) that holds the head.
+    /// Assembles the measurements from the `sums` of `state`, after curvatures, moments and tangents. `forces` adds the powers
+    /// and resultants of forces and returns the energy (J) and momentum (N s) that they store; `held` returns the force (N) that
+    /// holds the head.
     #[inline(always)]
     fn assemble(
         &mut self,
@@ -722,7 +724,8 @@ impl Measurements {
         Ok(())
     }
 
-    /// The energy (J) that the joints would store of the moments that they pass on, Σ ½ m²/B: what a rod that is out of balance has to give.
+    /// The energy (J) that the joints would store under the moments that they transmit, Σ ½ m²/B: the energy that a rod out of
+    /// balance releases.
     pub fn imbalance(&self, rod: &Rod) -> f64 {
         rod.joints().map(|k| 0.5 * self.moment[k] * self.moment[k] / rod.joint[k]).sum()
     }
@@ -732,7 +735,7 @@ impl Measurements {
         [self.head_force.norm(), self.head_moment.abs()]
     }
 
-    /// The largest modulus of the couples (N m) that the joints pass on.
+    /// The largest modulus of the couples (N m) transmitted by the joints.
     fn largest_couple(&self) -> f64 {
         let couple = |(moment, kappa): (&f64, &f64)| (moment * bend::curvature_per_turning(*kappa)).abs();
         self.moment.iter().zip(&self.kappa).map(couple).fold(0.0, |most, own| if own > most { own } else { most })
@@ -748,7 +751,7 @@ impl Measurements {
         let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();
         let larger = |largest: f64, chord: f64| if chord > largest { chord } else { largest };
         let largest = self.tangent.iter().zip(&before.tangent).map(chord).fold(0.0, larger);
-        // An arc is at most π/2 times its chord: nearly always that is enough.
+        // An arc is at most π/2 times its chord, which nearly always decides.
         if PI * PI * largest <= 4.0 * most * most {
             return most;
         }
@@ -796,14 +799,14 @@ pub enum WorkSource {
     Load,
 }
 
-/// What the motor of a hinge did at most.
+/// Extreme values of the motor of a hinge.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HingeExtremes {
     /// Largest modulus of its torque, N m.
     pub torque: f64,
-    /// Largest modulus of the torque that it was asked for, N m.
+    /// Largest modulus of the commanded torque, N m.
     pub asked: f64,
-    /// Largest power that it put in, W.
+    /// Largest power supplied, W.
     pub power: f64,
     /// Largest modulus of its angular velocity, rad/s.
     pub speed: f64,
@@ -826,16 +829,16 @@ impl HingeExtremes {
     }
 }
 
-/// What pulled a tendon did at most.
+/// Extreme values of the drive of a tendon.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct TendonExtremes {
     /// Largest tension, N.
     pub tension: f64,
-    /// Largest power that it put in, W.
+    /// Largest power supplied, W.
     pub power: f64,
-    /// Largest speed of winding, either way, m/s.
+    /// Largest speed of winding, in either direction, m/s.
     pub speed: f64,
-    /// Least and largest length that it let out, m.
+    /// Smallest and largest free length of the cable, m.
     pub length: [f64; 2],
 }
 
@@ -855,13 +858,13 @@ impl TendonExtremes {
         };
     }
 
-    /// What it took in and let out, m.
+    /// The difference between the largest and smallest free length, m.
     pub fn travel(&self) -> f64 {
         self.length[1] - self.length[0]
     }
 }
 
-/// The running totals of a run, over every step.
+/// Running totals over all steps of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunningTotals {
     /// Work since the start, J.
@@ -882,27 +885,27 @@ pub struct RunningTotals {
     pub max_rotation: f64,
     /// Largest force (N) and moment (N m) of the tail on a held head at any step.
     pub max_on_head: [f64; 2],
-    /// Largest energy, or work of one kind since the start, at any step, J. At the end of whole cycles both may be near zero.
+    /// Largest energy, or work of one kind since the start, at any step, J. Both may be near zero at the end of whole cycles.
     pub max_energy: f64,
-    /// Largest couple (N m) that a joint passes on at any step.
+    /// Largest couple (N m) transmitted by a joint at any step.
     pub max_couple: f64,
     /// Largest power (W) of the actuation and of a held head at any step.
     pub max_power: [f64; 2],
-    /// What the motor of a hinge did at most at any step.
+    /// Extreme values of the motor of a hinge over all steps.
     pub hinge: HingeExtremes,
-    /// What pulled each tendon did at most at any step.
+    /// Extreme values of the drive of each tendon over all steps.
     pub tendons: [TendonExtremes; MAX_TENDONS],
     /// Number of accepted steps.
     pub steps: u64,
     /// Number of halved steps.
     pub halvings: u64,
-    /// Number of steps that were rejected by the error estimate and repeated with a smaller size.
+    /// Number of steps that the error estimate rejected and that were repeated with a smaller size.
     pub rejections: u64,
 }
 
 impl RunningTotals {
-    /// The totals at `now`, between these and `later`, with the measurements `ends`. Work is interpolated by the cubic Hermite polynomial
-    /// of work and power.
+    /// The totals at `now`, between these totals and `later`; `ends` holds the measurements at both ends of the step. Work is
+    /// interpolated by the cubic Hermite polynomial of work and power.
     pub(crate) fn until(&self, later: &Self, ends: [&Measurements; 2], now: &Measurements) -> Self {
         let [from, to] = ends;
         let work = |of: fn(&Power) -> f64| {
@@ -926,7 +929,7 @@ impl RunningTotals {
         totals.across_time.add(&now.across, half_time);
         totals.impulse.add(&from.resultants, half_time);
         totals.impulse.add(&now.resultants, half_time);
-        // The rest of the impulse of the step is distributed evenly.
+        // The rest of the impulse of the step is distributed evenly over it.
         let part = (now.time - from.time) / (to.time - from.time);
         let half_step = 0.5 * (to.time - from.time);
         for (impulse, factor) in
@@ -959,7 +962,7 @@ impl RunMetrics {
     /// Metrics of a run that starts at `state`. `dynamics` must be at its time.
     ///
     /// # Errors
-    /// Those of [`Measurements::measure`].
+    /// Errors of [`Measurements::measure`].
     pub fn start(dynamics: &mut Dynamics, state: &State) -> Result<Self> {
         let mut now = Measurements::new(dynamics.nodes());
         now.measure(dynamics, state)?;
@@ -992,12 +995,12 @@ impl RunMetrics {
         (self.first_momentum, self.first) = (*first_momentum, *first);
     }
 
-    /// Adds the step to `next` to the totals, and swaps the previous measurements into `next`; `load` is the work (J) of the loads. If the
-    /// time is the same, it adds the effect of a jump of inputs. `middle` holds the measurements at the midpoint of the step, if the model
-    /// has dense output.
+    /// Adds the step to `next` to the totals, and swaps the previous measurements into `next`; `load` is the work (J) of the
+    /// loads. If the time is the same, it adds the effect of a jump of inputs. `middle` holds the measurements at the midpoint of
+    /// the step, if the model has dense output.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for work that is not; nothing is counted then.
+    /// [`Error::NotFinite`] for non-finite work. On error nothing is counted.
     pub fn count_step(
         &mut self,
         next: &mut Measurements,
@@ -1012,7 +1015,7 @@ impl RunMetrics {
         let total = self.totals.work;
         let mut sum = Power::by_part(|part| part(&total) + part(&work));
         if next.time == self.now.time {
-            // The rod has not moved: only another flow, or another density, changes the energy of the fluid.
+            // The rod has not moved: only a change of flow or density changes the energy of the fluid.
             sum.flow += next.energy.fluid - self.now.energy.fluid;
         }
         if !sum.net().is_finite() {
@@ -1032,7 +1035,7 @@ impl RunMetrics {
             None => {
                 totals.impulse.add(&self.now.resultants, half_time);
                 totals.impulse.add(&next.resultants, half_time);
-                // What the inertia of a held node takes is known, whatever its accelerations in between.
+                // The impulse that the inertia of a held node takes is known exactly, whatever its accelerations within the step.
                 let [old, new] =
                     [&self.now, &*next].map(|end| (end.head[1] * head_mass, end.resultants.head - end.head_push));
                 totals.impulse.head += (new.0 - old.0) - (new.1 + old.1) * half_time;
@@ -1074,7 +1077,7 @@ impl RunMetrics {
         };
         *given += next.energy.total() - self.now.energy.total();
         self.totals.max_energy = self.totals.max_energy.max(next.energy.total().abs()).max(self.totals.work.largest());
-        // What changes the shape at once of a rod that is held is borne by what holds it.
+        // If a held rod changes its shape at once, the head supplies the impulse.
         let impulse = &mut self.totals.impulse;
         let given = match source {
             WorkSource::Actuation => &mut impulse.head,
@@ -1091,7 +1094,7 @@ impl RunMetrics {
         self.now.time - self.first.0
     }
 
-    /// Root mean square of the cross-flow since the start, or None before the first step.
+    /// Root mean square of the cross-flow since the start, or `None` before the first step.
     pub fn across(&self) -> Option<TransverseMotion> {
         let CrossFlowSquares { speed, per_depth, along, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
@@ -1111,12 +1114,12 @@ impl RunMetrics {
         self.now.com.x - self.first.1.x
     }
 
-    /// Defect of the momentum balance, N s: the total impulse minus the change of momentum of rod and fluid.
+    /// Error of the momentum balance, N s: the total impulse minus the change of momentum of rod and fluid.
     pub fn momentum_defect(&self) -> Vector2<f64> {
         self.totals.impulse.net() - (self.now.momentum.total() - self.first_momentum)
     }
 
-    /// Defect of the energy balance, J: the net work minus the change of energy.
+    /// Error of the energy balance, J: the net work minus the change of energy.
     pub fn numerical_dissipation(&self) -> f64 {
         self.totals.work.net() - (self.now.energy.total() - self.first_energy)
     }

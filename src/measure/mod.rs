@@ -1,4 +1,4 @@
-//! What a motion tells: energies, means over cycles, the regime of the flow.
+//! Measurements of a motion: energies, means over cycles, and the flow regime.
 
 pub mod spectrum;
 

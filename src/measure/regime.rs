@@ -1,4 +1,4 @@
-//! Which flow a motion makes around its rod, by its numbers.
+//! The flow regime of a motion around its rod, described by dimensionless numbers.
 
 use std::f64::consts::{FRAC_PI_4, PI, SQRT_2, TAU};
 
@@ -11,39 +11,39 @@ use crate::rod::Rod;
 use crate::start::Start;
 use crate::system::State;
 
-/// Phases of a period at which the prescribed shape is looked at.
+/// Number of phases of a period at which the prescribed shape is evaluated.
 const PHASES: u32 = 32;
 
-/// Directions in which widths are measured: the largest of them is short by 0.1 % at most.
+/// Number of directions in which widths are measured; the largest width is underestimated by at most 0.1 %.
 const DIRECTIONS: u32 = 36;
 
-/// Square of the [dimensionless flow velocity](Regime::flow_velocity) from which on the water's inertia counts for whether the rod is
-/// stable: the compression mU² of the rod is then a twentieth of [`BECK`].
+/// Square of the [dimensionless flow velocity](Regime::flow_velocity) above which the inertia of the water matters for the
+/// stability of the rod: the compression mU² of the rod is then a twentieth of [`BECK`].
 const STABILITY: f64 = 1.0;
 
-/// The follower force, over EI/L², that makes a clamped rod flutter. M. Beck, Z. angew. Math. Phys. 3 (1952).
+/// The follower force, relative to EI/L², at which a clamped rod begins to flutter. M. Beck, Z. angew. Math. Phys. 3 (1952).
 pub const BECK: f64 = 20.05;
 
-/// How a rod moves against the fluid: root mean squares over its nodes and over time, the same in every frame.
+/// Motion of a rod relative to the fluid: root mean squares over its nodes and over time, which do not depend on the frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanMotion {
     /// Velocity along the rod, m/s.
     pub along: f64,
-    /// Across the rod.
+    /// Motion across the rod.
     pub across: TransverseMotion,
-    /// Half the largest distance between two places of the tip, seen from the centre of mass of a free rod or from where a held head has
-    /// gone on the average, m.
+    /// Half the largest distance between two positions of the tip, relative to the centre of mass of a free rod or to the mean
+    /// path of a held head, m.
     pub tip: f64,
 }
 
-/// The flow across the rod, by its numbers.
+/// The flow across the rod, described by dimensionless numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regime {
-    /// The motion across the rod, of velocity w.
+    /// Motion across the rod, with velocity w.
     pub across: TransverseMotion,
     /// Velocity along the rod, m/s.
     pub along: f64,
-    /// Frequency f, Hz; none where nothing moves periodically.
+    /// Frequency f, Hz; `None` if nothing moves periodically.
     pub frequency: Option<f64>,
     /// Depth of the rod across the plane of motion, mean over the length, D, m.
     pub depth: f64,
@@ -51,21 +51,21 @@ pub struct Regime {
     pub reynolds: f64,
     /// Stokes number β = f D²/ν: the boundary layer is thin where it is large.
     pub stokes: Option<f64>,
-    /// Keulegan–Carpenter number √2 w/(f D): how far the rod moves across itself, in depths.
+    /// Keulegan–Carpenter number √2 w/(f D): displacement across the rod relative to its depth.
     pub keulegan_carpenter: Option<f64>,
     /// Added mass over the rod's own, without a head body.
     pub mass_ratio: f64,
-    /// Dimensionless flow velocity U L √(m/EI), U along the rod and m the added mass per length: what the water's inertia does to the
-    /// stiffness of the rod goes with its square, and near 5 and above rods flutter.
+    /// Dimensionless flow velocity U L √(m/EI), with U along the rod and m the added mass per length. The effect of the water's
+    /// inertia on the stiffness of the rod is proportional to its square; near 5 and above rods flutter.
     pub flow_velocity: f64,
-    /// Length over the largest radius that slow flow sees.
+    /// Length divided by the largest radius that is relevant for slow flow.
     pub slenderness: f64,
-    /// Half of how far the tip moves, m.
+    /// Half the travel of the tip, m.
     pub tip: f64,
 }
 
 impl Regime {
-    /// The regime of `rod` that `motion` comes to, at this `frequency` (Hz).
+    /// The regime of `rod` under `motion` at this `frequency` (Hz).
     pub fn of(rod: &Rod, frequency: Option<f64>, motion: &MeanMotion) -> Self {
         let TransverseMotion { speed, fluid, .. } = motion.across;
         let depth = rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
@@ -86,12 +86,12 @@ impl Regime {
         }
     }
 
-    /// The velocity that is behind its Reynolds number, m/s: w, or a tenth of that along the rod if that is larger.
+    /// The velocity in the Reynolds number, m/s: w, or a tenth of the velocity along the rod if that is larger.
     pub fn counted_speed(&self) -> f64 {
         self.across.speed.max(MISALIGNED * self.along)
     }
 
-    /// True where the water's inertia counts for whether the rod is stable, as a motion from rest may not show.
+    /// True if the inertia of the water matters for the stability of the rod, which a motion from rest may not show.
     pub fn water_decides_stability(&self) -> bool {
         self.flow_velocity.powi(2) > STABILITY
     }
@@ -108,8 +108,8 @@ pub fn half_width(places: &[Vector2<f64>]) -> f64 {
     0.5 * (0..DIRECTIONS).map(width).fold(0.0, f64::max)
 }
 
-/// The shapes that the actuation prescribes over a period: of a rod whose head is held as that begins, or which is at rest with the
-/// straight rod's centre of mass.
+/// The shapes that the actuation prescribes over a period, for a rod whose head is held at its initial pose, or for a free rod at
+/// rest with the centre of mass of the straight rod.
 pub fn shapes(model: &Model, head: Option<&Pose>) -> impl Iterator<Item = State> {
     let rod = &model.rod;
     (0..PHASES).map(move |i| {
@@ -122,7 +122,7 @@ pub fn shapes(model: &Model, head: Option<&Pose>) -> impl Iterator<Item = State>
     })
 }
 
-/// The size of `gravity`, m/s².
+/// The magnitude of `gravity`, m/s².
 pub fn size(gravity: [f64; 2]) -> f64 {
     Vector2::from(gravity).norm()
 }

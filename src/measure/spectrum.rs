@@ -1,11 +1,12 @@
-//! The spectrum of what drives a rod: the frequencies of actuation, head, flow and tendons, and how fast each moves the rod.
+//! The spectrum of the drives of a rod: the frequencies of actuation, head, flow and tendons, and the velocity that each gives
+//! the rod.
 //!
-//! A line is a frequency f and the root mean square v of the velocity that it gives the rod against the fluid. A line with a small v
-//! counts for less: a method of third order follows it as well as the strongest line at steps that are (v/v_max)^⅓ times shorter
-//! than f asks for.
+//! A line is a frequency f and the root mean square v of the velocity relative to the fluid that it gives the rod. A line with a
+//! small v counts less: a method of third order follows it as accurately as the strongest line with steps that are (v_max/v)^⅓
+//! times as long as f alone would require.
 //!
-//! A table counts as the lines of its Fourier transform, each with its part of ⟨u²⟩ of the velocity u; where it has one line, that has the
-//! moments of the table, f = √(⟨u̇²⟩/⟨u²⟩)/2π: exact for a sinusoid.
+//! A table is represented by the lines of its Fourier transform, each with its fraction of ⟨u²⟩ of the velocity u. If it has a
+//! single line, the line has the moments of the table, f = √(⟨u̇²⟩/⟨u²⟩)/2π, which is exact for a sinusoid.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -22,20 +23,21 @@ use crate::tendons::Tendon;
 /// Number of phases of a cycle at which the prescribed shape is evaluated.
 const PHASES: u32 = 48;
 
-/// A table counts as periodic if the size of its rate differs between its quarters by at most this fraction.
+/// A table counts as periodic if the root mean square of its rate differs between its quarters by at most this fraction.
 const STATIONARY_TOLERANCE: f64 = 0.2;
 
-/// A line counts among the slowest if its amplitude, speed over frequency, is this part of the largest.
+/// A line is considered for the slowest one if its amplitude, speed over frequency, is at least this fraction of the largest.
 const LEAST_AMPLITUDE_RATIO: f64 = 1e-3;
 
-/// The velocity of a table counts as changing if it changes by this fraction of its size. Smaller changes are rounding
-/// of its rows.
+/// The velocity of a table counts as changing if it changes by this fraction of its magnitude. Smaller changes are rounding of
+/// its rows.
 const STEADY: f64 = 1e-6;
 
-/// A line of a table counts if its velocity is this part of the largest: the sides of the window are a fifth of that.
+/// A line of a table counts if its velocity is at least this fraction of the largest; the side lobes of the window are a fifth of
+/// that.
 const RESOLVED: f64 = 0.01;
 
-/// A table of as many periods has the moments of what a window sees of it, whether or not it ends with a whole one.
+/// For a table of at least this many periods the moments are taken under a window, so that it need not end with a whole period.
 const WINDOWED: f64 = 4.0;
 
 /// The largest number of samples of a table for its Fourier transform, a power of two.
@@ -50,17 +52,17 @@ pub struct SpectralLine {
     pub speed: f64,
 }
 
-/// All that drives a rod.
+/// The lines of all drives of a rod.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Spectrum {
     lines: Vec<SpectralLine>,
-    /// True if a table that is not stationary drives the rod.
+    /// True if a non-stationary table drives the rod.
     pub is_transient: bool,
 }
 
 impl Spectrum {
-    /// That of an actuation of `rod` by natural curvature with its drive, of the motion of its head, of a flow that changes in time, of
-    /// tendons and of the torque of a hinge.
+    /// The spectrum of an actuation of `rod` by natural curvature with its drive, of the motion of its head, of a flow that
+    /// changes in time, of tendons, and of the torque of a hinge.
     pub fn of(
         rod: &Rod,
         actuation: Option<(&dyn Actuation, Drive)>,
@@ -73,7 +75,7 @@ impl Spectrum {
         if let Some((actuation, drive)) = actuation {
             spectrum.add_actuation(rod, actuation, drive);
         }
-        // A head that turns moves the rod by its distance from there, L/√3 in the mean square.
+        // A turning head moves each point of the rod by its distance from the head, L/√3 in the mean square.
         let arms = [1.0, 1.0, rod.length / 3f64.sqrt()];
         for (signal, arm) in head.into_iter().flatten().zip(arms) {
             spectrum.add_signal(signal, arm, true);
@@ -82,12 +84,12 @@ impl Spectrum {
             spectrum.add_signal(signal, 1.0, false);
         }
         for tendon in tendons {
-            // A tension T bends an unloaded rod by T d/EI, which moves it by half of that times the square of the distance, L²/√5 in the
-            // mean square.
+            // A tension T bends an unloaded rod by T d/EI, which moves it by half of that times the square of the distance, L²/√5
+            // in the mean square.
             let middle = (tendon.joints.start + tendon.joints.end) / 2;
             let length = tendon.edges.len() as f64 * rod.spacing;
             let arm = tendon.offset.abs() * length * length / (2.0 * 5f64.sqrt() * rod.joint_stiffness(middle));
-            // A cable of stiffness k that a winch shortens pulls the tip by no more than that.
+            // A cable of stiffness k that is shortened by a winch moves the tip by at most that amount.
             let arm = tendon.winch().map_or(arm, |winch| (arm * winch.stiffness).min(length / tendon.offset.abs()));
             spectrum.add_signal(tendon.signal(), arm, true);
         }
@@ -103,7 +105,7 @@ impl Spectrum {
         spectrum
     }
 
-    /// That of a model.
+    /// The spectrum of a model.
     pub fn of_model(model: &Model) -> Self {
         let Model { rod, head, flow, tendons, hinge, .. } = model;
         let hinge = hinge.as_ref();
@@ -126,15 +128,15 @@ impl Spectrum {
         self.lines.iter().filter(counts).map(|line| line.frequency).reduce(f64::min)
     }
 
-    /// The frequency (Hz) that steps must follow: the largest f (v/v_max)^⅓.
+    /// The frequency (Hz) that steps must resolve: the largest f (v/v_max)^⅓.
     pub fn fastest(&self) -> Option<f64> {
         let most = self.lines.iter().map(|line| line.speed).fold(0.0, f64::max);
         let counts = |line: &SpectralLine| line.frequency * if most > 0.0 { (line.speed / most).cbrt() } else { 1.0 };
-        // At least that of the line that moves the rod most.
+        // At least the frequency of the strongest line.
         self.lines.iter().map(counts).chain(self.strongest()).reduce(f64::max)
     }
 
-    /// The frequency (Hz) of the line that moves the rod fastest; of several, the first.
+    /// The frequency (Hz) of the line that gives the rod the largest velocity; of several, the first.
     pub fn strongest(&self) -> Option<f64> {
         let stronger = |a: SpectralLine, b: SpectralLine| if b.speed > a.speed { b } else { a };
         self.lines.iter().copied().reduce(stronger).map(|line| line.frequency)
@@ -147,7 +149,8 @@ impl Spectrum {
         }
     }
 
-    /// The harmonics share the speed of the shape that is prescribed by their parts n h_n of its rate.
+    /// Adds the lines of an actuation. The harmonics share the speed of the prescribed shape in proportion to their contributions
+    /// n h_n to its rate.
     fn add_actuation(&mut self, rod: &Rod, actuation: &dyn Actuation, drive: Drive) {
         let harmonics = actuation.harmonics();
         let rate = |(order, size): &(f64, f64)| order * size.abs();
@@ -159,7 +162,7 @@ impl Spectrum {
         }
     }
 
-    /// A position, of which the rate moves the rod, or a velocity, over a distance `arm` (m, or 1).
+    /// Adds a signal: a position, whose rate moves the rod, or a velocity, acting over a distance `arm` (m, or 1).
     fn add_signal(&mut self, signal: &Signal, arm: f64, is_position: bool) {
         match signal {
             Signal::Constant(_) => {}
@@ -181,12 +184,12 @@ impl Spectrum {
                 let size = moments.size();
                 let is_transient = quarters.any(|quarter| (quarter - size).abs() > STATIONARY_TOLERANCE * size);
                 self.is_transient |= is_transient;
-                // Parts of a period at its end count for less.
+                // An incomplete period at the end gets less weight.
                 if !is_transient && moments.frequency() * (last - first) >= WINDOWED {
                     let part = |time: f64| window((time - first) / (last - first));
                     moments = Moments::of(rows, [first, last], part, velocity).unwrap_or(moments);
                 }
-                // A burst may be at an end.
+                // A burst may lie at an end of the table.
                 let weight = if is_transient { taper } else { window };
                 let lines = lines(rows, [first, last], weight, velocity);
                 if lines.len() > 1 {
@@ -201,7 +204,7 @@ impl Spectrum {
     }
 }
 
-/// Means over a part of a table: of a velocity, of its square, and of the square of its rate.
+/// Weighted means over a part of a table: of a velocity, of its square, and of the square of its rate.
 struct Moments {
     mean: f64,
     square: f64,
@@ -209,14 +212,15 @@ struct Moments {
 }
 
 impl Moments {
-    /// Of what `velocity` makes of value, rate and second rate, with the `weight` of a time; none where nothing changes.
+    /// Moments of the velocity that `velocity` computes from value, rate and second rate, with the `weight` of a time; `None` if
+    /// nothing changes.
     fn of(
         rows: &[Row],
         [from, to]: [f64; 2],
         weight: impl Fn(f64) -> f64,
         velocity: impl Fn(f64, f64, f64) -> [f64; 2],
     ) -> Option<Self> {
-        // Simpson's rule, as velocities between rows are parabolas or cubics.
+        // Simpson's rule, because velocities between rows are parabolas or cubics.
         let (mut span, mut mean, mut square, mut rate) = (0.0, 0.0, 0.0, 0.0);
         for pair in rows.windows(2) {
             let [start, end] = [pair[0].time.max(from), pair[1].time.min(to)];
@@ -253,21 +257,20 @@ impl Moments {
     }
 }
 
-/// Blackman's window at a part of its span: a line is six frequencies wide, and what is beyond that is 0.1 % of it.
+/// Blackman's window at a fraction `part` of its span: a line is six frequencies wide, and its side lobes are 0.1 % of it.
 fn window(part: f64) -> f64 {
     let phase = TAU * part;
     0.42 - 0.5 * phase.cos() + 0.08 * (2.0 * phase).cos()
 }
 
-/// A window of one, but for the first and last twentieth of its span, over which it rises and falls as a cosine: what is cut off does not
-/// leak.
+/// A window of one, except over the first and last twentieth of its span, where it rises and falls as a cosine to reduce leakage.
 fn taper(part: f64) -> f64 {
     let rise = (20.0 * part.min(1.0 - part)).clamp(0.0, 1.0);
     0.5 - 0.5 * (PI * rise).cos()
 }
 
-/// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform with the `weight` of each part of
-/// its span; their speeds are right in proportion.
+/// The lines of the velocity that `velocity` computes from value, rate and second rate of a table, by its Fourier transform with
+/// the `weight` of each fraction of its span; only the ratios of their speeds are meaningful.
 fn lines(
     rows: &[Row],
     [from, to]: [f64; 2],
@@ -286,12 +289,12 @@ fn lines(
     };
     let velocities: Vec<f64> = (0..count).map(sample).collect();
     let window = |i: usize| weight((i as f64 + 0.5) / count as f64);
-    // The mean as the window sees it: one of parts of a period is none.
+    // The mean under the window, so that incomplete periods do not contribute.
     let [sum, all] = (0..count).fold([0.0; 2], |[sum, all], i| [sum + window(i) * velocities[i], all + window(i)]);
     let mean = sum / all;
     let seen = velocities.iter().enumerate().map(|(i, u)| Complex::from(window(i) * (u - mean)));
     let squares: Vec<f64> = transform(&seen.collect::<Vec<_>>())[..count / 2].iter().map(Complex::norm_sqr).collect();
-    // From one of the smallest to the next is a line.
+    // A line extends from one local minimum to the next.
     let ends: Vec<usize> = (2..squares.len() - 1)
         .filter(|k| squares[k - 1] > squares[*k] && squares[*k] <= squares[k + 1])
         .chain([squares.len()])
@@ -307,13 +310,13 @@ fn lines(
         }
     }
     let most = lines.iter().map(|line: &SpectralLine| line.speed).fold(0.0, f64::max);
-    // Faster than every other row are the bends between them alone.
+    // Frequencies above one per two rows come only from the kinks between rows.
     let fastest = 0.5 * (rows.len() - 1) as f64 / (to - from);
     lines.retain(|line| line.speed >= RESOLVED * most && line.frequency <= fastest);
     lines
 }
 
-/// The Fourier transform of `values`, of which there is a power of two.
+/// The Fourier transform of `values`, whose number is a power of two.
 fn transform(values: &[Complex<f64>]) -> Vec<Complex<f64>> {
     if values.len() < 2 {
         return values.to_vec();
@@ -327,7 +330,7 @@ fn transform(values: &[Complex<f64>]) -> Vec<Complex<f64>> {
     with(1.0).chain(with(-1.0)).collect()
 }
 
-/// Root mean square of the velocity (m/s) across itself of a rod that takes the prescribed shape, its head at rest.
+/// Root mean square of the velocity (m/s), normal to the rod, of the prescribed shape with the head at rest.
 fn shape_speed(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
     let rest = [crate::head::Sample::default(); 3];
     let mut squares = 0.0;

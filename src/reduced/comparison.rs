@@ -1,4 +1,4 @@
-//! Comparison of two runs of a scene by their time series: displacement, tip, and force and moment on a held head.
+//! Comparison of two runs of a scene by their time series: displacement, tip position, and force and moment on a held head.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ pub const MIN_MEAN_FRACTION: f64 = 1e-3;
 /// Distances below this fraction of the length, and forces and moments below this fraction of EI/L² and EI/L, are rounding noise.
 pub const NOISE: f64 = 1e-9;
 
-/// A quantity that runs are compared by.
+/// A quantity by which runs are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -37,10 +37,10 @@ pub enum ErrorMeasure {
 }
 
 impl ErrorMeasure {
-    /// All of them.
+    /// All measures.
     pub const ALL: [Self; 4] = [Self::Displacement, Self::Tip, Self::Force, Self::Moment];
 
-    /// Its name, and the quantity that its differences are relative to.
+    /// Its name, and the quantity to which its differences are relative.
     pub fn meaning(self) -> [&'static str; 2] {
         match self {
             Self::Displacement => ["displacement", "the net displacement through the fluid, or 1 % of the path"],
@@ -50,7 +50,7 @@ impl ErrorMeasure {
         }
     }
 
-    /// True if a scene has it.
+    /// True if a scene has this measure.
     pub fn exists(self, held: bool) -> bool {
         held || matches!(self, Self::Displacement | Self::Tip)
     }
@@ -110,18 +110,18 @@ impl TimeSeries {
         Self { held, length: model.rod.length, stiffness: model.rod.ei / model.rod.length, flow, points: Vec::new() }
     }
 
-    /// The same without points.
+    /// An empty time series with the same properties.
     pub fn without_points(&self) -> Self {
         self.first_points(0)
     }
 
-    /// Its first `count` points.
+    /// The first `count` points.
     pub fn first_points(&self, count: usize) -> Self {
         let (points, flow) = (self.points[..count.min(self.points.len())].to_vec(), self.flow.clone());
         Self { points, flow, ..*self }
     }
 
-    /// Integral of `of` over time, from its values at the ends of intervals: at the start the rod may not yet have taken up its loads.
+    /// Integral of `of` over time, by its values at the ends of intervals: at the start the rod may not yet carry its loads.
     fn integral(&self, of: impl Fn(usize) -> f64) -> f64 {
         (1..self.points.len()).map(|i| (self.points[i].time - self.points[i - 1].time) * of(i)).sum()
     }
@@ -144,7 +144,7 @@ impl TimeSeries {
         self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.flow_displacement(start, point)).norm())
     }
 
-    /// The measures that are mere noise in both time series.
+    /// The measures that are only noise in both time series.
     pub fn noise(&self, other: &Self) -> Vec<ErrorMeasure> {
         let quiet = |of: &dyn Fn(&Self, &SeriesPoint) -> f64, noise: f64| {
             [self, other].iter().all(|series| series.points.iter().all(|point| of(series, point) <= noise))
@@ -159,8 +159,8 @@ impl TimeSeries {
         ErrorMeasure::ALL.into_iter().filter(is_noise).collect()
     }
 
-    /// The error of each measure per position error of one length, if velocities and loads change in the same proportion as the path of
-    /// the tip. This holds for the error of steps, which is an error of phase.
+    /// The error of each measure per position error of one length, assuming that velocities and loads change in proportion to the
+    /// path of the tip. This holds for step errors, which are phase errors.
     pub fn errors_per_length(&self) -> Differences {
         let Some(end) = self.points.last() else { return Differences::default() };
         let noise = NOISE * self.length;
@@ -168,7 +168,7 @@ impl TimeSeries {
             self.points.windows(2).map(|pair| (self.displacement(&pair[1]) - self.displacement(&pair[0])).norm()).sum();
         let travel = self.points.iter().map(|point| self.tip_displacement(point)).fold(noise, f64::max);
         let tip = self.length / travel;
-        // A mean is known as well as the loads that it is the small difference of.
+        // The error of a mean is relative to the loads that it is the small difference of.
         let of_loads = |of: &dyn Fn(&SeriesPoint) -> Vector2<f64>| {
             let size = self.integral(|i| of(&self.points[i]).norm());
             let means =
@@ -235,7 +235,7 @@ pub struct Differences {
 }
 
 impl Differences {
-    /// That of `measure`, if the scene has it.
+    /// The difference of `measure`, if the scene has it.
     pub fn get(&self, measure: ErrorMeasure) -> Option<f64> {
         match measure {
             ErrorMeasure::Displacement => Some(self.displacement),
@@ -245,18 +245,18 @@ impl Differences {
         }
     }
 
-    /// The largest difference among the measures `of`, or None if the scene has none of them.
+    /// The largest difference among the measures `of`, or `None` if the scene has none of them.
     pub fn largest(&self, of: &[ErrorMeasure]) -> Option<(ErrorMeasure, f64)> {
         let known = of.iter().filter_map(|measure| Some((*measure, self.get(*measure)?)));
         known.reduce(|worst, next| if next.1 > worst.1 || next.1.is_nan() { next } else { worst })
     }
 
-    /// True if all are finite.
+    /// True if all differences are finite.
     pub fn are_finite(&self) -> bool {
         (self.displacement + self.tip + self.force.unwrap_or(0.0) + self.moment.unwrap_or(0.0)).is_finite()
     }
 
-    /// Combines each with that of `other`.
+    /// Combines each difference with that of `other`.
     pub(super) fn with(self, other: Self, combine: impl Fn(f64, f64) -> f64) -> Self {
         let both = |a: Option<f64>, b: Option<f64>| Some(combine(a?, b?));
         Self {
@@ -267,12 +267,12 @@ impl Differences {
         }
     }
 
-    /// Applies `change` to each.
+    /// Applies `change` to each difference.
     pub(super) fn map(self, change: impl Fn(f64) -> f64) -> Self {
         self.with(self, |x, _| change(x))
     }
 
-    /// For messages, each with the name of its measure.
+    /// Describes each difference with the name of its measure, for messages.
     pub fn in_words(&self) -> String {
         let known = ErrorMeasure::ALL.iter().filter_map(|measure| Some((measure.meaning()[0], self.get(*measure)?)));
         known.map(|(name, value)| format!("{name} {value:.1e}")).collect::<Vec<_>>().join(", ")

@@ -11,7 +11,7 @@ const STAGES: usize = 7;
 /// Times of the stages in steps.
 const TIMES: [f64; STAGES] = [0.0, 1.0 / 5.0, 3.0 / 10.0, 4.0 / 5.0, 8.0 / 9.0, 1.0, 1.0];
 
-/// Weights a_ij, j < i; the last stage is the step.
+/// Weights a_ij, j < i; the last stage is the end of the step.
 const WEIGHTS: [[f64; STAGES - 1]; STAGES] = [
     [0.0; 6],
     [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -22,7 +22,7 @@ const WEIGHTS: [[f64; STAGES - 1]; STAGES] = [
     [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
 ];
 
-/// Weights of the step minus those of the embedded one.
+/// Weights of the step minus those of the embedded method.
 const ERROR: [f64; STAGES] =
     [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
 

@@ -1,8 +1,8 @@
-//! Estimated errors of simpler drag laws, without running the scene: its rod and drive are simulated with each law on a coarse mesh,
-//! with fixed steps, over the first periods.
+//! Estimated errors of simpler drag laws, without running the scene: its rod and drive are simulated with each law on a coarse
+//! mesh, with fixed steps, over the first periods.
 //!
-//! Only mesh, steps and duration differ from the run. Drive, loads, flow and head are those of the scene, including their changes over
-//! time.
+//! Only mesh, steps and duration differ from the run. Drive, loads, flow and head are those of the scene, including their changes
+//! over time.
 
 use std::mem::swap;
 use std::sync::Arc;
@@ -26,28 +26,30 @@ use crate::rod::node;
 use crate::spectrum::Spectrum;
 use crate::system::{Form, State};
 
-/// Simulated periods after a ramp, steps per period, and steps without a period.
+/// Number of periods to simulate after a ramp, steps per period, and steps without a period.
 pub const PERIODS: f64 = 8.0;
 const STEPS_PER_PERIOD: f64 = 24.0;
 const MIN_STEPS: f64 = 128.0;
 
-/// The periods of a run below which its laws are not compared: of the first one a start decides the motion.
+/// The smallest number of periods of a run for which laws are compared, because the start dominates the motion in the first
+/// period.
 const LEAST_PERIODS: f64 = 2.0;
 
-/// The largest change of motion and power that is said in digits: of a motion ten times another they say only that it is another.
+/// The largest change of motion and power that is reported as a number. A larger change only means that the motion is a different
+/// one.
 const MAX_CHANGE_IN_DIGITS: f64 = 10.0;
 
 /// The largest number of steps, for drives with very different frequencies: half a second of computing for 17 nodes.
 const MAX_STEPS: f64 = 2048.0;
 
-/// Nodes per wavelength or, if that is longer, per rod; and their largest number.
+/// Number of nodes per wavelength or, if that is longer, per rod; and the largest number of nodes.
 const NODES_PER_WAVELENGTH: f64 = 16.0;
 const MAX_NODES: u64 = 49;
 
 /// Relative rounding of times.
 const ROUNDING: f64 = 1e-9;
 
-/// A rod that moves less than this part of its length through the fluid in a whole run is at rest, but for rounding.
+/// A rod is at rest if it moves less than this fraction of its length through the fluid in a whole run; such motion is rounding.
 const AT_REST: f64 = 1e-12;
 
 /// Tolerance of Newton's method relative to the length, and how many times failing steps are halved.
@@ -79,9 +81,9 @@ pub struct ShortRun {
 }
 
 impl ShortRun {
-    /// The part of a run of `duration` (s) to simulate: [`PERIODS`] longest periods of the drive after a ramp (s), or all of it without a
-    /// period, in steps that resolve the highest frequency. If frequencies are very different, or a run without a period is long, it is
-    /// shortened so that the steps still resolve the highest frequency.
+    /// The part of a run of `duration` (s) to simulate: [`PERIODS`] longest periods of the drive after a ramp (s), or all of it
+    /// without a period, in steps that resolve the highest frequency. If frequencies differ strongly, or a run without a period
+    /// is long, the part is shortened so that the steps still resolve the highest frequency.
     pub fn of(spectrum: &Spectrum, duration: f64, ramp: f64) -> Self {
         let Some((slowest, fastest)) = spectrum.slowest().zip(spectrum.fastest()) else {
             return Self { duration, steps: MIN_STEPS as u64, period: None };
@@ -95,7 +97,8 @@ impl ShortRun {
         Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
     }
 
-    /// Refuses to compare laws by a run of `duration` (s), of which this is a part, that ends before its second beat does.
+    /// Returns an error if a run of `duration` (s), of which this is a part, ends before the end of its second period, which is
+    /// too short to compare laws.
     pub fn check_run_length(&self, duration: f64) -> std::result::Result<(), String> {
         let too_short = |period: &f64| duration * (1.0 + ROUNDING) < LEAST_PERIODS * period;
         let Some(period) = self.period.filter(too_short) else { return Ok(()) };
@@ -105,8 +108,8 @@ impl ShortRun {
         ))
     }
 
-    /// The number of periods at its end over which the motion is measured: whole ones except the first, at most [`MAX_CYCLES`]; none where
-    /// it is measured over all of it.
+    /// The number of periods at the end over which the motion is measured: whole periods except the first, at most
+    /// [`MAX_CYCLES`]; 0 if the motion is measured over the whole run.
     fn measured_periods(&self) -> f64 {
         let whole = |period: f64| ((self.duration / period * (1.0 + ROUNDING)).floor() - 1.0).min(MAX_CYCLES as f64);
         self.period.map_or(0.0, whole).max(0.0)
@@ -131,7 +134,7 @@ pub struct ShortRunResult {
 /// Simulates `model` over `span` from its start.
 ///
 /// # Errors
-/// Those of a step; [`Error::NotFinite`] if there is no result.
+/// Errors of a step; [`Error::NotFinite`] if there is no result.
 pub fn simulate(model: &Arc<Model>, span: ShortRun) -> Result<ShortRunResult> {
     let mut outcome = simulate_steps(model, span, span.steps);
     for halved in 1..=MAX_HALVINGS {
@@ -186,7 +189,7 @@ struct MotionSample {
     time: f64,
     along: f64,
     across: f64,
-    /// Of the velocities across and along over ν, 1/m².
+    /// Mean squares of the velocities across and along the rod over ν, 1/m².
     per_depth: [f64; 2],
     body: f64,
     density: f64,
@@ -236,12 +239,13 @@ impl MotionSample {
     }
 }
 
-/// The motion over equally spaced `samples`, of which the first is its start, and which are as many `periods`.
+/// The motion over equally spaced `samples`, the first at the start, which cover that many `periods`.
 fn motion(samples: &[MotionSample], periods: f64, held: bool) -> MeanMotion {
     let later = samples.get(1..).unwrap_or_default();
     let mean = |of: fn(&MotionSample) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
     let root = |of: fn(&MotionSample) -> f64| mean(of).sqrt();
-    // What carries the head, or the centre of mass, on: all of a free rod's motion, of a held head its mean.
+    // The motion of the reference point: the complete motion of a free rod's centre of mass, but only the mean motion of a held
+    // head.
     let velocity = drift(samples, periods).filter(|_| held);
     let gone = |sample: &MotionSample| match (velocity, samples.first()) {
         (Some(velocity), Some(first)) => velocity * (sample.time - first.time),
@@ -266,8 +270,8 @@ fn motion(samples: &[MotionSample], periods: f64, held: bool) -> MeanMotion {
     }
 }
 
-/// The mean velocity of the origin over equally spaced `samples`, m/s, from its means over the first and the last of their `periods`: those
-/// of places at the ends of a window that is a little longer are off by the motion there.
+/// The mean velocity of the origin over equally spaced `samples`, m/s, from its means over the first and the last of their
+/// `periods`. The positions at the ends of the window would be inaccurate if the window is not a whole number of periods.
 fn drift(samples: &[MotionSample], periods: f64) -> Option<Vector2<f64>> {
     let (first, last) = (samples.first()?, samples.last()?);
     let time = last.time - first.time;
@@ -282,7 +286,7 @@ fn drift(samples: &[MotionSample], periods: f64) -> Option<Vector2<f64>> {
     Some((last - first) / between)
 }
 
-/// A drag law, with or without added mass, and the result of the scene with it.
+/// A drag law, with or without added mass, and the result for the scene with it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FluidEstimate {
     /// The law.
@@ -293,7 +297,7 @@ pub struct FluidEstimate {
     pub means: MotionAndPower,
     /// Estimated errors of motion and power relative to the most accurate law.
     pub errors: [f64; 2],
-    /// Its published uncertainty in motion and power, where it holds.
+    /// Its published uncertainty in motion and power, within its range of validity.
     pub uncertainty: Option<[f64; 2]>,
 }
 
@@ -307,7 +311,7 @@ impl FluidEstimate {
 /// Estimates for the drag laws of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FluidEstimates {
-    /// The laws, from the cheapest to the most accurate, which errors are relative to.
+    /// The laws, from the cheapest to the most accurate. Errors are relative to the most accurate one.
     pub laws: Vec<FluidEstimate>,
     /// Published uncertainty of the most accurate law, in motion and power.
     pub uncertainty: [f64; 2],
@@ -344,22 +348,22 @@ impl FluidEstimates {
         })
     }
 
-    /// The estimates of the `allowed` laws relative to the most accurate of them, or None if none is allowed.
+    /// The estimates of the `allowed` laws relative to the most accurate of them, or `None` if none is allowed.
     pub fn restricted_to(&self, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
         let of = self.laws.iter().filter(|estimate| allowed(estimate.law, estimate.reactive));
         let found: Vec<_> =
             of.map(|estimate| (estimate.law, estimate.reactive, estimate.means, estimate.uncertainty)).collect();
-        // Of a law that the scene measures itself nothing is published, nor beyond its range.
+        // A law with coefficients of the scene has no published uncertainty, nor has any law outside its range.
         let uncertainty = found.last()?.3.unwrap_or(self.uncertainty);
         Self::of(found, uncertainty, self.held, self.regime)
     }
 
-    /// That of a law.
+    /// The estimate of a law.
     pub fn get(&self, law: &DragLaw, reactive: bool) -> Option<&FluidEstimate> {
         self.laws.iter().find(|estimate| estimate.law == law && estimate.reactive == reactive)
     }
 
-    /// What the motion would have and take with those relative changes of motion and power, for messages.
+    /// Describes these relative changes of motion and power, for messages.
     pub fn changes_in_words(&self, changes: [f64; 2]) -> String {
         let [motion, power] = changes.map(|part| match part {
             part if part.abs() <= MAX_CHANGE_IN_DIGITS => format!("{} %", signed(100.0 * part, 1)),
@@ -370,26 +374,28 @@ impl FluidEstimates {
         format!("the motion would have {motion} {named} and take {power} power")
     }
 
-    /// Errors of motion and power, for messages.
+    /// Describes errors of motion and power, for messages.
     pub fn in_words(&self, [motion, power]: [f64; 2]) -> String {
         format!("{} in {}, {} in power", percent(motion), if self.held { "thrust" } else { "speed" }, percent(power))
     }
 }
 
-/// The drag law that the program chooses for a scene, and why.
+/// The drag law that the program chooses for a scene, and the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FluidChoice {
     /// The drag law, if the scene has drag.
     pub law: Option<&'static DragLaw>,
-    /// True with the water that the rod accelerates.
+    /// True with added mass.
     pub reactive: bool,
     /// The reason.
     pub reason: String,
-    /// Estimated errors of motion and power relative to the most accurate law, zero of that itself, if there is another.
+    /// Estimated errors of motion and power relative to the most accurate law, if there is another law; zero for the most
+    /// accurate law itself.
     pub errors: Option<[f64; 2]>,
     /// Published uncertainty of the most accurate law, in motion and power, if there are estimates and it is known.
     pub uncertainty: Option<[f64; 2]>,
-    /// True if the estimates are of a rod at rest: nothing of the scene moves it, and a host that does is unknown to them.
+    /// True if the estimates describe a rod at rest: nothing in the scene moves it, and the estimates do not know a host that
+    /// does.
     pub at_rest: bool,
 }
 
@@ -397,7 +403,7 @@ pub struct FluidChoice {
 pub const UNCERTAINTY_FRACTION: f64 = 0.25;
 
 impl FluidChoice {
-    /// A choice without estimates, for that reason.
+    /// A choice without estimates, for the given `reason`.
     pub fn without_estimates(law: Option<&'static DragLaw>, reactive: bool, reason: String) -> Self {
         Self { law, reactive, reason, errors: None, uncertainty: None, at_rest: false }
     }

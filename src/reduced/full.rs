@@ -46,7 +46,7 @@ impl ModelStepper for Full {
         self.accelerations.clone_from(&state.a);
         newton.iterate(dynamics, state, Direction::ACCELERATIONS)?;
         for (w, (new, old)) in state.memory.iter_mut().zip(state.a.iter().zip(&self.accelerations)) {
-            *w += new - old; // what a method remembers jumps with them
+            *w += new - old; // the method's memory jumps with the accelerations
         }
         Ok(())
     }

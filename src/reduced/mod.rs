@@ -1,8 +1,8 @@
-//! The models of one scene, which `solver.model` chooses between: the full rod, and cheaper reduced models that leave out
-//! elasticity or inertia.
+//! The models of a scene that `solver.model` selects from: the full rod, and cheaper reduced models that omit elasticity or
+//! inertia.
 //!
-//! Each model advances the same [`State`], the positions, velocities and accelerations of all nodes, so the stepper,
-//! variables, outputs and sweeps serve all of them.
+//! Each model advances the same [`State`], the positions, velocities and accelerations of all nodes, so the stepper, variables,
+//! outputs and sweeps work with all of them.
 
 pub mod comparison;
 mod dormand_prince;
@@ -28,7 +28,7 @@ pub(crate) use full::MODEL as FULL;
 pub use model_estimates::{Estimate, Estimates};
 pub use motion_and_power::MotionAndPower;
 
-/// All models, the cheapest first. A new model is a file and a line here.
+/// All models, the cheapest first. To add one, write its file and list it here.
 pub static MODELS: &[&ModelKind] = &[&shape::MODEL, &overdamped::MODEL, &full::MODEL];
 
 /// A kind of model: its name, its limits, and how it is built.
@@ -36,7 +36,7 @@ pub static MODELS: &[&ModelKind] = &[&shape::MODEL, &overdamped::MODEL, &full::M
 pub struct ModelKind {
     /// Name in a scene.
     pub name: &'static str,
-    /// The terms that it keeps and those that it omits.
+    /// The terms that it includes and those that it omits.
     pub meaning: &'static str,
     /// Name of its own integrator; `None` if it uses the integrator of the scene.
     pub method: Option<&'static str>,
@@ -44,7 +44,7 @@ pub struct ModelKind {
     pub needs_drag: bool,
     /// Selects its estimated errors; `None` if it omits nothing.
     pub estimate: Option<fn(&Estimates) -> &Estimate>,
-    /// Why it cannot simulate a model for a duration (s), if so.
+    /// The reason why it cannot simulate a model for a duration (s), if any.
     pub refuses: fn(&Arc<Model>, f64) -> Option<String>,
     /// Builds its stepper, with the integrator of the scene.
     pub build: fn(Box<dyn Integrator>) -> Box<dyn ModelStepper>,
@@ -57,7 +57,7 @@ impl ModelKind {
     }
 }
 
-/// The kind of model that a run uses, and why.
+/// The kind of model that a run uses, and the reason.
 #[derive(Debug, Clone)]
 pub struct ModelChoice {
     /// The kind of model.
@@ -69,7 +69,7 @@ pub struct ModelChoice {
 }
 
 impl ModelChoice {
-    /// The model that a scene names.
+    /// The model that a scene specifies.
     pub fn asked(kind: &'static ModelKind) -> Self {
         Self { kind, reason: None, estimates: None }
     }
@@ -100,7 +100,7 @@ impl ModelChoice {
         Self { kind: taken, reason: Some(reasons.join("; ")), estimates: Some(estimates) }
     }
 
-    /// The largest estimated error of a cheaper model that was chosen for this [`reason`](Self::reason), and its measure.
+    /// The largest estimated error of a cheaper model stated in this [`reason`](Self::reason) for its choice, and its measure.
     pub fn stated_error(reason: &str) -> Option<(ErrorMeasure, f64)> {
         let (name, rest) = reason.strip_prefix("its largest estimated error, of the ")?.split_once(", is ")?;
         let measure = ErrorMeasure::ALL.into_iter().find(|measure| measure.meaning()[0] == name)?;
@@ -110,7 +110,7 @@ impl ModelChoice {
 
 /// Advances the state of a rod in time, by the equations of one kind of model.
 pub trait ModelStepper: std::fmt::Debug + Send + Sync {
-    /// The mechanics of the rod that the model keeps.
+    /// The mechanics of the rod that the model includes.
     fn mechanics(&self) -> Mechanics;
 
     /// Order of convergence in the step size.
@@ -121,22 +121,22 @@ pub trait ModelStepper: std::fmt::Debug + Send + Sync {
         f64::INFINITY
     }
 
-    /// Prepares a run from `state`, which a [`Start`](crate::start::Start) gives, and makes it consistent with the model.
+    /// Prepares a run from `state`, as placed by a [`Start`](crate::start::Start), and makes it consistent with the model.
     ///
     /// # Errors
-    /// Those of [`Newton::iterate`].
+    /// Errors of [`Newton::iterate`].
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
 
     /// Makes `state` consistent with the model again after a jump of inputs.
     ///
     /// # Errors
-    /// Those of [`Newton::iterate`].
+    /// Errors of [`Newton::iterate`].
     fn reinitialise(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
 
     /// Steps as [`Integrator::step`] does.
     ///
     /// # Errors
-    /// Those of [`Integrator::step`].
+    /// Errors of [`Integrator::step`].
     fn step(
         &mut self,
         dynamics: &mut Dynamics,
@@ -146,12 +146,12 @@ pub trait ModelStepper: std::fmt::Debug + Send + Sync {
         to: &mut State,
     ) -> Result<StepError>;
 
-    /// The rule of a step of `h` (s), if it solves the full model by a method of one stage.
+    /// The weights of a step of `h` (s), if it solves the full model by a one-stage method.
     fn rule(&self, _h: f64) -> Option<StepWeights> {
         None
     }
 
-    /// The integrator of the full model, whose steps can be linearised; `None` of a reduced model.
+    /// The integrator of the full model, whose steps can be linearised; `None` for a reduced model.
     fn integrator(&self) -> Option<&dyn Integrator> {
         None
     }

@@ -1,20 +1,19 @@
 //! A-priori error estimates of the reduced models, without running the full one, and estimates of their cost.
 //!
-//! The ratio of inertia to drag is β = ωτ, with the longest time τ = m/c in which drag stops a node, and the highest frequency ω of
-//! the drive.
+//! The ratio of inertia to drag is β = ωτ, with the longest time τ = m/c in which drag stops a node, and the highest frequency ω
+//! of the drive.
 //!
 //! *Shape.* The joint moments m_k that hold the rod in its natural curvature give the deviation of a rod of finite stiffness:
-//! δκ_k = m_k/(EI_k/ΔL), quasi-static and to first order, less τκ̄' where a damped material resists the rate of the natural curvature.
-//! The rigid motion is simulated for the prescribed shape, and for the shape
-//! plus δκ. Their difference is the error of a model without elasticity. For force and moment on a held head, the oscillation
-//! excited at the start is added.
+//! δκ_k = m_k/(EI_k/ΔL), quasi-static and to first order, minus τκ̄' if a damped material resists the rate of the natural
+//! curvature. The rigid motion is simulated for the prescribed shape, and for the shape plus δκ. Their difference is the error of
+//! a model without elasticity. For force and moment on a held head, the oscillation excited at the start is added.
 //!
-//! *Overdamped.* For a motion of frequency ω its relative error is β, however the rod bends, plus the delay τ at the start. A free
-//! rod swims by a small difference of large forces. Its rigid motion without inertia is therefore simulated twice, the second time
-//! with the omitted inertia −M a as a load.
+//! *Overdamped.* For a motion of frequency ω its relative error is β, regardless of how the rod bends, plus the delay τ at the
+//! start. The propulsion of a free rod is a small difference of large forces. Its rigid motion without inertia is therefore
+//! simulated twice, the second time with the omitted inertia −M a as a load.
 //!
-//! Drag need not be linear. If an estimate is unreliable, or would cost more than a tenth of the run that it may save, the result is a
-//! reason instead of a number.
+//! Drag need not be linear. If an estimate is unreliable, or would cost more than a tenth of the run that it may save, the result
+//! is a reason instead of a number.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -45,8 +44,8 @@ pub struct Estimates {
     pub shape: Estimate,
     /// Errors of the overdamped model.
     pub overdamped: Estimate,
-    /// The tolerance for steps of either model, so that they use up at most [`STEP_ERROR_FRACTION`] of the remaining accuracy. The
-    /// estimates include the error of steps.
+    /// The tolerance for steps of either model, chosen so that step errors use at most [`STEP_ERROR_FRACTION`] of the remaining
+    /// accuracy. The estimates include the step errors.
     pub tolerance: f64,
     /// The cost of the estimates, in Newton iterations of the scene.
     pub work: f64,
@@ -65,19 +64,19 @@ pub struct FullModelRun {
     pub iterations: f64,
     /// The requested accuracy.
     pub accuracy: f64,
-    /// The measures that it applies to.
+    /// The measures to which the accuracy applies.
     pub measures: [Option<ErrorMeasure>; 4],
 }
 
-/// The largest cost of estimates as a fraction of the full model's, and the fraction that they are planned with: the cost is known in
-/// advance to a factor of 4.1 at best (measured on 2000 scenes).
+/// The largest cost of estimates as a fraction of the full model's cost, and the fraction used for planning. The cost is known in
+/// advance only to within a factor of 4.1 (measured on 2000 scenes).
 const MAX_COST_FRACTION: f64 = 0.1;
 const PLANNED_COST_FRACTION: f64 = 0.022;
 
 /// Steps of the estimates per shortest period of the drive.
 const STEPS_PER_PERIOD: f64 = 10.0;
 
-/// The fraction of the remaining accuracy that the steps of a reduced model may use up, and the smallest tolerance for it. The
+/// The fraction of the remaining accuracy that the steps of a reduced model may use, and the smallest tolerance for this. The
 /// measured error of the tip's path is 0.3 … 1.7 times the tolerance times the length.
 pub const STEP_ERROR_FRACTION: f64 = 0.5;
 const MIN_TOLERANCE: f64 = 1e-8;
@@ -89,7 +88,7 @@ const LOADING_STEPS: f64 = 4.0;
 /// step of both simulated motions, and of a step of both without inertia.
 const MEASUREMENT_WORK: f64 = 0.7;
 const SHAPE_STEP_WORK: f64 = 3.5;
-/// Factor of a step of `shape` with added mass: 7.8 in total (an eel of 17 nodes).
+/// Factor of the work of a step of `shape` with added mass: 7.8 in total (an eel of 17 nodes).
 const ADDED_MASS_FACTOR: f64 = 2.2;
 const RIGID_STEP_WORK: f64 = 6.5;
 const CREEPING_STEP_WORK: f64 = 22.0;
@@ -99,13 +98,13 @@ const CREEPING_STEP_WORK: f64 = 22.0;
 const FULL_MODEL_WORK_PER_PERIOD: f64 = 300.0;
 const OVERDAMPED_WORK_PER_PERIOD: f64 = 550.0;
 
-/// Factor of these for a free rod that loads or a flow carry along, because its steps are longer.
+/// Factor of this work for a free rod that is carried by loads or a flow, because its steps are longer.
 const DRIFTING_WORK_FRACTION: f64 = 0.25;
 
 /// The smallest number of longest periods that an estimate covers after the ramp, unless the run is shorter.
 const MIN_PERIODS: f64 = 2.0;
 
-/// The largest total deviation (rad) for which motions are linear in it.
+/// The largest total deviation (rad) for which motions are linear in the deviation.
 const MAX_LINEAR_DEVIATION: f64 = 0.1;
 
 /// The largest compression of the rod, in EI/L². A clamped rod buckles at 2.5.
@@ -114,14 +113,14 @@ const MAX_COMPRESSION: f64 = 0.5;
 /// The largest β for which inertia is a correction.
 const MAX_INERTIA: f64 = 0.05;
 
-/// The relative uncertainty of the full model's own force and moment: with a tolerance of 1e-6, unresolved stretching waves leave
-/// 2e-4 … 7e-4 (measured). And its rounding, in roundings of EA and EI/L per node: the drag on stiff rods of some micrometres is as
-/// small.
+/// The relative uncertainty of force and moment of the full model itself: with a tolerance of 1e-6, unresolved stretching waves
+/// leave 2e-4 … 7e-4 (measured). The second constant is its rounding error, in roundings of EA and EI/L per node, which is
+/// comparable to the drag on stiff rods of some micrometres.
 const LOAD_UNCERTAINTY: f64 = 2.5e-4;
 const ROUNDING_FACTOR: f64 = 4.0;
 
-/// The safety factor of the estimates. Most are accurate to a few per cent without it, but the error of a ringing rod, which the
-/// simulated motions do not include, is twice as large, and that of omitted harmonics of the drive larger still.
+/// The safety factor of the estimates. Most are accurate to a few per cent without it, but the error of an oscillating rod, which
+/// the simulated motions do not include, is twice as large, and that of omitted harmonics of the drive larger still.
 const SAFETY_FACTOR: f64 = 4.0;
 
 /// The largest error of a step of the simulated motions, relative to the length.
@@ -141,7 +140,7 @@ fn no_estimate<T>(reason: impl Into<String>) -> Result<T, NoEstimate> {
 }
 
 impl Estimates {
-    /// No estimates for any model, for that reason.
+    /// No estimates for any model, for the given `reason`.
     pub fn none(reason: &str) -> Self {
         let tolerance = MIN_TOLERANCE;
         Self { shape: Err(reason.to_string()), overdamped: Err(reason.to_string()), tolerance, work: 0.0 }
@@ -164,7 +163,7 @@ impl Estimates {
             asked.all(|error| error <= run.accuracy)
         };
         if !shape.as_ref().is_ok_and(is_accurate) {
-            // A model that is not taken sets no steps.
+            // A model that is not chosen does not determine steps.
             estimator.tolerance = f64::INFINITY;
         }
         let overdamped = checked(estimator.overdamped());
@@ -288,7 +287,7 @@ impl Estimator {
         PLANNED_COST_FRACTION * self.full_model_work() * part / step
     }
 
-    /// Checks the preconditions of both models: a suitable start, and a drive with periods.
+    /// Checks the preconditions of both models: a suitable start, and a periodic drive.
     fn check_preconditions(&mut self) -> Result<(), NoEstimate> {
         self.dynamics.evaluate_at(0.0);
         let strained = self.dynamics.natural.iter().any(|k| *k != 0.0);
@@ -314,15 +313,15 @@ impl Estimator {
         }
     }
 
-    /// The estimates from the `errors` of a model with the time series `series`: multiplied by the safety factor, plus the errors of the
-    /// model's steps, whose tolerance is reduced as far as needed.
+    /// The estimates from the `errors` of a model with the time series `series`: multiplied by the safety factor, plus the errors
+    /// of the model's steps, whose tolerance is reduced as far as needed.
     fn with_step_errors(&mut self, errors: Differences, series: &TimeSeries) -> Differences {
         let (errors, per_length) = (errors.map(|error| SAFETY_FACTOR * error), series.errors_per_length());
         let needed = self.run.measures.into_iter().flatten().filter_map(|measure| {
             let left = self.run.accuracy - errors.get(measure)?;
             Some(STEP_ERROR_FRACTION * left / per_length.get(measure)?)
         });
-        // A measure that is not accurate enough whatever the steps says nothing about them.
+        // A measure that is not accurate enough even with exact steps does not determine their tolerance.
         let needed = needed.filter(|needed| *needed > 0.0).fold(f64::INFINITY, f64::min);
         if needed.is_finite() {
             self.tolerance = self.tolerance.min(needed.max(MIN_TOLERANCE));
@@ -342,7 +341,8 @@ impl Estimator {
         if covered < least {
             return no_estimate(format!("an estimate would cost more than {} % of the run", 100.0 * MAX_COST_FRACTION));
         }
-        // It ends in the same phase as the run: means over other parts of a period are no small differences of large loads.
+        // The estimate ends in the same phase as the run, because means over incomplete periods are not small differences of
+        // large loads.
         let period = self.times.periods[1];
         let left_out = ((self.run.duration - covered) / period).ceil();
         if covered >= self.run.duration || !(left_out * period).is_finite() {
@@ -357,7 +357,7 @@ impl Estimator {
         (STEPS_PER_PERIOD / self.times.periods[0]).max(20.0 / self.run.duration)
     }
 
-    /// The factor of the cost of a step of the shape model by added mass.
+    /// The factor by which added mass increases the cost of a step of the shape model.
     fn added_mass_factor(&self) -> f64 {
         if self.dynamics.model.forces.are_inertial() { ADDED_MASS_FACTOR } else { 1.0 }
     }
@@ -401,8 +401,8 @@ impl Estimator {
         Ok(())
     }
 
-    /// The differences of `found` from `truth`, extrapolated to the duration of the run by their growth over about the second half, a whole
-    /// number of periods.
+    /// The differences of `found` from `truth`, extrapolated to the duration of the run by their growth over about the second
+    /// half, a whole number of periods.
     fn extrapolated(&self, truth: &TimeSeries, found: &TimeSeries) -> Differences {
         let duration = self.run.duration;
         let all = truth.differences(found);
@@ -435,8 +435,8 @@ impl Estimator {
         (0.5 / (decay * time)).sqrt().min(1.0)
     }
 
-    /// Adds to the errors of force and moment on a held head the fraction `lasting` of the initial loads of `simulated`, and the uncertainty
-    /// of the full model.
+    /// Adds the fraction `lasting` of the initial loads of `simulated`, and the uncertainty of the full model, to the errors of
+    /// force and moment on a held head.
     fn with_load_errors(&self, errors: Differences, simulated: &SimulatedMotion, lasting: f64) -> Differences {
         let rod = &self.dynamics.model.rod;
         let points = &simulated.series.points;
@@ -471,7 +471,8 @@ impl Estimator {
         if let StepControl::Adaptive(tolerance) = step_control {
             self.check_cost(tolerance)?;
         }
-        // The net displacement, and means of loads, may be as small as the parts of a path that they are measured against.
+        // The net displacement, and means of loads, may be as small as the fractions of a path to which their differences are
+        // relative.
         let periods = duration / self.times.periods[1];
         let late = self.times.stops[1] / duration;
         let held = self.dynamics.model.head.is_some();
@@ -506,7 +507,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// Simulates the prescribed shape, with inertia or without, up to time `until` (s) in at most `steps` steps.
+    /// Simulates the prescribed shape, with or without inertia, up to time `until` (s) in at most `steps` steps.
     fn simulate_shape(&mut self, inertia: bool, until: f64, steps: usize) -> Result<SimulatedMotion, NoEstimate> {
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
@@ -634,11 +635,12 @@ impl Estimator {
         Ok(())
     }
 
-    /// Simulates the shape with the deviations of `plain` added to its natural curvature, at the same times, starting from zero deviation.
+    /// Simulates the shape with the deviations of `plain` added to its natural curvature, at the same times, starting from zero
+    /// deviation.
     fn simulate_deviated(&mut self, plain: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
         let mut series = plain.series.without_points();
         let held = self.dynamics.model.head.is_some();
-        // A held head feels the force with which the rod takes up its deviation: several of the times see it.
+        // The build-up of the deviation exerts a force on a held head; it is spread over several steps to be resolved.
         let steps = if held { LOADING_STEPS } else { 1.0 };
         let grows = Start::Ramp { duration: steps * self.times.periods[0] / STEPS_PER_PERIOD };
         let first = self.dynamics.first_state();
@@ -687,8 +689,8 @@ impl Estimator {
         }
     }
 
-    /// Simulates the free rod's motion without inertia again, with the inertia that `drift` omits as a load, delayed by the time in which
-    /// the rod reaches its speed.
+    /// Repeats the simulation of the free rod's motion without inertia, with the inertia omitted in `drift` as a load, delayed by
+    /// the time in which the rod reaches its speed.
     fn simulate_with_inertial_load(&mut self, drift: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
         let own = self.dynamics.inputs.force.take();
         let series = self.simulate_with(drift, own.as_deref());
@@ -696,7 +698,7 @@ impl Estimator {
         series
     }
 
-    /// The same on top of the `own` force of the inputs.
+    /// The same, with this load added to the `own` force of the inputs.
     fn simulate_with(&mut self, drift: &SimulatedMotion, own: Option<&[f64]>) -> Result<TimeSeries, NoEstimate> {
         let mut series = drift.series.without_points();
         let first = self.dynamics.first_state();

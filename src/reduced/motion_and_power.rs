@@ -1,4 +1,4 @@
-//! Mean motion and power of a run over its last cycles, by which two models of the fluid are compared.
+//! Mean motion and power of a run over its last cycles, used to compare two fluid models.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,10 +32,10 @@ impl MotionAndPower {
         }
     }
 
-    /// Those of the `cycles` of a run, or None before its first step.
+    /// The means over the `cycles` of a run, or `None` before its first step.
     pub fn of(cycles: &Cycles, dynamics: &Dynamics) -> Option<Self> {
         let (whole, all) = (cycles.whole(f64::INFINITY), cycles.since_start());
-        // The first cycle has the start in it.
+        // The first cycle contains the start.
         let start = all.map_or(f64::NEG_INFINITY, |all| all.from);
         let whole = if whole.len() > 1 && whole[0].from <= start { &whole[1..] } else { whole };
         let cycles = if whole.is_empty() { all.as_slice() } else { whole };

@@ -1,7 +1,7 @@
 //! The overdamped model, without inertia: C(q) (v − u) = F(q, t), of first order in time with positions as unknowns.
 //!
-//! The residual is the model's own at a = 0. Steps are those of ESDIRK3(2), L-stable, on q' = v: a stage solves for its
-//! velocity with q_i = qⁿ + h Σ_{j<i} a_ij v_j + hγ v_i.
+//! The residual is the model's own at a = 0. Steps are made with ESDIRK3(2), L-stable, on q' = v: a stage solves for its velocity
+//! with q_i = qⁿ + h Σ_{j<i} a_ij v_j + hγ v_i.
 
 use super::{ModelKind, ModelStepper};
 use crate::error::{Error, Result};
@@ -27,7 +27,7 @@ pub static MODEL: ModelKind = ModelKind {
 /// Velocities have converged if an iteration changes them by at most this fraction of the largest …
 const VELOCITY_TOLERANCE: f64 = 1e-10;
 
-/// … or by at most this fraction and at least half of the change before, which is rounding.
+/// … or by at most this fraction and at least half of the previous change, which indicates rounding.
 const ROUNDING_TOLERANCE: f64 = 1e-6;
 
 /// The velocities of the first three stages.
@@ -94,7 +94,8 @@ impl ModelStepper for Overdamped {
         for i in 1..STAGES {
             to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
             let v = &self.v;
-            // Every stage converges by itself: what one that is spared leaves, drag in all would show, which is nothing here.
+            // Every stage converges separately: the error of a skipped iteration would appear in the total drag, which is zero
+            // here.
             stage.solve(dynamics, newton, &mut ConvergenceRate::default(), from, to, |k| {
                 let dq = (0..i).map(|j| h * WEIGHTS[i][j] * v[j][k]).sum();
                 ExplicitPart { dq, v: 0.0, guess: v[i - 1][k] }

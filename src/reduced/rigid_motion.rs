@@ -1,13 +1,14 @@
 //! Rigid-body dynamics of a chain with prescribed curvatures.
 //!
-//! Unknown are the centre of mass X, its velocity V, the direction φ of the first edge, and the angular momentum Λ about X:
-//! X' = V, M V' = F, Λ' = N, with force F and moment N of drag and loads, and φ' = (Λ − Λ_s)/I where Λ_s is what the change of
-//! shape carries at φ' = 0 and I the moment of inertia.
+//! The unknowns are the centre of mass X, its velocity V, the direction φ of the first edge, and the angular momentum Λ about X:
+//! X' = V, M V' = F, Λ' = N, with force F and moment N of drag and loads, and φ' = (Λ − Λ_s)/I, where Λ_s is the angular momentum
+//! due to the change of shape at φ' = 0 and I the moment of inertia.
 //!
-//! Where the rod accelerates the fluid, V and Λ stand for the momenta of both, P/M and Λ about X. Both are linear in the rigid
-//! motion, with the energy's slopes by the velocities as momenta of the nodes, so X' and φ' follow from three equations. The
-//! energy is the same wherever the rod lies and however it is turned, so P' = F and Λ' = N − (X' − u) × P_f, with the forces
-//! that are not inertial alone, u the flow and P_f the momentum of the fluid: the last is Munk's moment. Without inertia X' and φ' are those at which F = 0 and N = 0.
+//! If the rod accelerates the fluid, V and Λ stand for the momenta of both, P/M and Λ about X. Both are linear in the rigid
+//! motion, with the derivatives of the energy with respect to the velocities as momenta of the nodes, so X' and φ' follow from
+//! three equations. The energy does not depend on the position and orientation of the rod, so P' = F and Λ' = N − (X' − u) × P_f,
+//! with non-inertial forces only, the flow u and the momentum P_f of the fluid; the last term is Munk's moment. Without inertia
+//! X' and φ' are those at which F = 0 and N = 0.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -24,13 +25,13 @@ pub const RIGID_COORDINATES: usize = 6;
 /// X, φ, V, Λ, or their rates.
 pub type RigidMotion = [f64; RIGID_COORDINATES];
 
-/// The direction of the start of a chain: unit vector, and first and second rate of its angle.
+/// The direction of the start of a chain: unit vector, and first and second derivative of its angle.
 type Base = (Vector2<f64>, f64, f64);
 
 /// An inextensible chain, with work arrays for its motion.
 #[derive(Debug, Default)]
 pub struct RigidChain {
-    /// Of the rod, kg.
+    /// Mass of the rod, kg.
     mass: f64,
     edges: Vec<Edge>,
     /// Positions, two entries per node, m.
@@ -70,8 +71,8 @@ impl RigidChain {
         }
     }
 
-    /// Momentum (N s) of the fluid, and its moment about the origin, where the centred chain moves with `own` of its own
-    /// motion and on top of it with velocity x, y and spin.
+    /// Momentum (N s) of the fluid, and its moment about the origin, for the centred chain that moves with `own` times its own
+    /// motion plus a rigid `motion` with velocity x, y and spin.
     fn of_fluid(&mut self, dynamics: &Dynamics, own: f64, motion: [f64; 3], flow: Vector2<f64>) -> Vector3<f64> {
         self.move_by(own, motion);
         let fluid = Fluid { flow, ..dynamics.inputs.fluid };
@@ -95,8 +96,8 @@ impl RigidChain {
         inertias[(0, 0)] + inertias[(1, 1)] - 2.0 * self.mass
     }
 
-    /// Places the nodes of a chain with curvatures κ, their rates and, optionally, second rates, from node 0 at rest at the origin. Returns
-    /// the means of positions, velocities and accelerations.
+    /// Places the nodes of a chain with curvatures κ, their rates and, optionally, second rates, from node 0 at rest at the
+    /// origin. Returns the means of positions, velocities and accelerations.
     fn place_nodes<const ACCELERATIONS: bool>(
         &mut self,
         rod: &Rod,
@@ -140,8 +141,8 @@ impl RigidChain {
         mean.map(|sum| sum / self.mass)
     }
 
-    /// Moves positions and velocities by their means `x` and `v`; returns the angular momentum about it, and keeps the
-    /// moment of inertia.
+    /// Subtracts the means `x` and `v` from positions and velocities; returns the angular momentum about the centre, and stores
+    /// the moment of inertia.
     fn centre(&mut self, rod: &Rod, [x, v, _]: [Vector2<f64>; 3]) -> f64 {
         let (mut inertia, mut momentum) = (0.0, 0.0);
         let rows = self.x.as_chunks_mut::<2>().0.iter_mut().zip(self.v.as_chunks_mut::<2>().0).zip(&rod.mass);
@@ -155,7 +156,7 @@ impl RigidChain {
         momentum
     }
 
-    /// The rates of the rigid motion `rigid` with curvatures κ and their rates; inputs are those of `dynamics`.
+    /// The rates of the rigid motion `rigid` with curvatures κ and their rates; inputs are taken from `dynamics`.
     pub fn rates(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &RigidMotion) -> RigidMotion {
         let &[_, _, angle, vx, vy, momentum] = rigid;
         let rod = &dynamics.model.rod;
@@ -177,7 +178,7 @@ impl RigidChain {
         [vx, vy, spin, fx / self.mass, fy / self.mass, moment]
     }
 
-    /// The same without inertia, where V and Λ are unused.
+    /// The same without inertia; V and Λ are unused.
     pub fn rates_without_inertia(
         &mut self,
         dynamics: &Dynamics,
@@ -186,14 +187,14 @@ impl RigidChain {
     ) -> RigidMotion {
         /// The largest number of Newton iterations. One is exact for drag linear in velocity.
         const ITERATIONS: u32 = 30;
-        /// Increments of this part of a typical speed are rounding, for derivatives that are differences.
+        /// Increments below this fraction of a typical speed are rounding, because derivatives are finite differences.
         const CONVERGED: f64 = 1e-13;
         let rod = &dynamics.model.rod;
         let means = self.place_nodes::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
         self.centre(rod, means);
         let mut motion = Vector3::zeros();
         let speed = self.typical_speed(dynamics);
-        // Differences over speeds of that size.
+        // Finite differences over speeds of that size.
         let scale = [speed, speed, speed / rod.length];
         for _ in 0..ITERATIONS {
             let here = Vector3::from(self.applied(dynamics, motion.into()));
@@ -214,7 +215,8 @@ impl RigidChain {
         [motion.x, motion.y, motion.z, 0.0, 0.0, 0.0]
     }
 
-    /// The larger of the shape's own speed (m/s) and that which drag allows under what pulls at it; if both are zero, one of the rod's.
+    /// The larger of the speed of the shape change (m/s) and the speed at which drag balances the applied forces; if both are
+    /// zero, a speed of the rod.
     fn typical_speed(&mut self, dynamics: &Dynamics) -> f64 {
         let rod = &dynamics.model.rod;
         let own = self.v.iter().fold(0.0_f64, |max, v| max.max(v.abs()));
@@ -228,8 +230,8 @@ impl RigidChain {
         if drift.is_finite() && own.max(drift) > 0.0 { own.max(drift) } else { own.max(probe) }
     }
 
-    /// Writes the velocities of the centred chain that moves with `own` of its own motion and on top of it with velocity x, y
-    /// and spin.
+    /// Writes the velocities of the centred chain that moves with `own` times its own motion plus a rigid motion with velocity x,
+    /// y and spin.
     fn move_by(&mut self, own: f64, [vx, vy, spin]: [f64; 3]) {
         let rows = self.moving.as_chunks_mut::<2>().0.iter_mut().zip(self.x.as_chunks::<2>().0);
         for ((moving, x), v) in rows.zip(self.v.as_chunks::<2>().0) {
@@ -237,14 +239,14 @@ impl RigidChain {
         }
     }
 
-    /// Force (N) and moment about the centre of mass (N m) of drag and loads on the centred chain that moves on top of its
-    /// own motion with velocity x, y and spin.
+    /// Force (N) and moment about the centre of mass (N m) of drag and loads on the centred chain that moves with its own motion
+    /// plus a rigid `motion` with velocity x, y and spin.
     fn applied(&mut self, dynamics: &Dynamics, motion: [f64; 3]) -> [f64; 3] {
         if dynamics.model.forces.is_empty() && !dynamics.is_loaded() {
             return [0.0; 3];
         }
         self.move_by(1.0, motion);
-        // The forces that a reduced model holds do not depend on the place; those by accelerations are in the momenta.
+        // The forces of a reduced model do not depend on the position; inertial forces are contained in the momenta.
         let rod = Kinematics::within(dynamics.inputs.fluid, &self.edges, [&self.x, &self.moving, &self.still]);
         dynamics.write_applied_without_inertia(&rod, &mut self.force);
         let (mut force, mut moment) = (Vector2::zeros(), 0.0);
@@ -256,7 +258,8 @@ impl RigidChain {
         [force.x, force.y, moment]
     }
 
-    /// Writes the motion of the chain of curvatures κ, their rates and second rates, that moves by `rigid` at `rates`.
+    /// Writes the motion of the chain with curvatures κ, their rates and second rates, whose rigid motion is `rigid` with the
+    /// rates `rates`.
     pub fn place(&mut self, dynamics: &Dynamics, natural: [&[f64]; 3], rigid: &RigidMotion, rates: &RigidMotion) {
         let rod = &dynamics.model.rod;
         let &[x, y, angle, ..] = rigid;
@@ -272,7 +275,7 @@ impl RigidChain {
         }
         let mut twist = (moment - change) / self.inertia;
         if dynamics.model.forces.are_inertial() {
-            // M a + F(a) = 0 in all, linear in the rigid part of a with the same inertias.
+            // M a + F(a) = 0 in total, linear in the rigid part of a with the same inertias.
             self.move_by(1.0, [vx, vy, 0.0]);
             let moving = Kinematics::within(dynamics.inputs.fluid, &self.edges, [&self.x, &self.moving, &self.a]);
             dynamics.write_applied(&moving, &mut self.force);
@@ -310,7 +313,8 @@ impl RigidChain {
         }
     }
 
-    /// The rigid motion that fits the chain of curvatures κ to `state` best, with the centre of mass and the momenta of it.
+    /// The rigid motion for which the chain with curvatures κ fits `state` best, with the centre of mass and the momenta of
+    /// `state`.
     pub fn fit_state(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], state: &State) -> RigidMotion {
         let rod = &dynamics.model.rod;
         let means = self.place_nodes::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
@@ -356,7 +360,7 @@ fn direction(angle: f64) -> Vector2<f64> {
     Vector2::new(cos, sin)
 }
 
-/// The vector turned by +90°.
+/// The vector rotated by +90°.
 fn perpendicular(v: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-v.y, v.x)
 }

@@ -1,11 +1,11 @@
-//! The shape model: an inextensible chain with the curvature prescribed as the natural one, 2 tan(θ_k/2) = κ̄_k(t). Only its rigid
-//! motion is unknown.
+//! The shape model: an inextensible chain whose curvature is prescribed as the natural one, 2 tan(θ_k/2) = κ̄_k(t). Only its
+//! rigid motion is unknown.
 //!
-//! Momenta are those of rod and fluid together, see [`rigid`](super::rigid_motion). The equations are not stiff, so the integrator is explicit.
-//! With a held head there are no unknowns: the chain follows the head.
+//! Momenta are those of rod and fluid together, see [`rigid`](super::rigid_motion). The equations are not stiff, so the
+//! integrator is explicit. With a held head there are no unknowns: the chain follows the head.
 //!
-//! A jump of inputs makes the shape jump: the centre of mass, its velocity and Λ stay, and the new shape is rotated to fit the old one
-//! best (mass-weighted least squares).
+//! A jump of inputs makes the shape jump: the centre of mass, its velocity and Λ stay, and the new shape is rotated to fit the
+//! old one best (mass-weighted least squares).
 
 use std::sync::Arc;
 
@@ -36,15 +36,16 @@ const ERROR_LIMIT: f64 = 1e-8;
 /// The longest stable step, in multiples of the time in which drag stops the rod.
 const STABLE: f64 = 3.3;
 
-/// The most steps of a run: half a minute of computing for ten nodes.
+/// The largest number of steps of a run: half a minute of computing for ten nodes.
 const MAX_STEPS: f64 = 1e7;
 
-/// Steps per second that keep the explicit method stable where drag stops a free rod.
+/// Steps per second for which the explicit method is stable while drag stops a free rod.
 pub fn stable_rate(model: &Model, times: &TimeScales) -> f64 {
     if model.head.is_none() { 1.0 / (STABLE * times.stops[0]) } else { 0.0 }
 }
 
-/// Why a run of `duration` (s) cannot be solved by this model: the rod begins bent otherwise, or it would take too many steps.
+/// The reason why this model cannot solve a run of `duration` (s): the rod starts with another curvature, or the run would take
+/// too many steps.
 fn unsuitable(model: &Arc<Model>, duration: f64) -> Option<String> {
     if model.initial_curvature.is_some() {
         return Some(

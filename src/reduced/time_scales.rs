@@ -9,7 +9,7 @@ use crate::rod::{Edge, node};
 use crate::spectrum::Spectrum;
 use crate::start::Start;
 
-/// The time scales that decide which cheaper model fits, s.
+/// The time scales that decide which cheaper model is suitable, s.
 #[derive(Debug, Clone, Copy)]
 pub struct TimeScales {
     /// The shortest and the longest period of the drive; infinite if it does not repeat.
@@ -37,7 +37,7 @@ fn periods(dynamics: &Dynamics) -> [f64; 2] {
     [shortest, longest]
 }
 
-/// From the forces on a straight rod that moves along itself and across, by its length in the `duration` (s).
+/// Computed from the forces on a straight rod that moves along and across itself by its length in the `duration` (s).
 fn stops(dynamics: &Dynamics, duration: f64) -> [f64; 2] {
     let rod = &dynamics.model.rod;
     if dynamics.model.forces.is_empty() {

@@ -25,15 +25,16 @@ pub struct ActuationTable {
     pub kind: &'static ActuationKind,
     /// Amplitude of the natural curvature for `travelling-wave` and `standing-wave`, in radians per reference length.
     pub kappa_amp: Option<Finite>,
-    /// Amplitude of the active moment that bends each joint against its stiffness, N m, in place of `kappa_amp`.
+    /// Amplitude of the active moment that bends each joint against its stiffness, N m, instead of `kappa_amp`.
     pub moment_amp_n_m: Option<Finite>,
-    /// The largest natural curvature that the drive can give, with that of a host, 1/m: of the curvature x that is asked for it gives
-    /// y = m tanh(x/m). With `kappa_amp` or `slope`. By default without limit.
+    /// The largest natural curvature that the drive can produce, including that of a host, 1/m: for a commanded curvature x it
+    /// produces y = m tanh(x/m). With `kappa_amp` or `slope`. By default unlimited.
     pub largest_1_m: Option<Positive>,
-    /// The largest active moment that the drive can give a joint, with that of a host, N m. With `moment_amp_n_m`. By default without limit.
+    /// The largest active moment that the drive can exert on a joint, including that of a host, N m. With `moment_amp_n_m`. By
+    /// default unlimited.
     pub largest_moment_n_m: Option<Positive>,
-    /// Time τ of a first-order lag between what the wave and a host ask for and what the drive gives, s: τ dy/dt = x − y, before a limit. By
-    /// default without lag.
+    /// Time τ of a first-order lag between the command x of the wave and a host and the output y of the drive, s: τ dy/dt = x −
+    /// y, before a limit. By default without lag.
     pub lag_s: Option<Positive>,
     /// Reference length of `kappa_amp`, m. By default 1 m, so that the amplitude is a curvature in 1/m.
     pub kappa_reference_length_m: Option<Positive>,
@@ -148,7 +149,7 @@ impl ActuationTable {
         self.moment_amp_n_m.or(self.kappa_amp).map_or(1.0, Finite::get)
     }
 
-    /// The key of the number that says how strong it is.
+    /// The key of the number that scales the actuation.
     pub(crate) fn amplitude_key(&self) -> &'static str {
         match (self.slope, self.moment_amp_n_m) {
             (Some(_), _) => "actuation.slope",
@@ -157,7 +158,7 @@ impl ActuationTable {
         }
     }
 
-    /// The same with an amplitude `factor` times as large.
+    /// The same actuation with its amplitude multiplied by `factor`.
     pub(super) fn times(mut self, factor: f64) -> Self {
         let amplitude = Some(Finite::constant(self.amplitude() * factor));
         *(if self.moment_amp_n_m.is_some() { &mut self.moment_amp_n_m } else { &mut self.kappa_amp }) = amplitude;
@@ -205,12 +206,12 @@ impl Scene {
         Some(self.actuation.as_ref()?.wavelength_m?.get())
     }
 
-    /// True where its actuation gives active moments, not natural curvatures.
+    /// True if its actuation exerts active moments rather than natural curvatures.
     pub(crate) fn has_active_moments(&self) -> bool {
         self.actuation.as_ref().is_some_and(|actuation| actuation.moment_amp_n_m.is_some())
     }
 
-    /// True where its actuation has a limit or a lag.
+    /// True if its actuation has a limit or a lag.
     #[cfg(feature = "design")]
     pub(crate) fn filters_drive(&self) -> bool {
         self.actuation.as_ref().is_some_and(|actuation| {
@@ -218,7 +219,7 @@ impl Scene {
         })
     }
 
-    /// What its actuation gives a joint of `rod` at the most, if there is a limit.
+    /// The largest output of its actuation at a joint of `rod`, if it has a limit.
     pub(super) fn largest_drive(&self, rod: &Rod) -> Option<f64> {
         let actuation = self.actuation.as_ref()?;
         let curvature = actuation.largest_1_m.map(|most| most.get() * rod.spacing);

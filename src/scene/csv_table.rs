@@ -17,7 +17,7 @@ pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration:
         problem,
     };
     let text = files.text(path)?;
-    // Where a record is said to start there may be comments and empty lines before it.
+    // The reported start of a record may be followed by comments and empty lines.
     let line_of = |start: Option<&csv::Position>| {
         let (byte, line) = start.map_or((0, 1), |start| (start.byte() as usize, start.line()));
         let before = text.get(byte..).unwrap_or_default().lines();
@@ -94,12 +94,12 @@ pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration:
 fn other_unit(name: &str) -> Option<&str> {
     const OTHERS: [&str; 14] =
         ["ms", "us", "ns", "min", "mm", "cm", "um", "µs", "µm", "km", "deg", "degrees", "°", "rev"];
-    // As in `x_mm_s`, a unit follows the quantity; as in `x [mm]`, too.
+    // A unit follows the quantity, as in `x_mm_s` or in `x [mm]`.
     let words = name.split(|c: char| !c.is_alphanumeric() && c != '°' && c != 'µ').skip(1);
     words.into_iter().find(|word| OTHERS.contains(word))
 }
 
-/// The first column whose name shows that the order is wrong, and the expected quantity: time first, x before y, values before rates.
+/// The first column whose name indicates a wrong order, and the expected quantity: time first, x before y, values before rates.
 /// Other names are accepted.
 fn misplaced(names: &[String], values: usize) -> Option<(usize, &'static str)> {
     let is_time = |name: &str| name == "t" || name.starts_with("t_") || name.starts_with("time");

@@ -43,7 +43,7 @@ pub struct Document {
     layers: Vec<usize>,
     /// The layer of the next override.
     layer: usize,
-    /// The drag law for scenes that leave it to the program. If None, it is chosen from their own motion.
+    /// The drag law for scenes that leave it to the program. If `None`, it is chosen from the motion of the scene itself.
     fluid: Option<FluidChoice>,
 }
 
@@ -92,8 +92,8 @@ impl Document {
         }
     }
 
-    /// Fixes the drag law and the added mass that the program has chosen for `scene`, so that results do not jump when numbers of the
-    /// scene vary.
+    /// Fixes the drag law and the added mass that the program has chosen for `scene`, so that results do not jump when numbers of
+    /// the scene vary.
     pub fn keep_fluid_of(&mut self, scene: &Scene) {
         self.fluid = scene.fluid_choice_or_fixed();
     }
@@ -119,7 +119,7 @@ impl Document {
     /// All files of the scene by name and content: its text, its overrides and its tables.
     ///
     /// # Errors
-    /// Those of [`scene`](Self::scene), and [`Error::Read`] for a table.
+    /// Errors of [`scene`](Self::scene), and [`Error::Read`] for a table.
     pub fn packed(&self) -> Result<Vec<(String, Vec<u8>)>> {
         let scene = self.scene()?;
         let mut files = vec![(PACKED[0].to_string(), self.text.clone().into_bytes())];
@@ -140,7 +140,7 @@ impl Document {
         scene.files().into_iter().map(|path| Ok((path.clone(), self.files.read(&path)?))).collect()
     }
 
-    /// Uses the contents of these files in place of the disk.
+    /// Uses the contents of these files instead of the disk.
     pub fn with_files(self, files: Contents) -> Self {
         Self { files: Files::over_disk(files), ..self }
     }
@@ -149,7 +149,7 @@ impl Document {
     /// file `name`, with its tables in the same folder.
     ///
     /// # Errors
-    /// Those of [`packed`](Self::packed).
+    /// Errors of [`packed`](Self::packed).
     pub fn standalone(&self, name: &str) -> Result<Vec<(String, Vec<u8>)>> {
         let scene = self.scene()?;
         let mut text: toml::Table = self.read_as()?;
@@ -197,7 +197,7 @@ impl Document {
     /// Applies the [`override_lines`](Self::override_lines) of another document.
     ///
     /// # Errors
-    /// Those of [`set`](Self::set).
+    /// Errors of [`set`](Self::set).
     pub fn set_override_lines<'l>(&mut self, lines: impl IntoIterator<Item = &'l str>) -> Result<()> {
         lines.into_iter().try_for_each(|line| match line {
             "" => {
@@ -217,10 +217,10 @@ impl Document {
         self.set_as(&Phrase::Override.to_string(), assignment)
     }
 
-    /// The same, where errors have `before` in front of the override, as the option of a command.
+    /// The same as [`set`](Self::set); errors show `before` in front of the override, such as the option of a command.
     ///
     /// # Errors
-    /// Those of [`set`](Self::set).
+    /// Errors of [`set`](Self::set).
     pub fn set_as(&mut self, before: &str, assignment: &str) -> Result<()> {
         let place = || format!("{before}{assignment}");
         let refuse = |problem: &str| Error::Scene { place: place(), key: String::new(), problem: problem.to_string() };
@@ -237,7 +237,7 @@ impl Document {
         Ok(())
     }
 
-    /// Overrides a dotted key by `value`. Errors name `origin` as its location.
+    /// Overrides a dotted key by `value`. Errors show `origin` as its location.
     pub fn set_value(&mut self, origin: &str, key: &str, value: &toml::Value) {
         self.add(origin.to_string(), format!("{key}={value}"));
     }
@@ -248,11 +248,11 @@ impl Document {
         self.layers.push(self.layer);
     }
 
-    /// The checked scene, and bytes that identify the content of the document with its overrides: they are equal for equal keys and
-    /// values, however these are written.
+    /// The checked scene, and bytes that identify the content of the document with its overrides: they are equal for equal keys
+    /// and values, however these are written.
     ///
     /// # Errors
-    /// Those of [`scene`](Self::scene).
+    /// Errors of [`scene`](Self::scene).
     pub fn resolve(&self) -> Result<(Scene, Vec<u8>)> {
         self.with_root(|root| {
             let mut content = Vec::with_capacity(2 * self.text.len());
@@ -292,7 +292,7 @@ impl Document {
         self.with_root(at).unwrap_or_else(|error| error)
     }
 
-    /// An `error` of its scene, with the place of the key if it names one.
+    /// An `error` of its scene, with the location of the key if the error has a key.
     pub fn located(&self, error: Error) -> Error {
         match error {
             Error::Scene { key, problem, .. } if !key.is_empty() => self.error_at(&KeyError { key, problem }),
@@ -315,7 +315,7 @@ impl Document {
             key: String::new(),
             problem: format!("not TOML: {}", e.message()),
         })?;
-        // Every override is parsed behind as many blanks as there is text before it, so that no two spans overlap.
+        // Every override is parsed after as many blanks as there is text before it, so that spans do not overlap.
         let mut texts = Vec::new();
         for (text, start) in self.overrides.iter().zip(self.override_offsets()) {
             texts.push(format!("{}{text}", " ".repeat(start)));
@@ -387,7 +387,7 @@ impl Document {
         while let Some(error) = next.take() {
             let Error::Scene { key, .. } = &error else { break };
             let key = key.clone();
-            // The same error again, or one about a removed key, is not an error of the text.
+            // A repeated error, or one about a removed key, is not an error of the text.
             let made = |(other, _): &(String, Error)| {
                 other.strip_prefix(&*key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
             };
@@ -399,7 +399,7 @@ impl Document {
                 next = self.parsed(&substituted).err();
             }
         }
-        // Missing keys come last: another error may be a misspelt one.
+        // Missing keys come last, because another error may be a misspelt one.
         let missing = |error: &Error| matches!(error, Error::Scene { problem, .. } if problem.starts_with("missing"));
         let start = |key: &str| span_of(root.get_ref(), key).map_or(usize::MAX, |span| span.start);
         reported.sort_by_key(|(key, error)| (missing(error), start(key)));
@@ -518,10 +518,10 @@ fn hash_text(text: &str, content: &mut Vec<u8>) {
     content.extend(text.as_bytes());
 }
 
-/// The key in one of a scene's tables that `key`, which is in none, may have been meant for.
+/// The key in one of a scene's tables that the unknown top-level `key` most likely stands for.
 fn in_a_table(key: &str) -> Option<String> {
     fn names<T: DeserializeOwned>(table: &str) -> Vec<String> {
-        // What serde allows in place of a key that there cannot be.
+        // Serde's message for an unknown key lists the allowed ones.
         let message = toml::from_str::<T>("\"?\" = 0").err().map(|error| error.message().to_string());
         let names = message.iter().flat_map(|text| text.split('`').skip(3).step_by(2));
         names.map(|name| format!("{table}.{name}")).collect()
@@ -546,8 +546,8 @@ fn in_a_table(key: &str) -> Option<String> {
 /// The largest number of errors that are reported at once.
 const MAX_ERRORS: usize = 12;
 
-/// Returns errors that serde would not report, or not clearly: lists in place of tables, which serde reads as the fields of a struct,
-/// and unknown keys of `[solver]`, which it reports after missing ones.
+/// Returns errors that serde would not report, or not clearly: lists instead of tables, which serde reads as the fields of a
+/// struct, and unknown keys of `[solver]`, which it reports after missing ones.
 fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     for (key, value) in root {
         if key.get_ref() == "tendons" {

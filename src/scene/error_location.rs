@@ -1,4 +1,5 @@
-//! Location and wording of TOML errors: the key at a byte of the text, the span of a key, and the messages of serde in plain words.
+//! Location and wording of TOML errors: the key at a byte of the text, the span of a key, and plain-English versions of serde's
+//! messages.
 
 use std::ops::Range;
 
@@ -73,7 +74,7 @@ pub(crate) fn rephrase(key: String, message: &str, source: Option<&str>) -> (Str
     for prefix in ["invalid type: ", "invalid value: ", "invalid length "] {
         if let Some((found, allowed)) = message.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(", expected ")) {
             let found = match (found, source) {
-                // The source of a table made by a dotted key is that key.
+                // The source of a table defined by a dotted key is that key.
                 ("map", Some(text)) if text.starts_with(|c: char| c == '{' || c == '[' || c.is_ascii_digit()) => text,
                 ("map", _) => "a table",
                 (_, Some(text)) => text,

@@ -7,28 +7,28 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
 
-/// Contents of files by their paths, as scenes write these.
+/// Contents of files by their paths as written in scenes.
 pub type Contents = BTreeMap<PathBuf, Vec<u8>>;
 
-/// The disk, or the contents of files that came from elsewhere: in an FMU, or from the machine that hands out the cases
-/// of a sweep. Each file is read from disk once, by whichever clone comes first: all that is made of a scene is of the same bytes.
+/// The disk, or contents of files from elsewhere: from an FMU, or from the machine that distributes the cases of a sweep. Each
+/// file is read from disk once, by the first clone that needs it, so that everything built from a scene uses the same bytes.
 #[derive(Clone, Default)]
 pub struct Files {
     given: Option<Arc<Contents>>,
-    /// Whether other files are read from the disk.
+    /// True if other files are read from the disk.
     over_disk: bool,
     read: Arc<Mutex<Contents>>,
 }
 
 impl PartialEq for Files {
-    /// True if both are the disk, or hold the same contents.
+    /// True if both refer to the disk, or hold the same contents.
     fn eq(&self, other: &Self) -> bool {
         self.given == other.given && self.over_disk == other.over_disk
     }
 }
 
 impl fmt::Debug for Files {
-    /// Omits contents, which are part of a scene by their hash.
+    /// Omits the contents, which are represented in a scene by their hash.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.given.is_some() { "Files(given)" } else { "Files(disk)" })
     }
@@ -76,7 +76,7 @@ impl Files {
     /// The text of the file at `path`.
     ///
     /// # Errors
-    /// Those of [`read`](Self::read); [`Error::Read`] if it is not UTF-8.
+    /// Errors of [`read`](Self::read); [`Error::Read`] if it is not UTF-8.
     pub fn text(&self, path: &Path) -> Result<String> {
         let failed = |reason: String| Error::Read { path: path.to_path_buf(), reason };
         String::from_utf8(self.read(path)?).map_err(|e| failed(format!("it is not UTF-8 text: {e}")))
@@ -85,7 +85,7 @@ impl Files {
     /// The size of the file at `path`, bytes.
     ///
     /// # Errors
-    /// Those of [`read`](Self::read).
+    /// Errors of [`read`](Self::read).
     pub fn size(&self, path: &Path) -> Result<u64> {
         match self.in_memory(path) {
             Some(content) => Ok(content?.len() as u64),

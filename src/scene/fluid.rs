@@ -114,7 +114,8 @@ pub struct DragTable {
 /// `[reactive]`, or `reactive = "auto"`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReactiveTable {
-    /// Fraction χ of the momentum that the tail sheds into the wake in Lighthill's theory: 1 for a sharp end, 0 for a pointed one.
+    /// Fraction χ of the momentum that the tail sheds into the wake in Lighthill's theory: 1 for a sharp end, 0 for a pointed
+    /// one.
     pub shedding: value::Share,
     /// True if the program decides whether added mass matters, by estimates of the scene's own motion.
     pub auto: bool,
@@ -293,7 +294,7 @@ impl DragTable {
                 }
             }
         }
-        let rod = scene.rod_on(NODES[0] as usize); // sections and length are the same on any mesh
+        let rod = scene.rod_on(NODES[0] as usize); // sections and length are independent of the mesh
         let law_inputs = self.law_inputs(scene, &rod)?;
         let radius = rod.sections.largest_radius();
         if let Some(slender) = law.slender.map(|slender| slender(&law_inputs)).filter(|slender| slender.is_finite()) {
@@ -318,7 +319,7 @@ impl DragTable {
         }
     }
 
-    /// Checks the limits of a nonlocal `law`: at most `most` nodes, at least `least` (m) apart.
+    /// Checks the limits of a nonlocal `law`: at most `most` nodes, spaced at least `least` (m).
     fn check_nonlocal(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), KeyError> {
         let name = law.name;
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
@@ -396,7 +397,7 @@ impl DragTable {
         if !law.keys.contains(&"viscous") {
             table.viscous = None;
         }
-        // What its viscous part takes is its own, so far as that can be told.
+        // The keys of its viscous part are accepted too, if they can be determined.
         let allowed = table.allowed().unwrap_or_else(|_| law.keys.to_vec());
         let keep = |key: &str| allowed.contains(&key);
         macro_rules! drop_others {
@@ -422,7 +423,7 @@ impl DragTable {
     }
 }
 
-/// The law of that name, if `allowed`.
+/// The law with this name, if `allowed`.
 fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'static DragLaw, KeyError> {
     let names = || LAWS.iter().filter(|law| allowed(law)).map(|law| law.name);
     match DragLaw::named(name).filter(|law| allowed(law)) {
@@ -442,7 +443,7 @@ impl Scene {
         self.drag.as_ref().and_then(|drag| drag.law().ok()).is_some_and(DragLaw::is_nonlocal)
     }
 
-    /// The scene in a steady flow of that velocity, m/s. Without effect if there is no medium.
+    /// The scene in a steady flow of this velocity, m/s. Without effect if there is no medium.
     pub fn with_flow(&self, flow: [f64; 2]) -> Self {
         let mut scene = self.clone();
         if let Some(medium) = &mut scene.medium {
@@ -484,10 +485,10 @@ impl Scene {
         (law, self.reactive_on().is_some())
     }
 
-    /// Forces whose sum is that of its fluid on `rod`, by what they come from; `Err` as for the scene itself.
+    /// Forces on `rod` whose sum is the total force of the fluid, by their cause; `Err` as for the scene itself.
     ///
     /// # Errors
-    /// Those of [`model`](Self::model).
+    /// Errors of [`model`](Self::model).
     pub fn parts_of_fluid(&self, rod: &Rod) -> Read<ForcesByCause> {
         let parts = || -> Result<ForcesByCause, KeyError> {
             let mut parts = ForcesByCause::new();
@@ -545,7 +546,7 @@ impl Scene {
         self.drag.as_ref().map_or(Ok(()), |drag| drag.check(self))
     }
 
-    /// The spectrum of its drive. Head, flow or tendons are left out if their tables cannot be read.
+    /// The spectrum of its drives. Head, flow or tendons are omitted if their tables cannot be read.
     pub fn spectrum(&self) -> Spectrum {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let rod = self.rod_on(nodes(waves) as usize);
@@ -570,7 +571,7 @@ impl Scene {
         Ok((fluid, medium.steady_flow().is_none().then_some(flow)))
     }
 
-    /// The number of nodes and the part of its run for a short run.
+    /// The number of nodes for a short run, and the part of the scene's run that it covers.
     fn short_run_mesh(&self) -> (u64, ShortRun) {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let most = if self.has_nonlocal_drag() { MAX_NONLOCAL_NODES } else { u64::MAX };
@@ -579,7 +580,7 @@ impl Scene {
         (nodes, ShortRun::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
-    /// Refuses to compare laws of the fluid by a run that is too short for that.
+    /// Returns an error if the run is too short to compare laws of the fluid.
     ///
     /// # Errors
     /// The reason.
@@ -607,7 +608,7 @@ impl Scene {
         Ok(self.short_run()?.1)
     }
 
-    /// The motion of `rod` with that cross-flow, which the validity of forces depends on.
+    /// The flow conditions of `rod` with this cross-flow, which determine the validity of forces.
     pub fn motion<'a>(&self, rod: &'a Rod, across: TransverseMotion) -> FlowConditions<'a> {
         FlowConditions {
             rod,
@@ -618,7 +619,7 @@ impl Scene {
         }
     }
 
-    /// The part of an advice about the keys of `[drag]` that `law` does not accept, or None if the scene cannot have that law.
+    /// The part of an advice about the keys of `[drag]` that `law` does not accept, or `None` if the scene cannot have this law.
     pub fn without(&self, law: &'static DragLaw) -> Option<String> {
         self.with_fluid(law, self.reactive_on().is_some()).ok()?;
         let keys = self.drag.iter().flat_map(|drag| drag.excluded_by(law));
@@ -626,26 +627,28 @@ impl Scene {
         Some(if keys.is_empty() { String::new() } else { format!(", without {},", keys.join(" and ")) })
     }
 
-    /// `[reactive]`, if added mass is present. With `auto` it is if estimates from the scene's own motion say that it matters, or if there
-    /// are none and the model supports it.
+    /// `[reactive]`, if added mass is present. With `auto`, it is present if estimates from the scene's own motion show that it
+    /// matters, or if there are no estimates and the model supports it.
     pub fn reactive_on(&self) -> Option<&ReactiveTable> {
         let matters = self.fluid_choice.as_ref().map_or(!self.excludes_added_mass(), |taken| taken.reactive);
         self.reactive.as_ref().filter(|reactive| !reactive.auto || matters)
     }
 
-    /// Whether it leaves the drag law, and the added mass, to the program.
+    /// Whether the scene leaves the drag law, and the added mass, to the program.
     pub(super) fn leaves_fluid_to_program(&self) -> [bool; 2] {
         let drag = self.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
         [drag, self.reactive.as_ref().is_some_and(|reactive| reactive.auto)]
     }
 
-    /// The drag law that the program has chosen, and why. None if the scene names it, or if there are no estimates.
+    /// The drag law that the program has chosen, and the reason. `None` if the scene specifies the law, or if there are no
+    /// estimates.
     pub fn fluid_choice(&self) -> Option<&FluidChoice> {
         self.fluid_choice.as_ref()
     }
 
-    /// What a host should know before it moves the rod: that the program chose the fluid for a rod at rest, because nothing of the scene
-    /// moves it. Every face says it: `check` and the notes of a run, Python as a warning, the FMU in its log, C by `caudal_note`.
+    /// What a host should know before it moves the rod: that the program chose the fluid for a rod at rest, because nothing in
+    /// the scene moves it. Every interface reports it: `check` and the notes of a run, Python as a warning, the FMU in its log, C
+    /// by `caudal_note`.
     pub fn fluid_note(&self) -> Option<String> {
         let choice = self.fluid_choice.as_ref().filter(|choice| choice.at_rest)?;
         let [asked, remedy] = match self.leaves_fluid_to_program() {
@@ -713,7 +716,8 @@ impl Scene {
         }
     }
 
-    /// Why the water's inertia is better left out around `rod`, if so: its boundary layer would be thicker than the rod.
+    /// The reason why the water's inertia is better omitted around `rod`, if so: its boundary layer would be thicker than the
+    /// rod.
     fn beyond_added_mass(&self, rod: &Rod) -> Option<String> {
         let at_rest = |fluid| TransverseMotion { speed: 0.0, per_depth: 0.0, along: 0.0, body: 0.0, fluid };
         let across = match self.regime() {
@@ -724,7 +728,7 @@ impl Scene {
         Some(format!("{} is {number:.3e} (allowed: {})", reactive::COUNTS.number.words(), reactive::COUNTS.limits()))
     }
 
-    /// Notes about those of `forces` on its `rod` that a motion takes out of their range of validity.
+    /// Notes about those of `forces` on its `rod` whose range of validity a motion leaves.
     pub fn range_notes(&self, forces: &Forces, rod: &Rod, across: TransverseMotion) -> Vec<String> {
         let mut left = warnings::out_of_range(forces, &self.motion(rod, across), |law| self.without(law));
         let is_estimated = self.fluid_choice.as_ref().is_some_and(|choice| choice.errors.is_some());
@@ -737,7 +741,8 @@ impl Scene {
         left
     }
 
-    /// Estimates for the laws that `auto` chooses from, and for its own, each with and without added mass, from short runs.
+    /// Estimates for the laws that `auto` chooses from, and for the scene's own law, each with and without added mass, from short
+    /// runs.
     ///
     /// # Errors
     /// The reason why there are no estimates.
@@ -749,7 +754,7 @@ impl Scene {
         let strongest = self.spectrum().strongest();
         let held = self.head.kind != HeadKind::Free;
         let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok()).filter(|law| *law != &laws::auto::LAW);
-        // The highest first, whose motion says which of the others hold.
+        // The highest law first, because its motion decides which of the others are valid.
         let mut wanted: Vec<_> = laws::auto::CANDIDATES.iter().rev().copied().collect();
         wanted.extend(fixed.filter(|law| !laws::auto::CANDIDATES.contains(law)));
         let (rod, mut found, mut regime) = (self.rod_on(nodes as usize), Vec::new(), None);
@@ -759,7 +764,7 @@ impl Scene {
                     let holds = law.validity.holds(&self.motion(&rod, regime.across));
                     law.uncertainty(regime.reynolds, reactive).filter(|_| holds)
                 };
-                // Out of its range a law is no candidate.
+                // A law outside its range is not a candidate.
                 let holds = regime.as_ref().is_none_or(|regime| known(regime).is_some());
                 if !holds && fixed != Some(law) {
                     continue;
@@ -773,7 +778,7 @@ impl Scene {
                             !reactive || reactive::COUNTS.value_outside(&self.motion(&rod, regime.across)).is_none();
                         found.push((law, reactive, means, dropped, known(regime).filter(|_| counts)));
                     }
-                    // A law out of its range may fail where the scene's own motion is none of its.
+                    // A law outside its range may fail in this motion.
                     Err(_) if !holds => {}
                     Err(error) => return Err(format!("under {} {error}", law.name)),
                 }
@@ -781,7 +786,8 @@ impl Scene {
         }
         found.reverse();
         let regime = regime.ok_or("no law holds")?;
-        // The highest law: it drops least of what the scene says, knows the water's inertia, is least uncertain, and holds farthest.
+        // The highest law: it drops the fewest keys of the scene, includes the inertia of the water, and has the smallest
+        // uncertainty and the widest range.
         let rank = |(law, .., dropped, known): &(&DragLaw, bool, MotionAndPower, usize, Option<Uncertainty>),
                     reactive: bool| {
             (*dropped, !reactive, known.map_or(f64::INFINITY, |known| known.measured(held)[0]), -law.reynolds)
@@ -802,7 +808,7 @@ impl Scene {
             .ok_or_else(|| "what the motion comes to is not finite".to_string())
     }
 
-    /// The relative changes of motion and power by nonlocal drag in a short run, if it is valid but not chosen.
+    /// The relative changes of motion and power by nonlocal drag in a short run, if nonlocal drag is valid but not chosen.
     pub fn nonlocal_drag(&self) -> Option<(&'static DragLaw, [f64; 2])> {
         if self.has_nonlocal_drag() {
             return None;
@@ -817,7 +823,7 @@ impl Scene {
         Some((law, means.differences(&own)))
     }
 
-    /// The forces of the fluid on `rod`, and the loads that follow it.
+    /// The forces of the fluid on `rod`, and the loads that follow the rod.
     pub(super) fn forces(&self, rod: &Rod) -> Result<Forces, KeyError> {
         let mut forces = Vec::new();
         if let Some(drag) = &self.drag {

@@ -21,22 +21,23 @@ pub struct HeadTable {
     pub kind: HeadKind,
     /// Position of a driven or hinged head, m.
     pub position_m: Option<VectorSignal>,
-    /// Angle of a driven head from +x, rad. Of a hinged head it is the angle at the start, and the one that the servo of
-    /// `stiffness_n_m` turns it to.
+    /// Angle of a driven head from +x, rad. For a hinged head, the angle at the start, and the commanded angle of the servo with
+    /// `stiffness_n_m`.
     pub angle_rad: Option<ScalarSignal>,
-    /// Torque of the motor of a hinged head, N m: a number, a sinusoid or a table. By default 0. The ramp of the start counts for it.
+    /// Torque of the motor of a hinged head, N m: a number, a sinusoid or a table. By default 0. The ramp of the start applies to
+    /// it.
     pub torque_n_m: Option<ScalarSignal>,
     /// Stiffness of the servo of a hinged head, N m/rad: it adds the torque k (angle_rad - angle). By default 0.
     pub stiffness_n_m: Option<NotNegative>,
     /// Damping of the bearing of a hinged head, N m s/rad. By default 0.
     pub damping_n_m_s: Option<NotNegative>,
-    /// Moment of inertia of what turns with a hinged head, kg m^2: the rotor of its motor with the gear, and the head itself. A hinged head
-    /// needs it.
+    /// Moment of inertia of the parts that turn with a hinged head, kg m^2: the rotor of its motor with the gear, and the head
+    /// itself. Required for a hinged head.
     pub inertia_kg_m2: Option<Positive>,
-    /// The largest torque that the motor of a hinged head can give, N m: it gives M tanh(T/M) of the torque T that is asked for. By default
-    /// without limit.
+    /// The largest torque that the motor of a hinged head can give, N m: for a commanded torque T it gives M tanh(T/M). By
+    /// default unlimited.
     pub largest_torque_n_m: Option<Positive>,
-    /// The time that a pose set by a host belongs to. By default `now`.
+    /// The time to which a pose set by a host belongs. By default `now`.
     pub input: Option<HeadInput>,
 }
 
@@ -56,7 +57,7 @@ pub enum HeadKind {
     Hinged,
 }
 
-/// The keys of a head that is moved, and those of one that a motor turns.
+/// The keys of a moving head, and those of a head that a motor turns.
 const POSE_KEYS: [&str; 2] = ["position_m", "angle_rad"];
 const MOTOR_KEYS: [&str; 5] = ["torque_n_m", "stiffness_n_m", "damping_n_m_s", "inertia_kg_m2", "largest_torque_n_m"];
 
@@ -117,7 +118,7 @@ impl HeadTable {
         Ok(())
     }
 
-    /// The signals that move it.
+    /// The signals that move the head.
     pub(super) fn signals(&self) -> impl Iterator<Item = &SignalValue> {
         let position = self.position_m.iter().flat_map(|VectorSignal(signals)| signals);
         position.chain(self.angle_rad.iter().chain(&self.torque_n_m).map(|ScalarSignal(signal)| signal))

@@ -21,13 +21,13 @@ const SPHERE_DRAG: f64 = 0.47;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeadBodyTable {
-    /// Semi-axis along the rod, m. The rod begins where it ends.
+    /// Semi-axis along the rod, m. The rod begins at its end.
     pub semi_axis_along_m: Positive,
     /// Semi-axis across the rod, m.
     pub semi_axis_across_m: Positive,
     /// Mass, kg. By default, the mass of the displaced fluid.
     pub mass_kg: Option<Positive>,
-    /// Moment of inertia about its centre, kg m². By default, that of a homogeneous spheroid with `[reactive]`, and 0 without,
+    /// Moment of inertia about its centre, kg m². By default, that of a homogeneous spheroid with `[reactive]`, and 0 without it,
     /// where drag dominates rotation.
     pub moment_of_inertia_kg_m2: Option<NotNegative>,
     /// Form drag coefficient along the rod for the area πb². By default, that of a sphere if the drag law has form drag, and 0
@@ -45,7 +45,7 @@ impl HeadBodyTable {
 }
 
 impl Scene {
-    /// Node at which the rod begins: 1 behind a body, whose centre is node 0, else 0.
+    /// The node at which the rod begins: 1 with a body, whose centre is node 0, and 0 without.
     pub fn front(&self) -> usize {
         usize::from(self.head_body.is_some())
     }
@@ -142,7 +142,7 @@ impl Scene {
         Some(Box::new(BodyInertia { added: spheroid.added(), own }))
     }
 
-    /// The numbers of the body.
+    /// Adds the numbers of the body.
     pub(super) fn body_parameters(&self, list: &mut ParameterList) {
         let Some(body) = &self.head_body else { return };
         list.add("head_body.semi_axis_along_m", "m", "semi-axis of the body along the rod", body.semi_axis_along_m);

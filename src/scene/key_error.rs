@@ -1,4 +1,4 @@
-//! The error of one key of a scene, found before file and line are known; the document adds these.
+//! The error of one key of a scene, found before file and line are known. The document adds these.
 
 use crate::error::did_you_mean;
 

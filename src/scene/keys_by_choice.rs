@@ -1,16 +1,16 @@
-//! Tables in which a key, such as a kind or a law, decides which other keys they may have.
+//! Tables in which the value of a key, such as a kind or a law, determines the other allowed keys.
 
-/// The value of a key that decides, by the key.
+/// Returns the value of a deciding key, by the name of the key.
 pub(super) type Chosen<'a> = dyn Fn(&str) -> Option<String> + 'a;
 
-/// A table some of whose keys belong to some values of others only, as the parameters of an integrator do.
+/// A table in which some keys are allowed only for some values of others, such as the parameters of an integrator.
 pub(super) struct KeysByChoice {
     /// The table.
     pub table: &'static str,
-    /// The keys that decide.
+    /// The deciding keys.
     pub choices: &'static [&'static str],
-    /// The keys that belong to some of their values.
+    /// The keys that are allowed only for some values of the deciding keys.
     pub keys: fn() -> Vec<&'static str>,
-    /// Those of them that belong to the values that are chosen; `None` if a value is unknown.
+    /// Those of `keys` that are allowed for the chosen values; `None` if a value is unknown.
     pub accepted: fn(&Chosen<'_>) -> Option<Vec<&'static str>>,
 }

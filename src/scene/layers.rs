@@ -35,14 +35,14 @@ pub struct LayerTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ShearTable {
-    /// Velocity gradient along the normal, 1/s. The flow is along the normal turned by −90°.
+    /// Velocity gradient along the normal, 1/s. The flow is along the normal rotated by −90°.
     pub rate_per_s: Finite,
     /// Direction of the gradient. By default, the normal of the interfaces.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub normal: Option<[Finite; 2]>,
 }
 
-/// Directions that differ by no more than this (the sine of the angle between them) count as one: rounding of a scene that was turned.
+/// Directions count as equal if the sine of the angle between them is at most this: the rounding of a rotated scene.
 const PARALLEL_TOLERANCE: f64 = 1e-9;
 
 fn vector(pair: [Finite; 2]) -> Vector2<f64> {
@@ -55,7 +55,7 @@ impl MediumTable {
         self.beyond.iter().chain(&self.layers)
     }
 
-    /// True if it is nonuniform.
+    /// True if the medium is nonuniform.
     pub fn is_stacked(&self) -> bool {
         self.normal().is_some()
     }
@@ -77,7 +77,7 @@ impl MediumTable {
         self.steady_flow().map_or(Vector2::zeros(), Vector2::from)
     }
 
-    /// Its layers, or None if it is uniform.
+    /// Its layers, or `None` if it is uniform.
     pub(super) fn stack(&self) -> Option<Layers> {
         let normal = self.normal()?;
         let first = self.first_flow();

@@ -15,7 +15,7 @@ use crate::rod::Rod;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LoadsTable {
-    /// Acceleration of gravity, m/s². Leave it out for a neutrally buoyant rod.
+    /// Acceleration of gravity, m/s². Omit it for a neutrally buoyant rod.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub gravity_m_s2: Option<[Finite; 2]>,
     /// Whether the medium exerts buoyancy on the rod, with `gravity_m_s2`.
@@ -36,14 +36,14 @@ pub struct PointLoad {
     /// Force, N.
     #[serde(deserialize_with = "value::pair")]
     pub force_n: [Finite; 2],
-    /// True for a force that turns with the rod, as that of a jet does: along and across the edge before its node, away from the head and
-    /// to its left.
+    /// True for a force that turns with the rod, such as that of a jet: its components are along the edge before its node, away
+    /// from the head, and across it, to its left.
     #[serde(default)]
     pub follows: bool,
 }
 
 impl PointLoad {
-    /// Its node on `rod`.
+    /// The index of its node on `rod`.
     fn node_of(&self, rod: &Rod) -> usize {
         self.node.rem_euclid(rod.nodes as i64) as usize
     }
@@ -95,7 +95,7 @@ impl LoadsTable {
         Some(FollowerLoads::new(loads.map(|load| (load.node_of(rod), load.force_n.map(Finite::get).into()))))
     }
 
-    /// The forces of gravity and of point loads that keep their direction (N), two entries per node, or None without any.
+    /// The forces of gravity and of point loads of fixed direction (N), two entries per node, or `None` without any.
     pub(super) fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
         let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
         let mut fixed = self.point.iter().filter(|load| !load.follows).peekable();
@@ -113,7 +113,7 @@ impl LoadsTable {
 }
 
 impl Scene {
-    /// True where a point load follows the rod.
+    /// True if a point load follows the rod.
     pub fn has_followers(&self) -> bool {
         self.loads.iter().flat_map(|loads| &loads.point).any(|load| load.follows)
     }

@@ -22,7 +22,7 @@ pub struct DampingTime {
     pub bending: NumberOrProfile<NotNegative>,
 }
 
-/// The keys of a damping time with one number for each.
+/// The keys of a damping time with separate numbers for stretching and bending.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields, expecting = "{ stretch, bending }")]
 struct DampingTimeKeys {
@@ -77,12 +77,12 @@ impl DampingTime {
         Self { stretch: both.clone(), bending: both }
     }
 
-    /// One number of both; not checked.
+    /// The same number for both; not checked.
     pub(super) fn constant(number: f64) -> Self {
         Self::of(NumberOrProfile::<NotNegative>::constant(number))
     }
 
-    /// The one number of both, if there is one.
+    /// The common number of both, if there is one.
     pub fn number(&self) -> Option<NotNegative> {
         self.bending.number().filter(|_| self.stretch == self.bending)
     }
@@ -92,14 +92,14 @@ impl DampingTime {
         Some([self.stretch.number()?, self.bending.number()?])
     }
 
-    /// The points [ξ, τ] of both, if they are one profile.
+    /// The points [ξ, τ] of both, if both have the same profile.
     pub fn points(&self) -> Option<&[[f64; 2]]> {
         self.bending.points().filter(|_| self.stretch == self.bending)
     }
 }
 
 impl Scene {
-    /// Refuses a loss factor where no frequency is known, or more than one.
+    /// Returns an error for a loss factor if no frequency is known, or more than one.
     pub(super) fn check_loss_factor(&self) -> Result<(), KeyError> {
         if self.rod.loss_factor.is_none() {
             return Ok(());
@@ -114,7 +114,7 @@ impl Scene {
         Err(KeyError { key: "rod.loss_factor".into(), problem })
     }
 
-    /// Refuses forces of a fluid on a rod without radius.
+    /// Returns an error for forces of a fluid on a rod without radius.
     pub(super) fn check_radius(&self) -> Result<(), KeyError> {
         let law = |drag: &DragTable| drag.law.as_deref().unwrap_or_default() != "coefficients";
         let asks = [
@@ -125,8 +125,8 @@ impl Scene {
         self.rod.ask_for_radius(asks)
     }
 
-    /// The frequencies (Hz) that the loss factor may hold at: its own, or those of what moves the rod, the actuation and the head; of
-    /// what is there but does not move it where nothing does.
+    /// The frequencies (Hz) at which the loss factor may apply: its own, or else those of the actuation, the head and the tendons
+    /// that move the rod. If nothing moves the rod, the first frequency of a drive of zero amplitude.
     fn loss_frequencies(&self) -> Vec<f64> {
         if let Some(own) = self.rod.loss_frequency_hz {
             return vec![own.get()];
@@ -145,7 +145,7 @@ impl Scene {
         if moves { frequencies } else { frequencies.into_iter().take(1).collect() }
     }
 
-    /// What moves the natural curvature, whose rate the material may resist or not, must be there.
+    /// Returns an error for `damping_of = "elastic"` with active moments, which do not change the natural curvature.
     pub(super) fn check_damped_rate(&self) -> std::result::Result<(), KeyError> {
         let moments = if self.has_active_moments() { Some("actuation.moment_amp_n_m") } else { None };
         let moments = moments.or((!self.tendons.is_empty()).then_some("[[tendons]]"));

@@ -91,7 +91,7 @@ pub struct Scene {
     pub head_body: Option<HeadBodyTable>,
     /// Gravity, buoyancy and point loads. Without this table there are none.
     pub loads: Option<LoadsTable>,
-    /// Boundary condition at the head of the rod: free, clamped or driven.
+    /// Boundary condition at the head of the rod: free, clamped, driven or hinged.
     #[serde(default)]
     pub head: HeadTable,
     /// Model, integrator, step size and duration.
@@ -108,7 +108,7 @@ pub struct Scene {
     /// Source of these tables: the disk or memory.
     #[serde(skip)]
     pub(crate) read_from: Files,
-    /// The file of the scene, as errors name it.
+    /// The file of the scene, as shown in errors.
     #[serde(skip)]
     file: PathBuf,
     /// Hash of the contents of its tables at the time of reading.
@@ -144,10 +144,10 @@ impl Scene {
         Document::read(path.as_ref())?.scene()
     }
 
-    /// Checks the keys against each other. Reading a scene does; whoever changes its fields in Rust calls it.
+    /// Checks the keys against each other. Reading a scene calls this; Rust code that changes its fields must call it.
     ///
     /// # Errors
-    /// [`KeyError`] for the first key that does not go with the others.
+    /// [`KeyError`] for the first key that conflicts with others.
     pub fn check(&self) -> std::result::Result<(), KeyError> {
         self.check_name()?;
         self.rod.check()?;
@@ -171,7 +171,7 @@ impl Scene {
         self.check_method()
     }
 
-    /// The name is also used for a folder.
+    /// Checks the name, which is also used for a folder.
     fn check_name(&self) -> std::result::Result<(), KeyError> {
         let refuse = |found: std::fmt::Arguments<'_>| {
             Err(KeyError { key: "name".into(), problem: value::refused(found, "a name that can be a folder's") })
@@ -198,7 +198,7 @@ impl Scene {
         let loads = self.loads.as_ref();
         let (fluid, flow) = self.fluid()?;
         let layers = self.medium.as_ref().and_then(MediumTable::stack);
-        // In layers buoyancy is a force that depends on the place.
+        // In layers, buoyancy is a force that depends on position.
         let uniform = layers.is_none_or(|layers| layers.iter().len() == 0);
         let mut forces = self.forces(&rod).map_err(|KeyError { key, problem }| self.error(&key, problem))?;
         let tendons = self.tendons_on(&rod)?;
@@ -230,13 +230,13 @@ impl Scene {
         self.file.canonicalize().unwrap_or_else(|_| self.file.clone())
     }
 
-    /// Hash of the content of the scene and its tables, and of the version of the program. The file's location and the name are
-    /// left out.
+    /// Hash of the content of the scene and its tables, and of the version of the program. It excludes the location of the file
+    /// and the name.
     pub fn fingerprint(&self) -> u128 {
         let mut nowhere = self.clone();
         (nowhere.name, nowhere.folder, nowhere.file) = <_>::default();
         nowhere.read_from = Files::default();
-        nowhere.fluid_choice = None; // follows from the rest
+        nowhere.fluid_choice = None; // determined by the rest
         // This text contains every part of the scene, and every number to the bit.
         XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }

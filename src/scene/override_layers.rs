@@ -24,7 +24,7 @@ const ALTERNATIVES: [[&str; 2]; 6] = [
     ["damping_time_s", "loss_factor"],
 ];
 
-/// Keys that a key of a higher layer takes with it, and not the other way.
+/// Pairs in which the first key, in a higher layer, removes the second, but not vice versa.
 const REMOVED_WITH: [[&str; 2]; 4] = [
     ["moment_amp_n_m", "kappa_reference_length_m"],
     ["moment_amp_n_m", "largest_1_m"],
@@ -32,7 +32,7 @@ const REMOVED_WITH: [[&str; 2]; 4] = [
     ["damping_time_s", "loss_frequency_hz"],
 ];
 
-/// The tables with keys that belong to some values of others only.
+/// The tables in which some keys are allowed only for some values of others.
 const KEYS_BY_CHOICE: [&KeysByChoice; 5] = [
     &SolverTable::KEYS_BY_INTEGRATOR,
     &StartTable::KEYS_BY_KIND,
@@ -49,7 +49,7 @@ pub(crate) fn exclusive_keys(key: &str) -> impl Iterator<Item = String> {
     pairs.filter(move |other| **other != name).map(move |other| format!("{table}.{other}"))
 }
 
-/// The end of work on layers: an error has the place of its key in the texts.
+/// The result of a layer operation: an error includes the span of its key in the texts.
 type Layered = std::result::Result<(), (KeyError, Range<usize>)>;
 
 /// Merges overrides of one layer. A key that is a table in one of them and a value in another is an error.
@@ -64,7 +64,7 @@ pub(super) fn merge_layer<'a>(base: &mut DeTable<'a>, more: DeTable<'a>, path: &
                     let found = refused("a table of its keys together with another value", "one of the two");
                     return Err((KeyError { key: place, problem: found }, key.span()));
                 }
-                base.remove(&key); // with its old span
+                base.remove(&key); // with its previous span
                 base.insert(key, Spanned::new(span, value));
             }
         }
@@ -72,11 +72,11 @@ pub(super) fn merge_layer<'a>(base: &mut DeTable<'a>, more: DeTable<'a>, path: &
     Ok(())
 }
 
-/// The key of a table that replaces another whole, which no scene has.
+/// Marks a table that replaces another one completely; no scene has this key.
 const WHOLE_TABLE: &str = "\0whole";
 
-/// Marks the functions of time in the value of an override as values: whether a table was written as `{ … }` or as dotted keys is known here
-/// only. `depth` is the number of keys before the value.
+/// Marks the functions of time in the value of an override as values, because only here is it known whether a table was written
+/// as `{ … }` or as dotted keys. `depth` is the number of keys before the value.
 pub(super) fn mark_functions(table: &mut DeTable<'_>, depth: usize) {
     for (_, value) in table.iter_mut() {
         if let DeValue::Table(inner) = value.get_mut() {
@@ -89,7 +89,7 @@ pub(super) fn mark_functions(table: &mut DeTable<'_>, depth: usize) {
     }
 }
 
-/// Takes out the marks of [`mark_functions`].
+/// Removes the marks of [`mark_functions`].
 fn remove_marks(value: &mut DeValue<'_>) {
     if let DeValue::Table(table) = value {
         table.remove(WHOLE_TABLE);
@@ -97,11 +97,11 @@ fn remove_marks(value: &mut DeValue<'_>) {
     }
 }
 
-/// Applies a layer to the layers below it, table by table. Functions of time are values where they are [marked](mark_functions). The entries of
-/// a list are keyed by their places from 0, as in `head.position_m.1.amplitude`.
+/// Applies a layer to the layers below it, table by table. Functions of time are values if they are [marked](mark_functions). The
+/// entries of a list are addressed by their index from 0, as in `head.position_m.1.amplitude`.
 ///
 /// # Errors
-/// A place that a list does not have.
+/// An index that a list does not have.
 pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>, path: &str) -> Layered {
     for (key, value) in over {
         let place = key_in(path, key.get_ref());
@@ -111,7 +111,7 @@ pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>, path: &
             }
             (Some(DeValue::Array(entries)), (DeValue::Table(over), _)) if are_places(&over) => {
                 apply_to_entries(entries, over, &place)?;
-                // The list is this layer's now.
+                // The list belongs to this layer now.
                 if let Some(list) = base.remove(&key) {
                     base.insert(key, list);
                 }
@@ -126,7 +126,7 @@ pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>, path: &
             }
             (_, (mut value, span)) => {
                 remove_marks(&mut value);
-                base.remove(&key); // with its old span
+                base.remove(&key); // with its previous span
                 base.insert(key, Spanned::new(span, value));
             }
         }
@@ -139,7 +139,7 @@ fn key_in(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_string() } else { format!("{path}.{key}") }
 }
 
-/// True if all keys are places in a list.
+/// True if all keys are indices of a list.
 fn are_places(table: &DeTable<'_>) -> bool {
     !table.is_empty() && table.keys().all(|key| key.get_ref().parse::<usize>().is_ok())
 }

@@ -25,13 +25,13 @@ pub struct ScalarParameter {
 }
 
 impl ScalarParameter {
-    /// The key as overrides and sweeps write it, with the place of its component if it has several: `tendons.0.offset_m`,
+    /// The key as written in overrides and sweeps, with the index of its component if it has several: `tendons.0.offset_m`,
     /// `medium.flow_m_s.1`.
     pub fn path(&self) -> String {
         self.component.map_or_else(|| self.key.clone(), |i| format!("{}.{i}", self.key))
     }
 
-    /// The same as a structured name of the FMI standard, with `[0]`, `[1]`, … in place of `.0`, `.1`, ….
+    /// The same as a structured name of the FMI standard, with `[0]`, `[1]`, … instead of `.0`, `.1`, ….
     pub fn name(&self) -> String {
         let mut name = String::with_capacity(self.key.len() + 3);
         for part in self.key.split('.') {
@@ -44,8 +44,8 @@ impl ScalarParameter {
         self.component.map_or(name.clone(), |i| format!("{name}[{i}]"))
     }
 
-    /// True if it may change between steps while the state stays, see [`Stepper::change_parameters`](crate::stepper::Stepper::change_parameters).
-    /// Drive and medium do too, as inputs.
+    /// True if it may change between steps at an unchanged state, see
+    /// [`Stepper::change_parameters`](crate::stepper::Stepper::change_parameters). Drive and medium may change too, as inputs.
     pub fn is_tunable(&self) -> bool {
         self.is_of_material() || self.key == "reactive.shedding" || self.key.starts_with("drag.")
     }
@@ -126,7 +126,7 @@ impl ParameterList {
         }
     }
 
-    /// The same of a value that may be absent.
+    /// The same for an optional value.
     fn optional<T: Ranged + Copy>(
         &mut self,
         key: &str,
@@ -139,7 +139,7 @@ impl ParameterList {
         }
     }
 
-    /// Adds the numbers of a signal but for its frequency: a constant one, within the range of T, or those of a sinusoid.
+    /// Adds the numbers of a signal except its frequency: that of a constant, within the range of T, or those of a sinusoid.
     fn signal<T: Ranged>(
         &mut self,
         key: &str,
@@ -184,8 +184,8 @@ impl ParameterList {
 }
 
 impl Scene {
-    /// The scalar values of this scene. Their set depends only on the tables and kinds of the scene. The number of nodes is not among them,
-    /// because it changes the sizes of variables.
+    /// The scalar values of this scene. Their set depends only on the tables and kinds of the scene. The number of nodes is
+    /// excluded, because it changes the sizes of variables.
     pub fn parameters(&self) -> Vec<ScalarParameter> {
         let mut list = ParameterList::default();
         let rod = &self.rod;
@@ -344,7 +344,7 @@ impl Scene {
         list.0
     }
 
-    /// Why a key that the scene gives is none of its [`parameters`](Self::parameters): a function of time is not a number.
+    /// The reason why a key of the scene is not one of its [`parameters`](Self::parameters): a function of time is not a number.
     pub fn not_a_number(&self, key: &str) -> Option<String> {
         let parts: Vec<&str> = key.split('.').collect();
         let signal = match parts[..] {
@@ -366,8 +366,8 @@ impl Scene {
         }
     }
 
-    /// The key or table by which this scene differs from `other` in more than tunable parameters, if any. Names, folders, durations and
-    /// recording do not count.
+    /// The key or table by which this scene differs from `other` in more than tunable parameters, if any. Names, folders,
+    /// durations and recording are ignored.
     pub fn differs_beyond_tuning(&self, other: &Self) -> Option<String> {
         let parameters = other.parameters();
         let fixed = self.parameters().into_iter().filter(|parameter| !parameter.is_tunable());
@@ -400,7 +400,7 @@ impl Scene {
         tables.iter().find(|(_, same)| !same).map(|(table, _)| table.to_string())
     }
 
-    /// Sets every [tunable](ScalarParameter::is_tunable) value that there is to `one`, and factors of drag that have defaults too.
+    /// Sets every given [tunable](ScalarParameter::is_tunable) value to `one`, and also the factors of drag that have defaults.
     fn set_tunable(&mut self, one: Positive) {
         fn set<T>(value: &mut Option<T>, one: T) {
             if value.is_some() {
@@ -433,7 +433,7 @@ impl Scene {
                 &mut drag.turbulent_friction,
                 &mut drag.head_weight,
             ];
-            // Left out, they have their defaults.
+            // They have defaults if they are not given.
             factors.into_iter().for_each(|value| *value = Some(factor));
         }
         if let Some(reactive) = &mut self.reactive {

@@ -3,7 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
-/// Valid values of the keys without a default. They substitute missing and wrong values while further errors are searched for.
+/// Valid values of the keys without a default. They replace missing and wrong values while further errors are searched for.
 pub(super) const PLACEHOLDERS: &str = "
 rod = { nodes = 9, length_m = 1.0, outer_radius_m = 0.01, youngs_modulus_pa = 1e9, density_kg_m3 = 1e3 }
 actuation = { kind = \"travelling-wave\", kappa_amp = 1.0, frequency_hz = 1.0, wavelength_m = 1.0 }
@@ -40,7 +40,7 @@ pub(super) fn substitute<'a>(table: &mut DeTable<'a>, placeholders: &DeTable<'a>
     let name = table.get_key_value(first).map(|(name, _)| name.clone());
     match (known, name) {
         (Some(value), name) => {
-            // With no place: it is written nowhere.
+            // Without a span, because it is not part of the text.
             let name = name.unwrap_or_else(|| Spanned::new(0..0, first.to_string().into()));
             table.remove(&name);
             table.insert(Spanned::new(0..0, name.into_inner()), Spanned::new(0..0, without_span(value)));

@@ -15,8 +15,8 @@ pub struct RecordTable {
     pub every: Option<BoundedInteger<1, 1_000_000_000>>,
     /// Interval between recorded times, s, independent of the steps.
     pub interval_s: Option<Positive>,
-    /// Variables that trajectory.csv has beside those of every run, each entry of an array in a column of its own. `caudal variables`
-    /// lists them.
+    /// Variables in trajectory.csv in addition to those of every run, with a separate column for each entry of an array. `caudal
+    /// variables` lists them.
     #[serde(default)]
     pub variables: Vec<String>,
     /// First time of the node table, s. By default 0.
@@ -54,10 +54,10 @@ impl Default for RecordTable {
     }
 }
 
-/// The largest number of rows that `record.interval_s` may lead to.
+/// The largest number of rows that `record.interval_s` may result in.
 const MAX_ROWS: f64 = 1e9;
 
-/// By default, nodes.csv is written up to this many nodes.
+/// By default, nodes.csv is written for at most this many nodes.
 const MAX_CSV_NODES: usize = 200;
 
 fn from_start() -> NotNegative {
@@ -69,14 +69,14 @@ pub(super) fn is_node(node: i64, nodes: usize) -> bool {
     (-(nodes as i64)..nodes as i64).contains(&node)
 }
 
-/// A description of the nodes that a key may name.
+/// A description of the nodes that a key may refer to.
 pub(super) fn allowed_nodes(nodes: usize) -> String {
     format!("a node from 0 to {}, or from -1 (the tip) to -{nodes}", nodes - 1)
 }
 
 impl RecordTable {
     pub(super) fn check_nodes(&self, nodes: usize) -> Result<(), KeyError> {
-        // A library that writes no files leaves them to the program that has read the scene.
+        // A library that writes no files leaves this check to the program that has read the scene.
         let writes = cfg!(feature = "report") && !cfg!(feature = "parquet");
         if writes && self.nodes_table == Some(NodesTable::Parquet) {
             let problem = "found \"parquet\", which this program was built without (its feature `parquet`); allowed: `csv`, `none`";

@@ -20,28 +20,28 @@ pub struct RodTable {
     pub nodes: BoundedInteger<{ NODES[0] }, { NODES[1] }>,
     /// Length of the rod, m.
     pub length_m: Positive,
-    /// Shape of the cross-section. By default, `ellipse` if `depth_m` is given and `round` otherwise. A `round` section whose depth
-    /// differs from the diameter is a round core with a thin membrane: only the fluid feels the membrane.
+    /// Shape of the cross-section. By default, `ellipse` if `depth_m` is given and `round` otherwise. A `round` section whose
+    /// depth differs from the diameter is a round core with a thin membrane, which only affects the forces of the fluid.
     pub section: Option<Shape>,
     /// Outer radius, or half the thickness in the plane of motion, m.
     ///
-    /// It may be absent where stiffness and mass are given as measured and no force of a fluid asks for it; the rod then counts as
-    /// round, of the radius 2√(EI/EA).
+    /// It may be omitted if measured stiffness and mass are given and no force of a fluid requires it; the rod then counts as
+    /// round, with the radius 2√(EI/EA).
     pub outer_radius_m: Option<NumberOrProfile<Positive>>,
     /// Inner radius, or half the thickness of a hole of the same shape, m. By default 0: a solid rod.
     #[serde(default = "solid")]
     pub inner_radius_m: NumberOrProfile<NotNegative>,
     /// Depth perpendicular to the plane of motion, m. By default, twice the outer radius.
     pub depth_m: Option<NumberOrProfile<NotNegative>>,
-    /// Young's modulus, Pa. Without it the stiffness is given by `axial_stiffness_n` and `bending_stiffness_n_m2`.
+    /// Young's modulus, Pa. Without it, the stiffness is given by `axial_stiffness_n` and `bending_stiffness_n_m2`.
     pub youngs_modulus_pa: Option<Positive>,
-    /// Density of the material, kg/m³. Without it the mass is given by `mass_per_length_kg_m`.
+    /// Density of the material, kg/m³. Without it, the mass is given by `mass_per_length_kg_m`.
     pub density_kg_m3: Option<NumberOrProfile<Positive>>,
-    /// Axial stiffness EA as measured, N, in place of Young's modulus times the area.
+    /// Measured axial stiffness EA, N, instead of Young's modulus times the area.
     pub axial_stiffness_n: Option<NumberOrProfile<Positive>>,
-    /// Bending stiffness EI as measured, N m², in place of Young's modulus times the second moment of area.
+    /// Measured bending stiffness EI, N m², instead of Young's modulus times the second moment of area.
     pub bending_stiffness_n_m2: Option<NumberOrProfile<Positive>>,
-    /// Mass per length as measured, kg/m, in place of density times the area.
+    /// Measured mass per length, kg/m, instead of density times the area.
     pub mass_per_length_kg_m: Option<NumberOrProfile<Positive>>,
     /// Factor of the mass along the rod.
     pub mass_profile: Option<NumberOrProfile<NotNegative>>,
@@ -53,12 +53,12 @@ pub struct RodTable {
     /// Kelvin-Voigt damping: the time τ = η/E, s, in the moment EI (κ + τ dκ/dt) and the tension EA (ε + τ dε/dt), as a number, as
     /// points [ξ, τ], or as { stretch, bending }.
     pub damping_time_s: Option<DampingTime>,
-    /// Loss factor tan δ of the material at `loss_frequency_hz`, in place of `damping_time_s`: τ = tan δ/(2πf).
+    /// Loss factor tan δ of the material at `loss_frequency_hz`, instead of `damping_time_s`: τ = tan δ/(2πf).
     pub loss_factor: Option<NumberOrProfile<NotNegative>>,
     /// Frequency of the loss factor, Hz. By default, that of the actuation or of the head's motion.
     pub loss_frequency_hz: Option<Positive>,
-    /// The rate of curvature that is damped. By default `whole`, as passive material lies beside what drives the rod; `elastic`
-    /// leaves out the rate of the natural curvature.
+    /// The rate of curvature that is damped. By default `whole`, for passive material parallel to the drive of the rod; `elastic`
+    /// excludes the rate of the natural curvature.
     pub damping_of: Option<DampedRate>,
     /// How the mass of an edge is lumped at nodes. By default `tributary`.
     #[serde(default)]
@@ -138,7 +138,7 @@ impl RodTable {
             }
         }
         let sections = self.sections();
-        // Both are linear in between, so it is enough to look where either bends.
+        // Both are linear in between, so it suffices to check their points.
         for xi in sections.outer.places().chain(sections.inner.places()) {
             let section = sections.at(xi);
             if section.inner >= section.outer {
@@ -152,7 +152,7 @@ impl RodTable {
             }
         }
         if let Some(depth) = &sections.depth {
-            // Outside its points it is constant: 0 at xi = 0 or 1 is at an end only.
+            // Outside its points a profile is constant, so a 0 at xi = 0 or 1 occurs at an end only.
             let inside = |xi: &f64| depth.is_even() || (*xi > 0.0 && *xi < 1.0);
             if let Some(xi) = depth.places().filter(inside).find(|xi| depth.at(*xi) <= 0.0) {
                 let at = if depth.is_even() { "no depth".to_string() } else { format!("no depth at xi = {xi}") };
@@ -181,14 +181,15 @@ impl RodTable {
         let (sections, stiffness) = (self.sections(), self.stiffness());
         let part = 1.0 / (self.nodes.get() - 1) as f64;
         let (spacing, youngs) = (self.length_m.get() * part, self.youngs_modulus());
-        // The first and the last place of what nodes, edges and joints are made from: profiles may vanish beyond them.
+        // The first and the last position at which nodes, edges and joints are evaluated, because profiles may vanish beyond
+        // them.
         let nodes = match self.mass_lumping {
             MassLumping::Uniform => [0.0, 1.0],
             MassLumping::Tributary => [0.25 * part, 1.0 - 0.25 * part],
         };
         let edges = [0.5 * part, 1.0 - 0.5 * part];
         let joints = [if held_head { 0.0 } else { part }, 1.0 - part];
-        // Products of positive functions that are linear in between are smallest where one of them bends.
+        // Products of positive piecewise linear functions are smallest at a point of one of them.
         let stiffer = self.stiffness_profile.iter().flatten().map(|[xi, _]| xi.get());
         let places = sections.profiles().flat_map(Profile::places).chain(stiffer).chain([0.0, 1.0]);
         let even = sections.profiles().all(Profile::is_even);
@@ -197,7 +198,7 @@ impl RodTable {
             let (inertia, mass) = (sections.at(at(joints)).inertia(), sections.line_density(at(nodes)) * spacing);
             let bending = sections.bending_stiffness(youngs, at(joints)) * stiffness.factor(at(joints)) / spacing;
             let stretching = sections.axial_stiffness_at(youngs, at(edges)) / spacing;
-            // The second moment vanishes with either, and where the depth does it is that which a user has to change.
+            // The second moment vanishes with either dimension; if the depth vanishes, that is the key to change.
             let (side, size) = match sections.at(at(joints)) {
                 section if section.depth < section.outer && section.shape != Shape::Round => ("depth_m", section.depth),
                 _ => ("outer_radius_m", sections.outer.at(place)),
@@ -235,7 +236,7 @@ impl RodTable {
 }
 
 impl RodTable {
-    /// Young's modulus, Pa: of a rod of measured stiffness, that of a material of the same bending stiffness in the middle.
+    /// Young's modulus, Pa; for a rod of measured stiffness, that of a material with the same bending stiffness in the middle.
     pub fn youngs_modulus(&self) -> f64 {
         let measured = || {
             let bending = self.bending_stiffness_n_m2.as_ref().map_or(1.0, |bending| bending.profile().at(0.5));
@@ -252,7 +253,7 @@ impl RodTable {
         stiffness.map_or(1.0, |(bending, axial)| 2.0 * (bending / axial).sqrt())
     }
 
-    /// Refuses a rod without radius where any of `asks`, by its name, is there.
+    /// Returns an error for a rod without radius if any of `asks`, each with its name, needs the radius.
     pub(super) fn ask_for_radius<const N: usize>(&self, asks: [(&str, bool); N]) -> Result<(), KeyError> {
         match asks.into_iter().find(|(_, found)| self.outer_radius_m.is_none() && *found) {
             Some((what, _)) => {
@@ -264,7 +265,7 @@ impl RodTable {
         }
     }
 
-    /// Checks that stiffness and mass are given, each once.
+    /// Checks that stiffness and mass are given exactly once each.
     pub(super) fn check_measured(&self) -> Result<(), KeyError> {
         let fault =
             |key: &str, problem: &str| Err(KeyError { key: format!("rod.{key}"), problem: problem.to_string() });

@@ -10,7 +10,7 @@ use crate::fluid::laws::LAWS;
 use crate::integrator::METHODS;
 use crate::reduced::MODELS;
 
-/// The schema of a type that is read from TOML, which has no null. Its descriptions are doc comments.
+/// The schema of a type that is read from TOML, which has no null. Doc comments become its descriptions.
 pub(crate) fn of<T: JsonSchema>() -> Value {
     let mut schema = SchemaSettings::draft2020_12().into_generator().into_root_schema_for::<T>().to_value();
     tidy(&mut schema);
@@ -63,8 +63,8 @@ fn named(schema: &mut Value, table: &str, key: &str, names: impl Iterator<Item =
 }
 
 impl Scene {
-    /// The JSON Schema (draft 2020-12) of scenes, for editors and for programs that write them. It describes keys, units and ranges of
-    /// single values. Constraints between several keys are checked only when a scene is read.
+    /// The JSON Schema (draft 2020-12) of scenes, for editors and for programs that write scenes. It describes keys, units and
+    /// ranges of single values. Constraints between several keys are checked only when a scene is read.
     pub fn schema() -> Value {
         let mut schema = of::<Self>();
         schema["title"] = "A scene of caudal".into();
@@ -74,7 +74,7 @@ impl Scene {
         named(&mut schema, "DragTable", "viscous", viscous.map(|law| law.name));
         named(&mut schema, "SolverTable", "integrator", METHODS.iter().map(|method| method.name));
         named(&mut schema, "SolverTable", "model", MODELS.iter().map(|kind| kind.name).chain(["auto"]));
-        // The methods' own parameters are no fields.
+        // The parameters of integrators are not fields of the struct.
         if let Some(solver) = schema.pointer_mut("/$defs/SolverTable") {
             solver["additionalProperties"] = false.into();
             for method in METHODS {

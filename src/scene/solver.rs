@@ -24,7 +24,7 @@ use crate::system::Form;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolverTable {
     /// The integrator. By default `esdirk3` with adaptive steps, and `generalized-alpha` if `time_step_s` is given, or
-    /// `implicit-euler` if the start is also a `jump`.
+    /// `implicit-euler` if the rod is then also released into its drive at once, by a `jump` or by winches.
     pub integrator: Option<String>,
     /// The model: `full`, a cheaper one, or `auto` for the cheapest whose estimated error is within `accuracy`.
     #[serde(default = "full")]
@@ -32,7 +32,7 @@ pub struct SolverTable {
     /// Largest relative error of the model that `auto` may choose. By default 1e-3.
     #[serde(default = "default_accuracy")]
     pub accuracy: Positive,
-    /// The quantities whose error `accuracy` limits. By default, all that the scene has.
+    /// The quantities whose error is limited by `accuracy`. By default, all that the scene has.
     pub accuracy_of: Option<Vec<ErrorMeasure>>,
     /// Step size of fixed steps, s.
     pub time_step_s: Option<Positive>,
@@ -40,8 +40,8 @@ pub struct SolverTable {
     pub tolerance: Option<Tolerance>,
     /// Duration of the run, s.
     pub duration_s: Positive,
-    /// Newton's method stops when the displacement increment divided by the rod length is below this. By default 1e-10 with
-    /// fixed steps, and `tolerance`/1000, at most 1e-6 and less where a stiff rod's head is held, with adaptive ones.
+    /// Newton's method stops when the displacement increment divided by the rod length is below this. By default 1e-10 with fixed
+    /// steps; with adaptive steps `tolerance`/1000, at most 1e-6 and less for a stiff rod with a held head.
     pub newton_tolerance: Option<Tolerance>,
     /// The linear solver.
     #[serde(default)]
@@ -99,31 +99,31 @@ pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::resu
     Err(KeyError { key: format!("solver.{key}"), problem })
 }
 
-/// The model that the program chooses.
+/// The name that leaves the model to the program.
 const AUTO: &str = "auto";
 
-/// The part of a scene that holds tendons, as messages name it.
+/// The key of tendons, for messages.
 const TENDONS: &str = "[[tendons]]";
 
-/// The head that has an unknown of its own, as messages name it.
+/// The key of a hinged head, whose angle is an additional unknown, for messages.
 const HINGE: &str = "head.kind = \"hinged\"";
 
-/// The errors of cheaper models are estimated on no more nodes than this.
+/// The errors of cheaper models are estimated on at most this many nodes.
 const MAX_ESTIMATE_NODES: u64 = 17;
 
-/// Part of the accuracy that is the tolerance of the cheaper model that `auto` takes, so that its steps add nothing to its
-/// error: measured on three scenes, the overdamped model's displacement is off by up to 30 times its tolerance.
+/// Tolerance of the cheaper model that `auto` chooses, as a fraction of the accuracy, so that its step errors are negligible:
+/// measured on three scenes, the displacement error of the overdamped model is up to 30 times its tolerance.
 const TOLERANCE_PER_ACCURACY: f64 = 0.01;
 
-/// The method of a scene that names none: without a step of its own; with one; and with one where the rod is released into
-/// its natural curvature at once, on which methods that damp little fail.
+/// The default integrators: without a given step; with one; and with one if the rod is released into its drive at once, where
+/// methods with little damping fail.
 pub(super) const DEFAULT_INTEGRATORS: [&str; 3] = ["esdirk3", "generalized-alpha", "implicit-euler"];
 
-/// The tolerance of a scene that gives neither step nor tolerance.
+/// The default tolerance, if neither step nor tolerance is given.
 const DEFAULT_TOLERANCE: f64 = 1e-3;
 
-/// Newton's tolerance where steps are fixed; where they are adaptive, the part of their tolerance that it is, and the largest
-/// value: from a transverse error δ on, stiff rods have the stretching energy of δ²/2ℓ.
+/// Newton's tolerance with fixed steps; with adaptive ones, its ratio to their tolerance, and its largest value. A transverse
+/// error δ stretches an edge by δ²/2ℓ, whose energy matters in stiff rods.
 const NEWTON_TOLERANCE: f64 = 1e-10;
 const NEWTON_TOLERANCE_RATIO: f64 = 1e-3;
 const MAX_NEWTON_TOLERANCE: f64 = 1e-6;
@@ -177,7 +177,7 @@ impl Scene {
             );
             return fault("drag.head_weight", problem);
         }
-        // Added mass that is left to the program is not chosen with a model that does not support it.
+        // If added mass is left to the program, it is not chosen together with a model that does not support it.
         let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
         if let (Some(kind), Some(_)) = (kind.filter(|kind| kind.needs_drag), reactive) {
             let problem = format!(
@@ -201,7 +201,7 @@ impl Scene {
         Ok(())
     }
 
-    /// True if it names a model without inertia of the fluid.
+    /// True if the scene specifies a model without inertia of the fluid.
     pub(super) fn excludes_added_mass(&self) -> bool {
         self.kind().ok().flatten().is_some_and(|kind| kind.needs_drag)
     }
@@ -250,7 +250,7 @@ impl Scene {
         bare < first * spacing
     }
 
-    /// The model that it names, or None if the program chooses.
+    /// The specified model, or `None` if the program chooses.
     fn kind(&self) -> std::result::Result<Option<&'static ModelKind>, KeyError> {
         let model = self.solver.model.as_str();
         let kind = ModelKind::named(model);
@@ -264,7 +264,7 @@ impl Scene {
         Ok(kind)
     }
 
-    /// True if it names a reduced model.
+    /// True if the scene specifies a reduced model.
     pub fn names_reduced_model(&self) -> bool {
         self.kind().is_ok_and(|kind| kind.is_some_and(|kind| kind.method.is_some()))
     }
@@ -284,7 +284,7 @@ impl Scene {
     /// Estimated errors of the reduced models, on a coarser mesh if the mesh is fine.
     ///
     /// # Errors
-    /// Those of [`model`](Self::model) and [`integrator`](Self::integrator).
+    /// Errors of [`model`](Self::model) and [`integrator`](Self::integrator).
     pub fn estimates(&self) -> Result<Estimates> {
         if let Some(part) = self.requires_full_model() {
             return Ok(Estimates::none(match part {
@@ -312,10 +312,10 @@ impl Scene {
         Ok(Estimates::of(&Arc::new(self.with_nodes_up_to(MAX_ESTIMATE_NODES).model()?), run))
     }
 
-    /// The model that it names, or the cheapest one that is accurate enough.
+    /// The specified model, or the cheapest one that is accurate enough.
     ///
     /// # Errors
-    /// Those of [`estimates`](Self::estimates).
+    /// Errors of [`estimates`](Self::estimates).
     pub fn choice(&self) -> Result<ModelChoice> {
         match self.kind().map_err(|KeyError { key, problem }| self.error(&key, problem))? {
             Some(kind) if kind.method.is_some() => {
@@ -332,7 +332,7 @@ impl Scene {
         }
     }
 
-    /// The kind of model that it names, if that can run `model`, which differs from the scene's own; the full model if the program
+    /// The specified kind of model, if it can run `model`, which differs from the scene's own; the full model if the program
     /// would choose.
     ///
     /// # Errors
@@ -345,7 +345,7 @@ impl Scene {
         }
     }
 
-    /// The quantities whose error `accuracy` limits.
+    /// The quantities whose error is limited by `accuracy`.
     fn measures(&self) -> &[ErrorMeasure] {
         self.solver.accuracy_of.as_deref().unwrap_or(&ErrorMeasure::ALL)
     }
@@ -393,7 +393,7 @@ impl Scene {
         Ok((method, values))
     }
 
-    /// True where the rod is released into its drive at once.
+    /// True if the rod is released into its drive at once.
     pub fn is_released(&self) -> bool {
         match self.start.kind {
             StartKind::Jump => self.drives().begin_with_start(),
@@ -402,7 +402,7 @@ impl Scene {
         }
     }
 
-    /// The name of its integrator. By default it depends on whether a step size is given, and on the start.
+    /// The name of the integrator. By default it depends on whether a step size is given, and on the start.
     pub fn integrator_name(&self) -> &str {
         let [without_step, with_step, released] = DEFAULT_INTEGRATORS;
         let default = match self.solver.time_step_s {
@@ -413,7 +413,7 @@ impl Scene {
         self.solver.integrator.as_deref().unwrap_or(default)
     }
 
-    /// The control of its step size.
+    /// The control of the step size.
     pub fn step_control(&self) -> StepControl {
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(step), _) => StepControl::Fixed(step.get()),
@@ -430,13 +430,13 @@ impl Scene {
         }
     }
 
-    /// True if Newton's method may [predict](crate::newton::Newton::foreseeing) the last increment instead of computing it, which it
-    /// does unless a tolerance is given.
+    /// True if Newton's method may [predict](crate::newton::Newton::foreseeing) the last increment instead of computing it. This
+    /// is the case unless a tolerance is given.
     pub fn newton_may_predict(&self) -> bool {
         self.solver.newton_tolerance.is_none()
     }
 
-    /// Its step size, s, or a typical one if steps are adaptive: 1/50 of the shortest period of the drive, or of the run.
+    /// The step size, s, or a typical one if steps are adaptive: 1/50 of the shortest period of the drive, or of the run.
     pub fn typical_step(&self) -> f64 {
         match self.step_control() {
             StepControl::Fixed(step) => step,
@@ -457,7 +457,7 @@ impl Scene {
         }
     }
 
-    /// Returns an error for a mesh of `rod` so fine that steps solved in `form` are rounding.
+    /// Returns an error for a mesh of `rod` so fine that steps solved in `form` are below rounding.
     pub(crate) fn check_mesh(&self, rod: &Rod, form: Form) -> Result<()> {
         let step = self.typical_step();
         let meaningless = form == Form::Positions && chain::is_meaningless(rod, step);
@@ -496,7 +496,7 @@ impl Scene {
         (0..whole).map(move |_| step).chain(last)
     }
 
-    /// The number of its steps, or None if they are adaptive.
+    /// The number of steps, or `None` if they are adaptive.
     pub fn steps(&self) -> Option<u64> {
         let StepControl::Fixed(step) = self.step_control() else { return None };
         let (whole, last) = whole_steps(self.solver.duration_s.get(), step);

@@ -19,7 +19,8 @@ pub struct StartTable {
     pub kind: StartKind,
     /// Duration of the ramp, s; only with `kind = "ramp"`.
     pub ramp_s: Option<Positive>,
-    /// Curvature of the rod at the start, 1/m: held so, it is let go at rest. With `kind = "shaped"` it comes beside the natural curvature.
+    /// Curvature of the rod at the start, 1/m: the rod is held in this shape and released at rest. With `kind = "shaped"` it is
+    /// added to the natural curvature.
     pub curvature_1_m: Option<NumberOrProfile<Finite>>,
     /// Initial angular velocity of the whole rod about its centre of mass, rad/s; only with a free head.
     pub spin_rad_s: Option<Finite>,
@@ -69,7 +70,7 @@ impl StartTable {
         }
     }
 
-    /// The curvature κ of every node of `rod` at the start beside that which the start gives it; `None` where there is none.
+    /// The curvature κ of every node of `rod` at the start, in addition to that of the kind of start; `None` without.
     pub(super) fn initial_curvature(&self, rod: &Rod) -> Option<Vec<f64>> {
         let profile = self.curvature_1_m.as_ref()?.profile();
         let mut initial_curvature = (0..rod.nodes).map(|k| profile.at(rod.xi(k)) * rod.spacing).collect::<Vec<f64>>();

@@ -7,7 +7,7 @@ use super::value::{NumberOrProfile, Positive};
 use crate::error::Error;
 
 impl Scene {
-    /// The error of a run that fails at the start: `error`, with the key that most likely causes it.
+    /// Returns `error` of a run that fails at the start, with the key that most likely causes it.
     pub(crate) fn start_error(&self, error: &Error) -> Error {
         let bent = |what: String| format!("{what} in the first shape; allowed: a weaker one, or more nodes");
         let (key, problem) = match error {
@@ -34,11 +34,11 @@ impl Scene {
         self.error(&key, problem)
     }
 
-    /// The key of what bends the rod at the start: the wave, the tendon of the largest moment, or the curvature of the start; where there is
-    /// none of them, the angle of the head.
+    /// The key that bends the rod at the start: the wave, the tendon with the largest moment, or the curvature of the start;
+    /// without these, the angle of the head.
     fn bending_key(&self) -> String {
         let drives = self.drives();
-        // Tensions bend a shaped start alone.
+        // Tensions bend the rod only in a shaped start.
         let pulled = drives.tendons && self.start.kind == StartKind::Shaped;
         match &self.start.curvature_1_m {
             _ if drives.actuation => self.amplitude_key().to_string(),

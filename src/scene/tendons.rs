@@ -1,4 +1,4 @@
-//! `[[tendons]]`: cables along the rod that a winch or a servo pulls.
+//! `[[tendons]]`: cables along the rod, pulled by a winch or a servo.
 
 use serde::Deserialize;
 
@@ -22,24 +22,25 @@ pub struct TendonTable {
     /// Distance from the centreline of the rod, m, positive to the left of the rod from head to tip: a tendon on the left bends the tip to
     /// the left.
     pub offset_m: Finite,
-    /// Where it begins, as a fraction of the rod's length from the head; the nearest node is taken. By default 0: fastened to the head or
-    /// the body that holds the rod there.
+    /// Start of the tendon, as a fraction of the rod's length from the head, rounded to the nearest node. By default 0: fastened
+    /// to the head or to the body that holds the rod there.
     #[serde(default)]
     pub from_xi: Option<Share>,
-    /// Where it ends. By default 1, the tip.
+    /// End of the tendon. By default 1, the tip.
     #[serde(default)]
     pub to_xi: Option<Share>,
-    /// Tension, N, at least 0: a number, a sinusoid or a table. By default 0, for a host that sets it. The ramp of the start counts for it.
+    /// Tension, N, at least 0: a number, a sinusoid or a table. By default 0, for a host that sets it. The ramp of the start
+    /// applies to it.
     #[serde(default)]
     pub tension_n: Option<ScalarSignal>,
-    /// Stiffness of the cable of a winch, N/m: in place of a tension it gives the tendon a length through it.
+    /// Stiffness of the cable of a winch, N/m. The winch then prescribes a length through this cable, instead of a tension.
     #[serde(default)]
     pub stiffness_n_m: Option<Positive>,
-    /// Length without tension that the winch gives the tendon, m: a number, a sinusoid or a table. By default that beside the straight rod, from
-    /// which the ramp of the start leads.
+    /// Length without tension that the winch gives the tendon, m: a number, a sinusoid or a table. By default its length along
+    /// the straight rod, from which the ramp of the start begins.
     #[serde(default)]
     pub length_m: Option<ScalarSignal>,
-    /// The stretch over which the cable takes up its slack, m. By default a thousandth of its length beside the straight rod.
+    /// The stretch over which the cable takes up its slack, m. By default a thousandth of its length along the straight rod.
     #[serde(default)]
     pub take_up_m: Option<Positive>,
 }
@@ -49,14 +50,14 @@ impl TendonTable {
         [self.from_xi.map_or(0.0, Share::get), self.to_xi.map_or(1.0, Share::get)]
     }
 
-    /// True where it is pulled without a host: by a tension, or by a winch that is given a length.
+    /// True if it is pulled without a host: by a tension, or by a winch with a given length.
     fn is_pulled(&self) -> bool {
         let tension = self.tension_n.as_ref();
         let pulls = tension.is_some_and(|ScalarSignal(tension)| tension.formula().is_none_or(gives));
         pulls || self.length_m.is_some()
     }
 
-    /// The largest moment that it bends a rod of that `length` (m) with, N m, as far as that is known before its table is read.
+    /// The largest moment with which it bends a rod of that `length` (m), N m, as far as it is known before the table is read.
     fn largest_moment(&self, length: f64) -> f64 {
         let range = |signal: &Option<ScalarSignal>| match signal.as_ref().and_then(|ScalarSignal(own)| own.formula()) {
             Some(Signal::Constant(value)) => Some([*value; 2]),
@@ -72,7 +73,7 @@ impl TendonTable {
         tension * self.offset_m.get().abs()
     }
 
-    /// The least tension that it names, N, if that is known before its table is read.
+    /// The smallest given tension, N, if it is known before the table is read.
     fn least_tension(&self) -> f64 {
         match self.tension_n.as_ref().and_then(|ScalarSignal(tension)| tension.formula()) {
             Some(Signal::Constant(tension)) => *tension,
@@ -83,7 +84,7 @@ impl TendonTable {
 }
 
 impl Scene {
-    /// What drives the body.
+    /// The drives of the body.
     pub fn drives(&self) -> Drives {
         let torque = self.head.torque_n_m.as_ref();
         Drives {
@@ -131,7 +132,7 @@ impl Scene {
         Ok(())
     }
 
-    /// True where a winch pulls any of them.
+    /// True if any tendon is pulled by a winch.
     pub(crate) fn has_winches(&self) -> bool {
         self.tendons.iter().any(|tendon| tendon.stiffness_n_m.is_some())
     }
@@ -181,7 +182,7 @@ impl Scene {
         self.tendons.iter().enumerate().map(tendon).collect::<Result<Vec<_>>>().map(Tendons::new)
     }
 
-    /// The key of what pulls the tendon that bends the rod most.
+    /// The key of the drive of the tendon that bends the rod most.
     pub(super) fn strongest_tendon_key(&self) -> String {
         let length = self.rod.length_m.get();
         let moments = self.tendons.iter().map(|tendon| tendon.largest_moment(length)).enumerate();
@@ -197,7 +198,7 @@ impl Scene {
     }
 }
 
-/// The force of the tendons on the edges, where there are any.
+/// The force of the tendons on the edges, if there are any.
 pub(super) fn force(tendons: &Tendons) -> Option<Box<dyn Force>> {
     (!tendons.is_empty()).then(|| Box::new(tendons.clone()) as Box<dyn Force>)
 }

@@ -1,4 +1,4 @@
-//! Types of the values of scene keys. Each type has a range, so that an error about a wrong value has its line.
+//! Types of the values of scene keys. Each type has a range, so that an error about a wrong value has a line number.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -32,7 +32,7 @@ macro_rules! number {
             type Error = crate::error::Error;
 
             /// # Errors
-            /// [`Error::BadValue`](crate::error::Error::BadValue) for a number that is not one, or is not finite.
+            /// [`Error::BadValue`](crate::error::Error::BadValue) for a number that is out of range or not finite.
             fn try_from(number: f64) -> Result<Self, Self::Error> {
                 let ok: fn(f64) -> bool = $ok;
                 let allowed = $allowed;
@@ -71,7 +71,7 @@ number!(
     |_| true
 );
 number!(
-    /// Above −1, so that 1 + a(1−ξ) stays positive.
+    /// A number above −1, so that 1 + a(1−ξ) stays positive.
     Gradient,
     "a number above -1",
     |x| x > -1.0
@@ -133,7 +133,7 @@ pub fn refused(found: impl fmt::Display, allowed: impl fmt::Display) -> String {
 pub struct BoundedInteger<const MIN: u64, const MAX: u64>(u64);
 
 impl<const MIN: u64, const MAX: u64> BoundedInteger<MIN, MAX> {
-    /// The smallest.
+    /// The smallest integer.
     pub const LEAST: Self = Self(MIN);
 
     /// The allowed integer nearest to `n`.
@@ -185,7 +185,7 @@ impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for BoundedInteger<MI
 pub enum SignalValue {
     /// A number or a sinusoid.
     Formula(Signal),
-    /// A table in a file, its path relative to the scene.
+    /// A table in a file, with its path relative to the scene.
     Table(String),
 }
 
@@ -277,7 +277,7 @@ impl<'de> Deserialize<'de> for Each {
     }
 }
 
-/// Exactly two values. A serde array of two accepts more of TOML.
+/// Exactly two values. A serde array of two would accept other TOML too.
 pub struct ExactlyTwo<T>(pub [T; 2]);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for ExactlyTwo<T> {
@@ -311,14 +311,14 @@ pub fn pair<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> 
     ExactlyTwo::deserialize(deserializer).map(|pair| pair.0)
 }
 
-/// Reads two values of a key that may be absent.
+/// Reads two values of an optional key.
 pub fn optional_pair<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<[T; 2]>, D::Error> {
     pair(deserializer).map(Some)
 }
 
-/// Reads a list of two values each of a key that may be absent.
+/// Reads a list of pairs of an optional key.
 pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<Vec<[T; 2]>>, D::Error> {
@@ -326,7 +326,7 @@ pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     Ok(Some(pairs.into_iter().map(|pair| pair.0).collect()))
 }
 
-/// A number, or a profile along the rod: points [ξ, number] with rising ξ from 0 to 1, linear in between.
+/// A number, or a profile along the rod: points [ξ, number] with ξ increasing from 0 to 1, linear in between.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberOrProfile<T> {
     points: Vec<[f64; 2]>,
@@ -365,7 +365,7 @@ impl<T: Copy> NumberOrProfile<T> {
         Profile::through(self.points.clone()).unwrap_or(Profile::from(0.0))
     }
 
-    /// The error of an invalid profile: ξ does not rise, or not from 0 to 1.
+    /// The error of an invalid profile: ξ does not increase, or not from 0 to 1.
     pub(super) fn disorder(&self) -> Option<String> {
         let mut last = f64::NEG_INFINITY;
         for [xi, value] in &self.points {

@@ -9,7 +9,8 @@ use super::{Scene, SolverTable};
 use crate::integrator::{Method, StepControl};
 use crate::reduced::{ModelChoice, ModelKind};
 
-/// The tolerances of [`Scene::reference`] and of its Newton's method: forces of stiff rods are differences of tiny stretches.
+/// The tolerances of [`Scene::reference`] and of its Newton's method, because forces of stiff rods are differences of tiny
+/// stretches.
 const REFERENCE_TOLERANCE: f64 = 1e-6;
 
 const REFERENCE_NEWTON_TOLERANCE: f64 = 1e-13;
@@ -23,13 +24,13 @@ impl Scene {
         let (all, front) = (self.nodes() as i64, self.front() as i64);
         for load in scene.loads.iter_mut().flat_map(|loads| &mut loads.point) {
             let node = load.node.rem_euclid(all);
-            let along = (node - front).max(0) as f64; // a body's centre stays
+            let along = (node - front).max(0) as f64; // the centre of a body stays
             load.node = (along * (new - 1.0) / (old - 1.0)).round() as i64 + front.min(node);
         }
         scene
     }
 
-    /// The scene on its own mesh, or on one of that number of nodes if its own is finer.
+    /// The scene on its own mesh, or on one with `most` nodes if its own is finer.
     pub fn with_nodes_up_to(&self, most: u64) -> Self {
         self.with_nodes(most.min(self.rod.nodes.get() as u64))
     }
@@ -98,8 +99,8 @@ impl Scene {
         self
     }
 
-    /// The scene with the drag law and the added mass that the program has chosen for `other`, a nearly equal scene, if both leave the
-    /// choice to the program.
+    /// The scene with the drag law and the added mass that the program has chosen for `other`, a nearly equal scene, if both
+    /// leave the choice to the program.
     pub fn with_fluid_of(&self, other: &Self) -> Self {
         let mut scene = self.clone();
         scene.fluid_choice = None;

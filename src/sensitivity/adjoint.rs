@@ -1,4 +1,5 @@
-//! Adjoint (reverse) derivatives of one number by all parameters: backwards over a stored simulation, one transposed solve per step.
+//! Adjoint (reverse-mode) derivatives of one number with respect to all parameters: backwards over a stored simulation, with one
+//! transposed solve per step.
 
 use super::checkpoints::{Checkpoints, ReverseStates, StepSolver};
 use super::controls::{Controls, Cotangents, Weights};
@@ -16,8 +17,8 @@ use crate::model::DeformedRod;
 use crate::system::{State, System};
 
 impl Problem {
-    /// The derivatives by all `parameters` of Σ w y over all times and outputs y of the stored simulation `trajectory` of this problem,
-    /// with `weights` w in one row per time.
+    /// The derivatives with respect to all `parameters` of Σ w y over all times and outputs y of the stored simulation
+    /// `trajectory` of this problem, with `weights` w in one row per time.
     ///
     /// # Errors
     /// [`Error::WrongLength`] for weights of another simulation; [`Error::Derivative`] for parameters and outputs that the model
@@ -38,7 +39,7 @@ impl Problem {
         Ok(self.backward_pass(parameters, outputs, weights, states, [false; 2])?.parameters)
     }
 
-    /// The same for a simulation of this problem of which `checkpoints` are kept.
+    /// The same as [`adjoint`](Self::adjoint) for a simulation of this problem that is stored as `checkpoints`.
     pub(crate) fn adjoint_of(
         &mut self,
         parameters: &[Parameter],
@@ -50,11 +51,11 @@ impl Problem {
         Ok(self.backward_pass(parameters, outputs, weights, checkpoints.states(), [false; 2])?.parameters)
     }
 
-    /// The same with `weights` of positions and velocities too, and with derivatives by the initial state and the controls in addition to
-    /// those by the `parameters`.
+    /// The same as [`adjoint`](Self::adjoint), with `weights` of positions and velocities too, and with derivatives with respect
+    /// to the initial state and the controls in addition to the `parameters`.
     ///
     /// # Errors
-    /// Those of [`adjoint`](Self::adjoint).
+    /// Errors of [`adjoint`](Self::adjoint).
     pub fn pull_back(
         &mut self,
         parameters: &[Parameter],
@@ -66,13 +67,14 @@ impl Problem {
         self.backward_pass(parameters, outputs, weights, states, [true; 2])
     }
 
-    /// The states of a `trajectory`, if it is one of this problem.
+    /// The states of a `trajectory`, if it belongs to this problem.
     fn states_of<'a>(&self, trajectory: &'a Trajectory) -> Result<ReverseStates<'a>> {
         trajectory.check(self.model(), (0..self.steps.count() + 1).map(|n| self.steps.time(n)))?;
         Ok(ReverseStates::of(trajectory))
     }
 
-    /// Goes back over the `states`; `by_controls`: by the natural curvature of each time, too, and by the forces.
+    /// Goes backwards over the `states`. `by_controls` requests derivatives with respect to the natural curvature at each time,
+    /// and with respect to the forces.
     pub(super) fn backward_pass(
         &mut self,
         parameters: &[Parameter],
@@ -100,7 +102,7 @@ impl Problem {
         let mut gradient = Gradient::new(self.model(), &keys(parameters));
         let mut effects: Vec<ParameterEffect> = Vec::with_capacity(parameters.len());
         let zeros = || vec![0.0; unknowns];
-        // The cotangents of a state, and of the one before it.
+        // The cotangents of a state and of the previous one.
         let mut bar = TangentState { q: zeros(), v: zeros(), a: zeros(), memory: zeros() };
         let mut mu = zeros();
         let mut force = zeros();
@@ -116,9 +118,9 @@ impl Problem {
         let mut natural = vec![0.0; times * bends.len()];
         let mut by_force = vec![0.0; if by_forces { times * 2 * nodes } else { 0 }];
         let mut force_by = vec![zeros(); finite_differences.len()];
-        // Sums of the weights of all later times, for outputs that are summed from the start.
+        // Sums of the weights of all later times, for outputs that are accumulated from the start.
         let mut later = vec![0.0; outputs.len()];
-        // What a motor and winches do at the times before, of, and after a state.
+        // Values of a motor and winches at the times before, of, and after a state.
         let follows_state = summing && dynamics.model.has_motor_or_winch();
         let mut actuators = [ActuatorState::default(); 3];
         for n in (0..=steps.count()).rev() {
@@ -250,7 +252,7 @@ impl Problem {
             }
             by_force.iter_mut().skip(2 * nodes * n).zip(&force[..2 * nodes]).for_each(|(by, force)| *by -= force);
             if n == 0 {
-                // The start knows nothing of what winches pull then.
+                // The initial state does not depend on the tensions of winches at that time.
                 dynamics.move_to(state.t, &mut state);
                 shape.take(dynamics, state.t);
                 let by_natural = natural.iter_mut().zip(&bends);
@@ -269,7 +271,7 @@ impl Problem {
             }
         }
         if held {
-            // The head places node 0 at the start, too.
+            // The head also determines the initial position and velocity of node 0.
             bar.q[..2].fill(0.0);
             bar.v[..2].fill(0.0);
         }
@@ -283,7 +285,7 @@ fn add_row(rows: &mut [f64], n: usize, row: &[f64]) {
     rows.iter_mut().skip(n * row.len()).zip(row).for_each(|(to, from)| *to += from);
 }
 
-/// The finite-differenced parameters, by their index, with their totals.
+/// The finite-differenced parameters, by index, with their totals.
 fn finite_differenced<'a>(
     effects: &'a [ParameterEffect],
     total: &'a mut [f64],
@@ -291,7 +293,7 @@ fn finite_differenced<'a>(
     effects.iter().zip(total).filter_map(|(effect, total)| Some((effect.scene_parameter?, total)))
 }
 
-/// The derivative f_p·force of the residual by the parameter of `effect`, along `force`.
+/// The derivative f_p·force of the residual with respect to the parameter of `effect`, along `force`.
 fn parameter_force_along(
     at: &OutputContext<'_>,
     effect: &ParameterEffect,
@@ -311,8 +313,8 @@ fn parameter_force_along(
     sum
 }
 
-/// What a step contributes directly to an output: the drive at both its ends, the parameters, how the output reads the step, and the
-/// directions of joints.
+/// What the direct contribution of a step to an output depends on: the drive at both ends of the step, the parameters, the
+/// evaluation of the output, and the directions of joints.
 type StepContribution<'a> = ([&'a ActuationShape; 2], &'a [Parameter], &'a OutputContext<'a>, &'a [JointDirection]);
 
 /// Adds an output's gradient to the cotangents and to the totals.
@@ -333,8 +335,8 @@ fn accumulate(
     }
 }
 
-/// The transpose of the initial step: moves the cotangents of the initial accelerations to positions and velocities, and writes the
-/// cotangent of the residual to `force`.
+/// The transpose of the initial step: transfers the cotangents of the initial accelerations to positions and velocities, and
+/// writes the cotangent of the residual to `force`.
 fn initial_cotangents(
     at: &OutputContext<'_>,
     equations: &mut Equations,

@@ -1,4 +1,4 @@
-//! What is kept of a simulation for its adjoint.
+//! Checkpoints: the states of a simulation that are stored for its adjoint.
 
 use super::controls::Controls;
 use super::time_grid::TimeGrid;
@@ -9,25 +9,25 @@ use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::system::State;
 
-/// Of a simulation whose states take more memory than this (bytes), only some are kept.
+/// If the states of a simulation take more memory than this (bytes), only some of them are stored.
 const MOST_KEPT: usize = 64 << 20;
 
-/// All states of a simulation if they are few, otherwise those at multiples of the root of their number, between which the adjoint repeats
-/// the steps, one interval at a time (Griewank, Optim. Methods Softw. 1, 35, 1992, with one level). Memory then grows with the root of the
-/// number of steps, and each step is made twice.
+/// All states of a simulation if they are few. Otherwise every k-th state, with k about the square root of their number; the
+/// adjoint repeats the steps in between, one interval at a time (Griewank, Optim. Methods Softw. 1, 35, 1992, with one level).
+/// Memory then grows with the square root of the number of steps, and each step is made twice.
 #[derive(Debug)]
 pub(crate) struct Checkpoints {
-    /// The number of steps from one kept state to the next.
+    /// The number of steps between stored states.
     every: usize,
-    /// How many states there were.
+    /// Number of states so far.
     count: usize,
     kept: Trajectory,
-    /// What the method remembers at the kept states, where it is needed.
+    /// The method's memory at the stored states, if it has one.
     memory: Vec<f64>,
 }
 
 impl Checkpoints {
-    /// For the states of so many unknowns at so many `times`.
+    /// Creates empty checkpoints for states of that many `unknowns` at that many `times`.
     pub(crate) fn of(unknowns: usize, times: usize) -> Self {
         let few = 3 * size_of::<f64>() * unknowns * times <= MOST_KEPT;
         Self::at_multiples_of(if few { 1 } else { times.isqrt() })
@@ -37,7 +37,7 @@ impl Checkpoints {
         Self { every, count: 0, kept: Trajectory::default(), memory: Vec::new() }
     }
 
-    /// Takes the next state.
+    /// Adds the next state.
     pub(crate) fn push(&mut self, state: &State) {
         if self.count.is_multiple_of(self.every) {
             self.kept.push(state);
@@ -48,7 +48,7 @@ impl Checkpoints {
         self.count += 1;
     }
 
-    /// The states, to go back over.
+    /// The states, for access in reverse order.
     pub(super) fn states(&self) -> ReverseStates<'_> {
         ReverseStates { every: self.every, kept: &self.kept, memory: &self.memory, interval: None }
     }
@@ -64,7 +64,7 @@ pub(super) struct StepSolver<'a> {
 }
 
 impl StepSolver<'_> {
-    /// Moves `state` by the step to time `n`; `next` is room to work in.
+    /// Advances `state` by the step to time `n`; `next` is a work array.
     pub(super) fn step(&mut self, dynamics: &mut Dynamics, n: usize, [state, next]: [&mut State; 2]) -> Result<()> {
         next.t = self.grid.time(n);
         self.controls.apply(dynamics, n);
@@ -74,23 +74,23 @@ impl StepSolver<'_> {
     }
 }
 
-/// The states of a simulation, which are asked for from the last to the first.
+/// The states of a simulation, read from the last to the first.
 #[derive(Debug)]
 pub(super) struct ReverseStates<'a> {
     every: usize,
     kept: &'a Trajectory,
     memory: &'a [f64],
-    /// The number of a kept state, and the states from there to the next one.
+    /// The index of a stored state, and the states from there to the next one.
     interval: Option<(usize, Trajectory)>,
 }
 
 impl<'a> ReverseStates<'a> {
-    /// Those of a trajectory, which has all.
+    /// The states of a trajectory, which has all of them.
     pub(super) fn of(trajectory: &'a Trajectory) -> Self {
         Self { every: 1, kept: trajectory, memory: &[], interval: None }
     }
 
-    /// Writes state `n`, without what the method remembers. `dynamics` may be left at another time.
+    /// Writes state `n`, without the method's memory. `dynamics` may be left at another time.
     pub(super) fn load(
         &mut self,
         n: usize,
@@ -112,7 +112,7 @@ impl<'a> ReverseStates<'a> {
         Ok(())
     }
 
-    /// Repeats the steps from kept state `i` to the next one. `state` is room to work in.
+    /// Repeats the steps from stored state `i` to the next one. `state` is a work array.
     fn repeat(
         &self,
         i: usize,
@@ -173,7 +173,7 @@ mod tests {
                 problem.adjoint_of(&parameters, &outputs, &weights, &checkpoints).unwrap()
             };
             let all = derivatives(1);
-            // The last interval is a part of one, all of it, and nothing.
+            // The last interval is partial, complete, or empty.
             for every in [6, 19, 38, 100] {
                 assert_eq!(all, derivatives(every), "{}, every {every} steps", path.display());
             }

@@ -4,19 +4,20 @@ use super::parameter::{ActuationShape, Parameter, ParameterEffect};
 use crate::model::Dynamics;
 use crate::rod::Rod;
 
-/// Natural curvature and forces at every time of a simulation, beginning with the start, as samples of smooth functions of time:
-/// accelerations are not reinitialised when they change. With implicit Euler this equals a host that sets them before each step.
+/// Natural curvature and forces at every time of a simulation, including the start, as samples of smooth functions of time:
+/// accelerations are not reinitialised when they change. With implicit Euler this is equivalent to a host that sets them before
+/// each step.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Controls {
-    /// Natural curvature (1/m) added to the actuation's: a row per time, one entry per joint. Its rate is unknown and missing in the power
-    /// of the actuation, but not in the work.
+    /// Natural curvature (1/m) added to that of the actuation: a row per time, one entry per joint. Its rate is unknown, and
+    /// therefore missing in the power of the actuation but not in the work.
     pub natural: Option<Vec<f64>>,
     /// Forces on the nodes (N): a row per time, two entries per node.
     pub force: Option<Vec<f64>>,
 }
 
 impl Controls {
-    /// Applies those of time `n`.
+    /// Applies the controls of time `n`.
     pub(super) fn apply(&self, dynamics: &mut Dynamics, n: usize) {
         let (nodes, joints) = (dynamics.model.rod.nodes, dynamics.model.rod.joints());
         if let Some(natural) = &self.natural {
@@ -38,23 +39,23 @@ impl Controls {
 /// Weights w of Σ w y over all times of a simulation, in one row per time. An empty list is zero.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Weights<'a> {
-    /// Of outputs.
+    /// Weights of outputs.
     pub outputs: &'a [f64],
-    /// Of positions, two entries per node.
+    /// Weights of positions, two entries per node.
     pub positions: &'a [f64],
-    /// Of velocities, two entries per node.
+    /// Weights of velocities, two entries per node.
     pub velocities: &'a [f64],
 }
 
-/// The derivatives of a weighted sum.
+/// The derivatives of a weighted sum (cotangents).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cotangents {
-    /// By the parameters.
+    /// With respect to the parameters.
     pub parameters: Vec<f64>,
-    /// By initial positions and velocities, two entries per node.
+    /// With respect to initial positions and velocities, two entries per node.
     pub start: [Vec<f64>; 2],
-    /// By natural curvature, a row per time, one entry per joint.
+    /// With respect to natural curvature, a row per time, one entry per joint.
     pub natural: Vec<f64>,
-    /// By forces, a row per time, two entries per node.
+    /// With respect to forces, a row per time, two entries per node.
     pub force: Vec<f64>,
 }

@@ -1,11 +1,12 @@
-//! Means over the last whole cycles with their derivatives: formulas of sums of outputs, whose quadrature weights depend on the times
-//! alone.
+//! Means over the last whole cycles with their derivatives. They are functions of sums of outputs whose quadrature weights depend
+//! on the times alone.
 //!
-//! As the frequency f of the actuation changes, the cycles slide through the steps, and a mean carries a ripple of about 10⁻⁵ that repeats
-//! with every step by which the n cycles of the run become shorter. Its slope grows with n, and hides that of the mean after some tens of
-//! cycles. The derivative by f of a run that has more cycles than are averaged is therefore a difference over
-//! δf/f = ±[`TREND_STEP`]/n: a tenth of what changes the response of n cycles, and as many ripples as a cycle has steps, over ten. The
-//! step shrinks with n, so the ripple wins again in runs of hundreds of cycles of few steps.
+//! As the frequency f of the actuation changes, the ends of the cycles move relative to the steps, and a mean carries a ripple of
+//! about 10⁻⁵ that repeats with every step by which the n cycles of the run become shorter. The slope of the ripple grows with n,
+//! and exceeds that of the mean after some tens of cycles. The derivative with respect to f of a run that has more cycles than
+//! are averaged is therefore a difference over δf/f = ±[`TREND_STEP`]/n: a tenth of the change that alters the response of n
+//! cycles, and a tenth as many ripples as a cycle has steps. The step shrinks with n, so the ripple dominates again in runs of
+//! hundreds of cycles with few steps each.
 
 use std::sync::Arc;
 
@@ -21,14 +22,14 @@ use crate::model::{Dynamics, Model};
 use crate::system::State;
 use crate::system::System;
 
-/// Step of the differences by the logarithm of the frequency, times the number of cycles.
+/// Step of the differences with respect to the logarithm of the frequency, times the number of cycles.
 const TREND_STEP: f64 = 0.1;
 
-/// Difference of second order to the side of larger frequencies, as positions in steps with their weights over the step; with all signs
-/// changed, to the other.
+/// One-sided difference of second order towards larger frequencies: positions in steps, with their weights in 1/step. With all
+/// signs changed, it points the other way.
 const ONE_SIDED: [[f64; 2]; 3] = [[0.0, -0.75], [2.0, 1.0], [4.0, -0.25]];
 
-/// An output, the derivative of the mean by it, and its quadrature weights.
+/// An output, the derivative of the mean with respect to it, and its quadrature weights.
 type Part = (Output, Coefficient, fn(&IntegralWeights) -> &[f64]);
 
 type Coefficient = fn(&IntegralDerivatives) -> f64;
@@ -49,7 +50,7 @@ fn parts(model: &Model) -> Vec<Part> {
         parts.push((Q::HeadAxis(1).into(), |d| d.axis[1], summed));
     }
     if model.head.is_some() {
-        // A held head is where it must, whatever the parameters are.
+        // The position of a held head is prescribed, independent of the parameters.
         parts.push((Q::HeadForce(0).into(), |d| d.force[0], summed));
         parts.push((Q::HeadForce(1).into(), |d| d.force[1], summed));
         parts.push((Q::HeadMoment.into(), |d| d.moment, summed));
@@ -85,13 +86,13 @@ impl Problem {
     /// Simulates, and tracks the cycles and their ends as a run does. `look` is called with every state.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
+    /// Errors of [`simulate`](Self::simulate) and of [`Measurements::measure`].
     pub(super) fn simulate_cycles(&mut self, look: impl FnMut(&State)) -> Result<(Cycles, Vec<CycleEnd>)> {
         let (cycles, ends, _) = self.simulate_and_measure(look)?;
         Ok((cycles, ends))
     }
 
-    /// Simulates, and returns the metrics of a run and the final positions.
+    /// Simulates, and returns the metrics of the run and the final positions.
     #[cfg(feature = "faer")]
     pub(super) fn simulate_metrics(&mut self) -> Result<(RunMetrics, Vec<f64>)> {
         let mut end = Vec::new();
@@ -117,7 +118,7 @@ impl Problem {
                     let times = [before.t, state.t];
                     let mut load = dynamics.load_work(times, &before.q, &state.q);
                     if controls.force.is_some() {
-                        // The mean of the forces at both ends, as they are functions of time.
+                        // The mean of the forces at both ends, because they are functions of time.
                         controls.apply(dynamics, n - 1);
                         load = 0.5 * (load + dynamics.load_work(times, &before.q, &state.q));
                         controls.apply(dynamics, n);
@@ -136,7 +137,7 @@ impl Problem {
         let (cycles, metrics) = match run {
             Some((metrics, cycles, _)) => (cycles, metrics),
             None => {
-                // `advance` looks at the start at least.
+                // `advance` calls this at the start at least.
                 let state = self.dynamics.first_state();
                 let metrics = RunMetrics::start(&mut self.dynamics, &state)?;
                 (Cycles::start(&self.dynamics, &state, &metrics), metrics)
@@ -145,19 +146,19 @@ impl Problem {
         Ok((cycles, ends, metrics))
     }
 
-    /// The reason why its simulation has no whole cycle, if it has none.
+    /// The reason why the simulation has no whole cycle, if it has none.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
+    /// Errors of [`simulate`](Self::simulate) and of [`Measurements::measure`].
     pub fn no_cycle(&mut self) -> Result<Option<String>> {
         let (cycles, _) = self.simulate_cycles(|_| {})?;
         Ok(cycles.reason(&self.dynamics))
     }
 
-    /// The reason why its simulation has no mean of `measure`.
+    /// The reason why the simulation has no mean of `measure`.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
+    /// Errors of [`simulate`](Self::simulate) and of [`Measurements::measure`].
     pub fn no_mean(&mut self, measure: &CycleMeasure) -> Result<String> {
         let (cycles, _) = self.simulate_cycles(|_| {})?;
         let averages = cycles.averages(&self.dynamics);
@@ -168,13 +169,14 @@ impl Problem {
             .unwrap_or_else(|| "the scene has nothing that it is a mean of".to_string()))
     }
 
-    /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives by `parameters`.
-    /// None if there is no such mean or if it is not [differentiable](crate::cycle::derivatives::is_differentiable). A parameter that
-    /// changes the frequency of the drive also moves the ends of the cycles. What comes by the frequency of the actuation is a difference if
-    /// the run has more cycles than are averaged.
+    /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives with respect
+    /// to `parameters`. `None` if there is no such mean or if it is not
+    /// [differentiable](crate::cycle::derivatives::is_differentiable). A parameter that changes the frequency of the drive also
+    /// moves the ends of the cycles. If the run has more cycles than are averaged, the contribution of the frequency of the
+    /// actuation is a finite difference.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate).
+    /// Errors of [`simulate`](Self::simulate).
     pub fn cycle_mean(&mut self, measure: &CycleMeasure, parameters: &[Parameter]) -> Result<Option<(f64, Vec<f64>)>> {
         let (mut checkpoints, times) = (self.checkpoints(), self.times());
         let (cycles, ends) = self.simulate_cycles(|state| checkpoints.push(state))?;
@@ -196,7 +198,7 @@ impl Problem {
         }
         let outputs: Vec<Output> = parts.into_iter().map(|(output, ..)| output).collect();
         let own = cycles.frequency(&self.dynamics);
-        // The derivatives of the logarithm of that frequency: zero, and not rounding, by a number that leaves it.
+        // The derivatives of the logarithm of the frequency: exactly zero for a number that does not change it.
         let log = |place: &mut PerturbedScene| {
             Ok(own.zip(cycles.frequency(&place.dynamics)).map_or(0.0, |(own, now)| (now / own).ln()))
         };
@@ -208,7 +210,7 @@ impl Problem {
         let stretches: Vec<f64> = parameters.iter().map(&mut stretch).collect::<Result<_>>()?;
         let passed = ends.len() - 1;
         let slides = stretches.iter().any(|by| *by != 0.0) && passed > MAX_CYCLES && cycles.follow_actuation();
-        // A drive with a limit or a lag has that derivative as one of the scene's number.
+        // For a drive with a limit or a lag, the derivative is available only through a number of the scene.
         let exact = slides && !self.dynamics.model.filters_drive();
         let with_frequency: Vec<Parameter> = parameters.iter().cloned().chain([Parameter::Frequency]).collect();
         let asked = if exact { &with_frequency } else { parameters };
@@ -216,7 +218,7 @@ impl Problem {
         let of_scene = stretches.iter().position(|by| *by != 0.0).filter(|_| slides && !exact);
         let of_scene = of_scene.zip(own).map(|(i, own)| by[i] / (stretches[i] * own));
         let slid = cycles.by_log_frequency(measure, &self.dynamics, &ends).unwrap_or(f64::NAN);
-        // Instead of the exact derivative by the logarithm of the frequency.
+        // Replaces the exact derivative with respect to the logarithm of the frequency.
         let trend = match by.get(parameters.len()).copied().or(of_scene).zip(own) {
             Some((exact, own)) => self.trend_by_frequency(measure, passed)?.map_or(slid, |trend| own * (trend - exact)),
             None => slid,
@@ -233,7 +235,7 @@ impl Problem {
                     let own = integral_derivatives.iter().flat_map(|dependence| &dependence.by_key);
                     *by += own.filter(|(own, _)| own == key).map(|(_, by)| by).sum::<f64>();
                 }
-                // The measure's own formula, of the same sums, and what moves the ends of the cycles.
+                // The measure's own formula at unchanged sums, and the motion of the ends of the cycles.
                 Parameter::OfScene(i) => {
                     let moved = &mut self.finite_differences[*i];
                     *by += moved.of_value(|place| Ok(averaged(&place.dynamics)))?;
@@ -244,9 +246,9 @@ impl Problem {
         Ok(Some((mean, by)))
     }
 
-    /// The derivative of the mean of `measure` by the frequency (Hz) of the actuation as a difference over a step that suits a run of
-    /// `passed` cycles: of fourth order, or of second order on one side where on the other the run has another number of cycles, and its
-    /// mean is that of others. None if there is neither.
+    /// The derivative of the mean of `measure` with respect to the frequency (Hz) of the actuation, as a finite difference over a
+    /// step that suits a run of `passed` cycles: of fourth order, or one-sided of second order if the number of cycles of the run
+    /// changes on the other side, where other cycles would be averaged. `None` if neither is possible.
     fn trend_by_frequency(&mut self, measure: &CycleMeasure, passed: usize) -> Result<Option<f64>> {
         let own = self.inputs().drive.frequency;
         let step = TREND_STEP / passed as f64;

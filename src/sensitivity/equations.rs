@@ -1,7 +1,8 @@
-//! The linearised equations of a step, their factors, and their products and solves in both directions.
+//! The linearised equations of a step, their factors, and products and solves with them and with their transpose.
 //!
-//! Vectors have the order of a [`State`]: two entries per node, and the arc of a hinge. Its equation takes the place of the first one of
-//! node 0 in the matrices, as in a step. Winches couple all nodes beside their cables, with the same matrix in both directions.
+//! Vectors are in the order of a [`State`]: two entries per node, and the arc of a hinge. In the matrices, the equation of the
+//! hinge takes the place of the first equation of node 0, as in a step. Winches couple all nodes along their cables, with the
+//! same matrix in both directions.
 //!
 //! On fine meshes solutions are [refined](refinement).
 
@@ -18,15 +19,15 @@ use crate::model::{DeformedRod, Dynamics, Model};
 use crate::newton;
 use crate::system::{Linearisation, RankOne, State, System};
 
-/// A solution with a larger backward error comes from the pivoted LU instead of the block band's.
+/// A solution with a larger backward error is replaced by that of the pivoted LU.
 const BACKWARD_ERROR: f64 = 1e-12;
 
-/// The derivatives of a force that couples every node with every other, beside what the bands have of it.
+/// The derivatives of a force that couples every node with every other one, beyond the entries in the bands.
 #[derive(Debug)]
 struct GlobalCoupling {
     by_q: DMatrix<f64>,
     by_v: DMatrix<f64>,
-    /// Factors of all of J, or of its transpose.
+    /// Factors of the complete J, or of its transpose.
     factors: Option<LU<f64, Dyn, Dyn>>,
 }
 
@@ -36,7 +37,7 @@ impl GlobalCoupling {
         Box::new(Self { by_q: zeros(), by_v: zeros(), factors: None })
     }
 
-    /// Adds `factor` times `matrix`, or its transpose, times the nodes' part of `x` to `y`.
+    /// Adds `factor` times `matrix`, or its transpose, times the node entries of `x` to `y`.
     fn add(matrix: &DMatrix<f64>, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
         for (j, column) in matrix.column_iter().enumerate() {
             for (i, by) in column.iter().enumerate() {
@@ -47,36 +48,36 @@ impl GlobalCoupling {
     }
 }
 
-/// The linearised equations at a time: matrices, factors and room to work in.
+/// The linearised equations at a time: matrices, factors and work arrays.
 #[derive(Debug)]
 pub(super) struct Equations {
     direction: Direction,
-    /// J, as if nothing held the head.
+    /// J without the constraint of a held head.
     matrix: BandMatrix,
-    /// J of a held head.
+    /// J with a held head.
     held: Option<BandMatrix>,
-    /// ∂f/∂v, where any force acts or the material is damped.
+    /// ∂f/∂v, if any force acts or the material is damped.
     damping: Option<BandMatrix>,
     /// ∂f/∂a, if it differs from the lumped mass.
     inertia: Option<BandMatrix>,
-    /// The derivative of forces by a translation of the whole rod, for forces that depend on position.
+    /// The derivative of forces with respect to a translation of the whole rod, for forces that depend on position.
     place: Option<Vec<Matrix2<f64>>>,
-    /// The same of forces by the velocity of the whole rod, beside a damped material where solutions are refined.
+    /// The same with respect to the velocity of the whole rod, for a damped material if solutions are refined.
     drift: Option<Vec<Matrix2<f64>>>,
-    /// The sums of the columns of the derivatives of forces by positions and by velocities, where solutions are refined.
+    /// The column sums of the derivatives of forces with respect to positions and to velocities, if solutions are refined.
     columns: Option<[Vec<Matrix2<f64>>; 2]>,
     masses: Vec<f64>,
-    /// True where one solve may be rounded by more than [`refinement::FROM`].
+    /// True if the relative rounding error of one solve may exceed [`refinement::FROM`].
     refines: bool,
     /// The equation of a hinge along positions, velocities and accelerations.
     hinge: Option<[HingeEquation; 3]>,
-    /// What winches add to the matrices, and A⁻¹ times its columns.
+    /// The contributions of winches to the matrices, and A⁻¹ times their columns.
     winches: Vec<RankOne>,
     solved: Vec<Vec<f64>>,
-    /// What couples every node with every other.
+    /// Couplings of every node with every other one.
     global: Option<Box<GlobalCoupling>>,
     band: BlockBand,
-    /// Analysed when it is first needed; `pivoted`: it has the factors.
+    /// Created on first use; `pivoted` is true if it holds the factors.
     lu: Option<PivotedLu>,
     pivoted: bool,
     residual: Vec<f64>,
@@ -181,7 +182,7 @@ impl Equations {
         Ok(())
     }
 
-    /// The block of ∂f/∂q at row `i` and its `j`-th entry, times the direction's part of the positions.
+    /// The block of ∂f/∂q at row `i` and its `j`-th entry, times the factor of positions in the direction.
     #[inline]
     fn stiffness(&self, i: usize, j: usize, block: &[f64; 4]) -> [f64; 4] {
         let mut block = *block;
@@ -193,13 +194,13 @@ impl Equations {
         block
     }
 
-    /// y = −A f_q x: −Σ (f_q)ᵢⱼ (xⱼ − xᵢ) over j ≠ i, and what moves with the place.
+    /// y = −A f_q x: −Σ (f_q)ᵢⱼ (xⱼ − xᵢ) over j ≠ i, plus the forces that depend on position.
     pub(super) fn differences(&self, x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
         self.add_along(x, y, false);
     }
 
-    /// Its transpose: adds −A (f_q)ᵀ x to y.
+    /// The transpose: adds −A (f_q)ᵀ x to y.
     pub(super) fn add_differences_transposed(&self, x: &[f64], y: &mut [f64]) {
         self.add_along(x, y, true);
     }
@@ -259,7 +260,7 @@ impl Equations {
         &self.product
     }
 
-    /// f_a x of the nodes, without the mass of each: what it has beside that is zero without forces of inertia.
+    /// f_a x of the nodes, without their lumped masses; the remainder is zero without forces of inertia.
     pub(super) fn accelerate(&mut self, x: &[f64]) -> &[f64] {
         let nodes = 2 * self.matrix.rows().len();
         self.product.fill(0.0);
@@ -284,7 +285,7 @@ impl Equations {
         }
     }
 
-    /// Replaces `rhs` by f_a⁻¹ rhs, where f_a is symmetric.
+    /// Replaces `rhs` by f_a⁻¹ rhs; f_a is symmetric.
     pub(super) fn divide_by_inertia(&mut self, masses: &[f64], rhs: &mut [f64]) -> Result<()> {
         if let Some([.., own]) = &self.hinge {
             rhs[2 * masses.len()] /= own.own;
@@ -305,21 +306,21 @@ impl Equations {
         Ok(())
     }
 
-    /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs: so it is known that the band's
-    /// factors are good, or the pivoted ones are taken.
+    /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs. This first solve checks the factors of the
+    /// band; if they are inaccurate, the pivoted LU is used.
     ///
     /// # Errors
-    /// [`Error::Derivative`](crate::Error::Derivative) where refinement does not converge, on a mesh that is too fine.
+    /// [`Error::Derivative`](crate::Error::Derivative) if refinement does not converge because the mesh is too fine.
     pub(super) fn factor(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         let given = if self.refines { rhs.to_vec() } else { Vec::new() };
         self.factor_alone(rhs, transposed)?;
         self.refine(&given, rhs, transposed)
     }
 
-    /// Replaces `rhs` by A⁻¹ rhs, or by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
+    /// Replaces `rhs` by A⁻¹ rhs, or by A⁻ᵀ rhs; [`factor`](Self::factor) must be called first.
     ///
     /// # Errors
-    /// Those of [`factor`](Self::factor).
+    /// Errors of [`factor`](Self::factor).
     pub(super) fn solve(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         let given = if self.refines { rhs.to_vec() } else { Vec::new() };
         self.solve_alone(rhs, transposed);
@@ -345,7 +346,8 @@ impl Equations {
         newton::woodbury(&self.winches, &self.solved, rhs);
     }
 
-    /// Calls `solve` with the entries of the band of `rhs`, in which that of a hinge stands for the first one of node 0.
+    /// Calls `solve` with the entries of `rhs` in the order of the band, where the entry of a hinge replaces the first entry of
+    /// node 0.
     fn with_hinge_first<T>(&mut self, rhs: &mut [f64], solve: impl FnOnce(&mut Self, &mut [f64]) -> T) -> T {
         let hinged = self.hinge.is_some();
         let (band, arc) = rhs.split_at_mut(2 * self.matrix.rows().len());
@@ -414,13 +416,14 @@ impl Equations {
     }
 }
 
-/// The largest modulus, NaN where anything is.
+/// The largest modulus, or NaN if any entry is NaN.
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
 }
 
-/// Adds `factor` times the derivatives of the equation of a hinge, and of those of node 1 by its arc, times `x` to `y`, or their transpose.
-/// The hinge goes with node 0, so it meets the difference of both; of that node, which it holds, the transpose gives nothing.
+/// Adds `factor` times the derivatives of the equation of a hinge, and of the equations of node 1 with respect to its arc, times
+/// `x` to `y`, or their transpose. The hinge moves with node 0, so its equation depends on the difference of both nodes; for node
+/// 0, which is held by the hinge, the transpose adds nothing.
 fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transposed: bool) {
     let (Some(&arc), Some(&[x_0, y_0, x_1, y_1])) = (x.last(), x.first_chunk()) else { return };
     let node = if transposed { [x_1, y_1] } else { [x_1 - x_0, y_1 - y_0] };
@@ -434,8 +437,9 @@ fn add_hinge(own: &HingeEquation, factor: f64, x: &[f64], y: &mut [f64], transpo
     }
 }
 
-/// Adds to y `factor` times a banded matrix times x, whose off-diagonal blocks are `block` of those of `matrix` and whose diagonal is minus
-/// their sum, and `rest` times the blocks `place`. So its terms have the size of differences of x between nodes.
+/// Adds to y `factor` times a banded matrix times x, plus `rest` times the blocks `place` times x. The off-diagonal blocks of the
+/// banded matrix are `block` of those of `matrix`, and its diagonal is minus their sum, so its terms have the size of differences
+/// of x between nodes.
 fn add_by_differences(
     matrix: &BandMatrix,
     place: Option<&[Matrix2<f64>]>,
@@ -459,8 +463,8 @@ fn add_by_differences(
     }
 }
 
-/// The same of the transpose. Where the sums of the `columns` are known, of forces from outside alone, its terms have the size of
-/// differences of x too, and a motion of the whole rod meets no rounding of elastic forces: they are a sum of zero.
+/// The same with the transpose. If the column sums `columns` of external forces are known, its terms also have the size of
+/// differences of x, and a motion of the whole rod is free of the rounding errors of elastic forces, whose sum is zero.
 fn add_transposed_by_differences(
     matrix: &BandMatrix,
     [place, columns]: [Option<&[Matrix2<f64>]>; 2],
@@ -481,7 +485,7 @@ fn add_transposed_by_differences(
                 y[i] = [y[i][0] - factor * by[0], y[i][1] - factor * by[1]];
             }
         }
-        // The sum of a column has the place in it.
+        // The column sums already contain `place`.
         if let Some(place) = columns.or(place) {
             let moved = place[i].tr_mul(&Vector2::from(x[i])) * rest;
             y[i] = [y[i][0] + moved.x, y[i][1] + moved.y];
@@ -489,8 +493,9 @@ fn add_transposed_by_differences(
     }
 }
 
-/// Spreads over the nodes, by their `masses`, what the sum of the forces y differs by from `factor` times that of the forces from outside, whose
-/// `columns` have these sums, where the nodes move by x: elastic forces have none, and the motion of the whole rod no rounding of theirs.
+/// Distributes over the nodes, in proportion to their `masses`, the difference between the sum of the forces y and `factor` times
+/// the sum of the external forces, with column sums `columns`, for nodes that move by x. Elastic forces have zero sum, so this
+/// removes their rounding error from the motion of the whole rod.
 fn balance(y: &mut [f64], columns: &[Matrix2<f64>], factor: f64, x: &[f64], masses: &[f64]) {
     let (x, y) = (x.as_chunks::<2>().0, y.as_chunks_mut::<2>().0);
     let outside: Vector2<f64> = columns.iter().zip(x).map(|(column, x)| column * Vector2::from(*x)).sum();
@@ -501,7 +506,8 @@ fn balance(y: &mut [f64], columns: &[Matrix2<f64>], factor: f64, x: &[f64], mass
     }
 }
 
-/// Writes how the forces from outside on all nodes change along a direction where a node moves: the sums of the columns of their derivatives.
+/// Writes the change of the total external force when a node moves along a direction: the column sums of the derivatives of
+/// forces.
 fn write_column_sums(bent: &DeformedRod<'_>, along: Direction, sums: &mut [Matrix2<f64>]) {
     sums.fill(Matrix2::zeros());
     let (forces, moving) = (&bent.dynamics.model.forces, bent.kinematics());
@@ -524,7 +530,7 @@ fn write_column_sums(bent: &DeformedRod<'_>, along: Direction, sums: &mut [Matri
     }
 }
 
-/// The off-diagonal blocks of row `i`, with their columns.
+/// The off-diagonal blocks of row `i`, with their column indices.
 #[inline]
 fn neighbours(i: usize, row: &BlockRow, nodes: usize) -> impl Iterator<Item = (usize, &[f64; 4])> {
     let inside =

@@ -1,14 +1,14 @@
-//! Finite differences of a scene: derivatives by any of its numbers that has no analytic derivative.
+//! Finite differences of a scene: derivatives with respect to any of its numbers without an analytic derivative.
 //!
-//! The model of the scene is rebuilt with the number at p ± δ and p ± 2δ. The residual, an output or the initial state is differenced
-//! over these models at one state, with the formula of fourth order. Nothing is differenced over time: the simulation is
-//! differentiated as for any other parameter, without additional solves. With δ = 2·10⁻⁴ p, truncation and rounding are both about
-//! 10⁻¹², relative to the largest force; over ten times smaller steps rounding was 4 to 10 times larger. At a kink the derivative is the
-//! mean of those on both sides.
+//! The model of the scene is rebuilt with the number at p ± δ and p ± 2δ. The residual, an output or the initial state is
+//! differenced over these models at one state, with the formula of fourth order. Nothing is differenced over time: the simulation
+//! is differentiated as for any other parameter, without additional solves. With δ = 2·10⁻⁴ p, truncation and rounding errors are
+//! both about 10⁻¹², relative to the largest force; with ten times smaller steps rounding was 4 to 10 times larger. At a kink the
+//! result is the mean of the derivatives on both sides.
 //!
-//! A number that changes the flow alone, such as its velocity or shear, acts only through relative velocities. Its derivatives are those
-//! by velocities, and only the flow, which is linear in it, is differenced. This also holds for a rod at rest in water, where roots and
-//! squares of the speed in the drag are too steep for differences.
+//! A number that changes only the flow, such as its velocity or shear, acts through relative velocities. Its derivatives follow
+//! from those with respect to velocities, and only the flow, which is linear in the number, is differenced. This also holds for a
+//! rod at rest in water, where roots and squares of the speed in the drag are too steep for finite differences.
 
 use nalgebra::Vector2;
 
@@ -31,18 +31,18 @@ const RELATIVE_STEP: f64 = 2e-4;
 pub(super) const CENTRAL_STENCIL: [[f64; 2]; 4] =
     [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
 
-/// One-sided difference of fourth order, if there is no valid scene on the other side.
+/// One-sided difference of fourth order, used if there is no valid scene on the other side.
 const BACKWARD_STENCIL: [[f64; 2]; 5] =
     [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3.0, -4.0 / 3.0], [-4.0, 0.25]];
 
-/// Finite difference by one number of a scene: the perturbed scenes at all points of its stencil.
+/// Finite difference with respect to one number of a scene: the perturbed scenes at all points of its stencil.
 #[derive(Debug)]
 pub struct FiniteDifference {
     pub(super) scenes: Vec<PerturbedScene>,
     nodes: usize,
     unknowns: usize,
     residual: Vec<f64>,
-    /// Present if the number changes the flow alone.
+    /// Present if the number changes only the flow.
     flow: Option<FlowDerivative>,
 }
 
@@ -69,12 +69,12 @@ pub(super) struct PerturbedScene {
 }
 
 impl FiniteDifference {
-    /// The finite difference of a scene by a number with the value `own` and the scale `size`. `model` builds the model for another value:
-    /// one to use, and another one whose actuation is kept unchanged. See [`of_flow`](Self::of_flow) for a number that changes the flow
-    /// alone.
+    /// The finite difference of a scene with respect to a number with the value `own` and the scale `size`. `model` builds the
+    /// model for another value, twice: one to use, and one whose actuation stays unchanged. See [`of_flow`](Self::of_flow) for a
+    /// number that changes only the flow.
     ///
     /// # Errors
-    /// Those of `model`.
+    /// Errors of `model`.
     pub fn of(own: f64, size: f64, mut model: impl FnMut(f64) -> Result<[Model; 2]>) -> Result<Self> {
         let step = RELATIVE_STEP * size;
         let mut scene = |[at, weight]: [f64; 2]| {
@@ -102,7 +102,7 @@ impl FiniteDifference {
         Err(failed.unwrap_or(Error::Step(step)))
     }
 
-    /// A zero derivative, of a number that cannot change on its own, such as a flow across an interface.
+    /// A zero derivative, for a number that cannot change on its own, such as a flow across an interface.
     pub fn zero(model: &Model) -> Self {
         Self::of_unknowns(model.unknowns())
     }
@@ -111,7 +111,7 @@ impl FiniteDifference {
         Self { scenes: Vec::new(), nodes: unknowns / 2, unknowns, residual: Vec::new(), flow: None }
     }
 
-    /// Declares that the number changes the flow alone.
+    /// Declares that the number changes only the flow.
     pub fn of_flow(self) -> Self {
         let zeros = || vec![0.0; 2 * self.nodes];
         Self { flow: Some(FlowDerivative { nodes: zeros(), centre: Vector2::zeros(), still: zeros() }), ..self }
@@ -131,8 +131,8 @@ impl FiniteDifference {
         self.scenes.iter().map(|scene| scene.weight * value(&scene.dynamics.model)).sum()
     }
 
-    /// Moves to the time of the state of `bent`, number `n` of `steps`, with the adjacent steps if they are `wanted`. Writes f_p to `force`,
-    /// in the order of a [`State`].
+    /// Moves to the time of the state of `bent`, which is number `n` of `steps`, with the adjacent steps if they are `wanted`.
+    /// Writes f_p to `force`, in the order of a [`State`].
     pub(super) fn move_to(
         &mut self,
         bent: &DeformedRod<'_>,
@@ -194,8 +194,8 @@ impl FiniteDifference {
         by
     }
 
-    /// `factor` times the derivative at a fixed state of the quantities of `output` (`share` None), or of its work in the step that ends
-    /// here (0) or begins here (1); `gradient` has the other derivatives, times `factor`.
+    /// `factor` times the derivative at a fixed state of the quantities of `output` (`share` is `None`), or of its work in the
+    /// step that ends here (0) or begins here (1); `gradient` holds the other derivatives, times `factor`.
     pub(super) fn output(
         &mut self,
         (output, gradient, factor): (&Output, &Gradient, f64),

@@ -1,4 +1,4 @@
-//! Forward (tangent) derivatives, advanced together with the simulation: one column per parameter.
+//! Forward-mode (tangent) derivatives, advanced together with the simulation: one column per parameter.
 
 use std::sync::Arc;
 
@@ -43,28 +43,28 @@ impl Sensitivities {
 }
 
 impl Problem {
-    /// Simulates, with the values of `outputs` at every time.
+    /// Simulates and records the values of `outputs` at every time.
     ///
     /// # Errors
-    /// A step that fails; it is not halved.
+    /// The error of a step that fails; failing steps are not halved.
     pub fn simulate_with(&mut self, outputs: &[Output]) -> Result<(Trajectory, Sensitivities)> {
         let mut trajectory = Trajectory::default();
         let values = self.forward(&[], outputs, 1, |state| trajectory.push(state))?;
         Ok((trajectory, values))
     }
 
-    /// The same, of which only what an adjoint needs is kept.
+    /// The same, but stores only the states that an adjoint needs.
     pub(crate) fn simulate_with_checkpoints(&mut self, outputs: &[Output]) -> Result<(Checkpoints, Sensitivities)> {
         let mut checkpoints = self.checkpoints();
         let values = self.forward(&[], outputs, 1, |state| checkpoints.push(state))?;
         Ok((checkpoints, values))
     }
 
-    /// Simulates with the derivatives of all `outputs` by all `parameters`, and records every `every` steps and the end. `look` is called
-    /// with every state.
+    /// Simulates with the derivatives of all `outputs` with respect to all `parameters`, and records every `every` steps and at
+    /// the end. `look` is called with every state.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate); [`Error::Derivative`] for parameters and outputs that the model does not have;
+    /// Errors of [`simulate`](Self::simulate); [`Error::Derivative`] for parameters and outputs that the model does not have;
     /// [`Error::BadValue`] for `every` = 0.
     pub fn forward(
         &mut self,
@@ -101,7 +101,7 @@ impl Problem {
         let mut star = vec![0.0; unknowns];
         let mut found = Sensitivities { outputs: outputs.len(), parameters: width, ..Sensitivities::default() };
         let rules = self.rules()?;
-        // Out of the way of the simulation.
+        // Taken out of `self`, which the simulation borrows.
         let mut finite_differences = std::mem::take(&mut self.finite_differences);
         let mut force_by = vec![vec![0.0; unknowns]; finite_differences.len()];
         let mut scratch = Gradient::new(self.model(), &[]);
@@ -169,7 +169,7 @@ impl Problem {
             };
             now.fill(0.0);
             for (o, output) in outputs.iter().enumerate() {
-                // A value and its derivatives, wherever they are.
+                // The positions of a value and of its derivatives in the sums.
                 let block = outputs.len() + o * width;
                 let own = || [o].into_iter().chain(block..block + width);
                 let mut sum = |i: usize, sums: &mut [f64]| -> Result<()> {
@@ -198,7 +198,7 @@ impl Problem {
                 };
                 sum(0, &mut sums)?;
                 own().for_each(|k| now[k] = sums[k]);
-                sum(1, &mut sums)?; // the share of the step that begins here, for the next time
+                sum(1, &mut sums)?; // the contribution of the step that begins here, for the next time
                 gradient.clear();
                 now[o] += output.now.iter().map(|(c, quantity)| c * quantity.add(&at, *c, &mut gradient)).sum::<f64>();
                 gradient.follow_winches(&at.bent);
@@ -242,7 +242,7 @@ fn initial_columns(
     point: &mut LocalDerivatives,
     mut first: impl FnMut(usize) -> [Vec<f64>; 2],
 ) -> Result<Vec<TangentState>> {
-    // The start knows nothing of what winches pull then.
+    // The initial state does not depend on the tensions of winches at that time.
     dynamics.move_to(state.t, &mut state.clone());
     let mut drive = ActuationShape::new(dynamics.nodes());
     drive.take(dynamics, state.t);
@@ -311,7 +311,7 @@ fn predict(rule: &StepWeights, h: f64, column: &mut TangentState, star: &mut [f6
     }
 }
 
-/// Adds −A (f_v V* + f_p), and sets the rows of a held node to zero.
+/// Subtracts A (f_v V* + f_p), and sets the rows of a held node to zero.
 fn subtract_damping_and_force(
     equations: &mut Equations,
     at: &OutputContext<'_>,

@@ -1,22 +1,22 @@
-//! Exact derivatives of a simulation: of any recorded [`Output`] by stiffness, natural curvature and scalar
+//! Exact derivatives of a simulation: of any recorded [`Output`] with respect to stiffness, natural curvature and scalar
 //! [`Parameter`]s.
 //!
-//! A method of one stage solves f(t, q, v, a; p) = 0 with q = q* + A a, v = v* + B a (`StepWeights`). With J = M + A f_q + B f_v
-//! and derivatives Q, V, … of q, v, … by p, that is
+//! A one-stage method solves f(t, q, v, a; p) = 0 with q = q* + A a, v = v* + B a (`StepWeights`). With J = M + A f_q + B f_v and
+//! derivatives Q, V, … of q, v, … with respect to p, this gives
 //!
-//! J (Q − Q*) = −A (f_q Q* + f_v V* + f_p), of which the derivatives of a and v follow.
+//! J (Q − Q*) = −A (f_q Q* + f_v V* + f_p), from which the derivatives of a and v follow.
 //!
-//! Forces do not change where the whole rod moves, so f_q Q* is summed over differences of nodes, (f_q)ᵢⱼ (Q*ⱼ − Q*ᵢ): the
-//! stiffness of stretching, 10⁸ N/m in an aluminium tail, would else make its rounding an acceleration.
+//! Internal forces do not change when the whole rod moves, so f_q Q* is summed over differences of nodes, (f_q)ᵢⱼ (Q*ⱼ − Q*ᵢ).
+//! Otherwise the stretching stiffness, 10⁸ N/m in an aluminium tail, would turn rounding errors of Q* into accelerations.
 //!
 //! [`Problem::forward`] advances all columns with the simulation: one more matrix per step, and one solve per parameter.
 //! [`Problem::adjoint`] goes backwards over a stored simulation with the transposed matrix: one solve per step for any number of
-//! parameters. Both are exact to rounding if Newton's method has converged to it. They need fixed steps, an integrator of one stage,
-//! and positions as unknowns.
+//! parameters. Both are exact to rounding if Newton's method has converged to rounding. They need fixed steps, a one-stage
+//! integrator, and positions as unknowns.
 //!
-//! [`value_and_grad`] and [`Simulation`] take outputs and parameters by their names.
+//! [`value_and_grad`] and [`Simulation`] identify outputs and parameters by name.
 //!
-//! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules:
+//! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these methods:
 //! docs/src/notes/sensitivity.md.
 mod adjoint;
 mod checkpoints;
@@ -46,7 +46,7 @@ pub use simulation::{Array, Simulation, value_and_grad};
 pub use step_derivative::{LinearisationRequest, StepDerivative};
 pub use trajectory::Trajectory;
 
-/// The derivatives of a state by one parameter.
+/// The derivatives of a state with respect to one parameter.
 #[derive(Debug, Clone)]
 struct TangentState {
     q: Vec<f64>,

@@ -1,4 +1,5 @@
-//! Outputs that can be differentiated, with their derivatives by positions, velocities, and parameters at a fixed state.
+//! Outputs that can be differentiated, with their derivatives with respect to positions, velocities, and parameters at a fixed
+//! state.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -29,7 +30,7 @@ pub enum Quantity {
     CentreOfMass(usize),
     /// Velocity of the centre of mass along an axis, m/s.
     CentreVelocity(usize),
-    /// Component along an axis of the unit vector from node 1 to node 0, of a held head of that along which it is held.
+    /// Component along an axis of the unit vector from node 1 to node 0, or for a held head of the direction in which it is held.
     HeadAxis(usize),
     /// Stretching energy, J.
     Stretching,
@@ -63,11 +64,11 @@ pub enum Quantity {
     HeadForce(usize),
     /// Moment of the tail on a held head about node 0, N m.
     HeadMoment,
-    /// Resultant along an axis of the forces with that kind of power, or of inertial forces if None, N.
+    /// Resultant along an axis of the forces whose power is of this kind, or of inertial forces if `None`, N.
     Resultant(Option<PowerKind>, usize),
-    /// Moment that the joint at a node carries, N m.
+    /// Moment of the joint at a node, N m.
     JointMoment(usize),
-    /// Strain of the outermost fibre there, relative to the natural curvature.
+    /// Strain of the outermost fibre at a joint, relative to the natural curvature.
     JointStrain(usize),
     /// Momentum of the rod along an axis, N s.
     RodMomentum(usize),
@@ -77,13 +78,13 @@ pub enum Quantity {
     TendonTension(usize),
     /// Length of a tendon, m.
     TendonLength(usize),
-    /// Power put in by what pulls a tendon, W.
+    /// Power supplied by the drive of a tendon, W.
     TendonPower(usize),
-    /// A reading of a hinge.
+    /// A quantity of a hinge.
     Hinge(HingeQuantity),
 }
 
-/// A reading of the motor of a head on a hinge.
+/// A quantity of the motor of a head on a hinge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HingeQuantity {
     /// Angle φ, rad.
@@ -92,18 +93,18 @@ pub enum HingeQuantity {
     Spin,
     /// Torque T of the motor, N m.
     Torque,
-    /// Power T φ̇ that it puts in, W.
+    /// Power T φ̇ supplied by the motor, W.
     Power,
     /// T², N² m².
     TorqueSquare,
-    /// The square of the commanded angle less φ, rad².
+    /// The square of the commanded angle minus φ, rad².
     ErrorSquare,
 }
 
 /// Work summed over the steps as in [`RunMetrics`](crate::metrics::RunMetrics), J.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorkKind {
-    /// Of the moving natural curvature and of active moments.
+    /// Work of the moving natural curvature and of active moments.
     Actuation,
     /// Dissipated in the material.
     Material,
@@ -113,13 +114,13 @@ pub enum WorkKind {
     Wake,
     /// Dissipated in the spray.
     Spray,
-    /// Of other forces.
+    /// Work of other forces.
     Other,
-    /// Of the background flow.
+    /// Work of the background flow.
     Flow,
-    /// Of loads: gravity, point loads, buoyancy and forces over time.
+    /// Work of loads: gravity, point loads, buoyancy and forces over time.
     Load,
-    /// Of a held head.
+    /// Work of a held head.
     Head,
 }
 
@@ -128,7 +129,7 @@ pub enum WorkKind {
 pub struct Output {
     /// Quantities with their factors.
     pub now: Vec<(f64, Quantity)>,
-    /// Whether their initial values are subtracted.
+    /// True if their initial values are subtracted.
     pub since_start: bool,
     /// Work since the start, with factors.
     pub work: Vec<(f64, WorkKind)>,
@@ -191,7 +192,7 @@ fn names() -> impl Iterator<Item = &'static str> {
     recorded.map(|variable| variable.name).chain(["tip_x_m", "tip_y_m"])
 }
 
-/// The error for a `name` that is no output of `model`: a variable without a derivative, or no variable of this scene.
+/// The error for a `name` that is not an output of `model`: a variable without a derivative, or not a variable of this scene.
 fn not_there(name: &str, model: &Model) -> Error {
     let there = |name: &str| VARIABLES.iter().any(|variable| variable.name == name && variable.exists_in(model));
     if !there(name) {
@@ -201,7 +202,7 @@ fn not_there(name: &str, model: &Model) -> Error {
     Error::Derivative { problem: format!("`{name}` cannot be differentiated; allowed: {}", allowed.join(", ")) }
 }
 
-/// The quantity that `name` reads of one of so many tendons.
+/// The quantity of one of that many `tendons` that `name` refers to.
 fn tendon_reading(name: &str, tendons: usize) -> Option<Quantity> {
     let (number, what) = name.strip_prefix("tendon_")?.split_once('_')?;
     let reading: fn(usize) -> Quantity = match what {
@@ -225,7 +226,7 @@ impl Output {
         Self { since_start: true, ..self }
     }
 
-    /// The output of this name in the table of variables: every recorded one but time.
+    /// The output of this name in the table of variables; all recorded variables except time are outputs.
     ///
     /// # Errors
     /// [`Error::UnknownVariable`].
@@ -316,30 +317,30 @@ impl Output {
 /// The derivatives of one output.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Gradient {
-    /// By positions and velocities, in the order of a [`State`].
+    /// With respect to positions and velocities, in the order of a [`State`].
     pub(super) q: Vec<f64>,
     pub(super) v: Vec<f64>,
-    /// By accelerations.
+    /// With respect to accelerations.
     pub(super) a: Vec<f64>,
-    /// By the flow at the nodes, two entries per node, and at the body's centre.
+    /// With respect to the flow at the nodes, two entries per node, and at the body's centre.
     flow: Vec<f64>,
     flow_at_centre: Vector2<f64>,
-    /// By velocities, for one force.
+    /// With respect to velocities, for one force.
     own: Vec<f64>,
-    /// By B_k, κ̄_k and dκ̄_k/dt, and by the change over a step of the natural curvature, one entry per node.
+    /// With respect to B_k, κ̄_k and dκ̄_k/dt, and to the change of the natural curvature over a step, one entry per node.
     pub(super) stiffness: Vec<f64>,
     pub(super) natural: Vec<f64>,
     pub(super) natural_rate: Vec<f64>,
     pub(super) natural_step: Vec<f64>,
-    /// By active moments M_k where κ̄_k stays as it is, and by those of both ends of a step.
+    /// With respect to active moments M_k at constant κ̄_k, and to those at both ends of a step.
     pub(super) active: Vec<f64>,
     pub(super) active_ends: Vec<f64>,
-    /// By the tensions of tendons in their edges alone.
+    /// With respect to the tensions of tendons, in their edges alone.
     tension: [f64; MAX_TENDONS],
-    /// By a host's forces at this time, and by those at the other end of a step, two entries per node.
+    /// With respect to a host's forces at this time, and to those at the other end of a step, two entries per node.
     pub(super) force: Vec<f64>,
     pub(super) force_beyond: Vec<f64>,
-    /// By parameters of the forces.
+    /// With respect to parameters of the forces.
     keys: Vec<(Key, f64)>,
 }
 
@@ -381,7 +382,7 @@ impl Gradient {
         self.keys.iter_mut().for_each(|(_, by)| *by = 0.0);
     }
 
-    /// Adds the derivatives that come with the tensions of winches, which follow from the positions.
+    /// Adds the derivatives through the tensions of winches, which follow from the positions.
     pub(super) fn follow_winches(&mut self, bent: &DeformedRod<'_>) {
         let DeformedRod { dynamics, .. } = bent;
         for (i, tendon) in dynamics.model.tendons.iter().enumerate() {
@@ -395,8 +396,8 @@ impl Gradient {
         }
     }
 
-    /// Calls `add`, which adds the derivatives of a quantity of `force`, and returns its value. Forces of a fluid depend on velocities
-    /// relative to the flow.
+    /// Calls `add`, which adds the derivatives of a quantity of `force`, and returns its result. Forces of a fluid depend on
+    /// velocities relative to the flow.
     fn of_force<T>(&mut self, force: &dyn Force, add: impl FnOnce(StateDerivatives<'_>) -> T) -> T {
         let Self { q, v, a, flow, own, .. } = self;
         own.fill(0.0);
@@ -413,7 +414,7 @@ impl Gradient {
         dot(&self.flow, nodes) + self.flow_at_centre.dot(&centre)
     }
 
-    /// By a parameter of the forces.
+    /// The derivative with respect to a parameter of the forces.
     pub(super) fn by_key(&self, key: Key) -> f64 {
         self.keys.iter().find(|(own, _)| *own == key).map_or(0.0, |(_, by)| *by)
     }
@@ -422,21 +423,21 @@ impl Gradient {
 /// The change of controls and head over a step next to a state.
 #[derive(Debug, Clone, Default)]
 pub(super) struct StepInterval {
-    /// Its length, s.
+    /// Size of the step, s.
     pub(super) h: f64,
-    /// Change of the natural curvature over it, one entry per node.
+    /// Change of the natural curvature over the step, one entry per node.
     pub(super) natural: Vec<f64>,
     /// Sum of the active moments at both ends, one entry per node.
     pub(super) active: Vec<f64>,
     /// Sum of the tensions of each tendon at both ends, N.
     pub(super) tensions: [f64; MAX_TENDONS],
-    /// Change of a host's forces over it, two entries per node.
+    /// Change of a host's forces over the step, two entries per node.
     pub(super) force: Vec<f64>,
-    /// Poses of a held head at its start and end.
+    /// Poses of a held head at the start and the end.
     pub(super) poses: Option<[Pose; 2]>,
 }
 
-/// What the motor of a hinge and winches do at one end of a step: it follows from the state there, not from the time alone.
+/// Values of the motor of a hinge and of winches at one end of a step. They follow from the state there, not from the time alone.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ActuatorState {
     /// Torque of the motor, N m.
@@ -467,16 +468,16 @@ impl ActuatorState {
 /// Derivatives at one state that all outputs share.
 #[derive(Debug)]
 pub(super) struct LocalDerivatives {
-    /// ∇κ_k by the nodes k−1, k, k+1.
+    /// ∇κ_k with respect to the nodes k−1, k, k+1.
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
-    /// ∂κ₀/∂s by the arc of a hinge; zero without one.
+    /// ∂κ₀/∂s with respect to the arc of a hinge; zero without one.
     arc_slope: f64,
     /// ℓ − ℓ₀ of each edge, m.
     stretches: Vec<f64>,
-    /// Of a damped rod, or one with active moments, ∇Ω_k by the positions of the same nodes, Ω the rate of the turning at the joint; else
-    /// empty.
+    /// For a damped rod, or one with active moments: ∇Ω_k with respect to the positions of the same nodes, where Ω is the rate of
+    /// the turning angle at the joint; empty otherwise.
     spins: Vec<[Vector2<f64>; 3]>,
-    /// ∂f/∂p of the parameters of forces, two entries per node.
+    /// ∂f/∂p for the parameters of forces, two entries per node.
     keys: Vec<(Key, Vec<f64>)>,
 }
 
@@ -491,12 +492,12 @@ impl LocalDerivatives {
         }
     }
 
-    /// ∂f/∂p of a parameter of the forces.
+    /// ∂f/∂p for a parameter of the forces.
     pub(super) fn by_key(&self, key: Key) -> &[f64] {
         self.keys.iter().find(|(own, _)| *own == key).map_or(&[], |(_, by)| by)
     }
 
-    /// Computes them at a state.
+    /// Evaluates the derivatives at a state.
     pub(super) fn look(&mut self, bent: &DeformedRod<'_>) {
         let (dynamics, edges, kappa) = (bent.dynamics, bent.edges(), bent.kappa());
         for k in dynamics.model.rod.joints() {
@@ -539,7 +540,7 @@ impl LocalDerivatives {
         }
     }
 
-    /// Adds `factor`·∇Ω_k by positions to `q`.
+    /// Adds `factor`·∇Ω_k with respect to positions to `q`.
     fn scatter_spin(&self, k: usize, factor: f64, q: &mut [f64]) {
         Self::scatter_slopes(self.spins[k], k, factor, q);
     }
@@ -556,7 +557,7 @@ impl LocalDerivatives {
     /// ∇κ_k·q.
     #[inline]
     pub(super) fn gather(&self, k: usize, q: &[f64]) -> f64 {
-        // The slopes have the sum zero.
+        // The slopes sum to zero.
         let ([before, _, after], here) = (self.slopes[k], node(q, k));
         let first = if k > 0 { before.dot(&(node(q, k - 1) - here)) } else { 0.0 };
         let arc = if k == 0 { q.get(2 * self.slopes.len()).map_or(0.0, |arc| self.arc_slope * arc) } else { 0.0 };
@@ -564,7 +565,7 @@ impl LocalDerivatives {
     }
 }
 
-/// The state at which outputs are evaluated, with the derivatives that they share.
+/// The state at which outputs are evaluated, with the derivatives that all outputs share.
 #[derive(Clone, Copy)]
 pub(super) struct OutputContext<'a> {
     pub(super) bent: DeformedRod<'a>,
@@ -572,7 +573,7 @@ pub(super) struct OutputContext<'a> {
 }
 
 impl OutputContext<'_> {
-    /// B_k(κ_k − κ̄_k), m_k without what resists the rate of κ_k, and κ_k − κ̄_k.
+    /// B_k(κ_k − κ̄_k), which is m_k without the part that resists the rate of κ_k; and κ_k − κ̄_k.
     fn moment(&self, k: usize) -> [f64; 2] {
         let deviation = self.bent.kappa()[k] - self.bent.dynamics.natural[k];
         [self.bent.dynamics.model.rod.joint[k] * deviation, deviation]
@@ -590,13 +591,14 @@ impl OutputContext<'_> {
         }
     }
 
-    /// The curvature beyond the natural one, and the part M_k/B_k of it that active moments give.
+    /// The curvature minus the natural one, and the part M_k/B_k of it due to active moments.
     fn strained(&self, k: usize) -> [f64; 2] {
         let by_moment = self.bent.active_moment(k)[0] / self.bent.dynamics.model.rod.joint[k];
         [self.bent.kappa()[k] - self.bent.given(k), by_moment]
     }
 
-    /// The rate κ̇ = s Ω of a curvature; adds `factor` times its gradient ½κΩ ∇κ + s ∇Ω by positions, ∇κ by velocities.
+    /// The rate κ̇ = s Ω of a curvature; adds `factor` times its gradient: ½κΩ ∇κ + s ∇Ω with respect to positions, ∇κ with
+    /// respect to velocities.
     fn add_curvature_rate(&self, k: usize, factor: f64, g: &mut Gradient) -> f64 {
         let (kappa, spin) = (self.bent.kappa()[k], self.bent.spin(k));
         let s = bend::curvature_per_turning(kappa);
@@ -614,8 +616,8 @@ impl OutputContext<'_> {
         g.natural_rate[k] -= factor * self.bent.resisted_natural_rate(k);
     }
 
-    /// The energy stored by the forces with that `kind` of power, J (`rate` 0), or the power that they supply, W (1). Adds `factor` times its
-    /// derivatives.
+    /// The energy stored by the forces whose power is of this `kind`, J (`rate` 0), or the power that they supply, W (1). Adds
+    /// `factor` times its derivatives.
     fn stored(&self, kind: Option<PowerKind>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut sum = 0.0;
@@ -632,7 +634,8 @@ impl OutputContext<'_> {
         sum
     }
 
-    /// The flow along `along` at the centre of mass, or at node 0 of a held head, m/s. Adds `factor` times its derivatives.
+    /// The component along `along` of the flow at the centre of mass, or at node 0 of a held head, m/s. Adds `factor` times its
+    /// derivatives.
     fn flow_of_body(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
         let DeformedRod { dynamics, state } = self.bent;
         let (rod, fluid) = (&dynamics.model.rod, dynamics.inputs.fluid);
@@ -655,7 +658,7 @@ impl OutputContext<'_> {
         here.fluid.flow.dot(&along)
     }
 
-    /// The power dissipated by the forces with that kind of power, W. Adds `factor` times its derivatives.
+    /// The power dissipated by the forces whose power is of this `kind`, W. Adds `factor` times its derivatives.
     fn power_to(&self, kind: PowerKind, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut power = 0.0;
@@ -674,8 +677,8 @@ impl OutputContext<'_> {
         power
     }
 
-    /// Adds `factor` times the derivatives of −Σ F·u by the flow u and by the place that it is taken at, F of the `chosen` forces
-    /// as it is.
+    /// Adds `factor` times the derivatives of −Σ F·u with respect to the flow u and to the position at which it is evaluated, at
+    /// constant forces F of the `chosen` kind.
     fn add_by_flow(&self, chosen: impl Fn(&dyn Force) -> bool, factor: f64, g: &mut Gradient) {
         let moving = self.bent.kinematics();
         for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
@@ -695,12 +698,12 @@ impl OutputContext<'_> {
         tendon.joints.clone().for_each(|k| self.point.scatter(k, -factor * tendon.offset, &mut g.q));
     }
 
-    /// Adds `factor` times the gradient of the tension of tendon `i`, which that of a winch has.
+    /// Adds `factor` times the gradient of the tension of tendon `i`, which is nonzero for a winch.
     fn add_tension(&self, i: usize, factor: f64, g: &mut Gradient) {
         self.add_length(i, factor * self.bent.dynamics.tension_slope(i), g);
     }
 
-    /// T of the motor of a hinge (N m), its derivative by the arc (N), and its angle, in rad.
+    /// The torque T of the motor of a hinge (N m), its derivative with respect to the arc (N), and the angle of the hinge, rad.
     fn motor(&self) -> [f64; 3] {
         let dynamics = self.bent.dynamics;
         let (Some(hinge), Some([_, _, angle])) = (&dynamics.model.hinge, &dynamics.held) else { return [0.0; 3] };
@@ -708,7 +711,7 @@ impl OutputContext<'_> {
         [torque, -hinge.stiffness * given / dynamics.model.rod.length, angle.value]
     }
 
-    /// Σ F·w over the nodes, F of the `chosen` forces; adds `factor` times its derivatives with w as it is.
+    /// Σ F·w over the nodes, with F of the `chosen` forces; adds `factor` times its derivatives at constant w.
     fn power_along(
         &self,
         chosen: impl Fn(&dyn Force) -> bool,
@@ -737,8 +740,8 @@ impl OutputContext<'_> {
         power
     }
 
-    /// Σ W·x over the nodes, W the loads; adds `factor` times its derivatives by x to that part of `g`, and by the density, which
-    /// buoyancy follows.
+    /// Σ W·x over the nodes, with the loads W. Adds `factor` times its derivatives with respect to x to the part of `g` selected
+    /// by `by`, and with respect to the density, on which buoyancy depends.
     fn along_loads(&self, x: &[f64], factor: f64, g: &mut Gradient, by: impl Fn(&mut Gradient) -> &mut [f64]) -> f64 {
         let dynamics = self.bent.dynamics;
         let mut sum = 0.0;
@@ -755,7 +758,7 @@ impl OutputContext<'_> {
         sum
     }
 
-    /// The force (N) that a held head exerts beyond the inertia of node 0, along `along`; adds `factor` times its
+    /// The component along `along` of the force (N) that a held head exerts beyond the inertia of node 0; adds `factor` times its
     /// derivative.
     fn push(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
         let (dynamics, rod) = (self.bent.dynamics, &self.bent.dynamics.model.rod);
@@ -763,7 +766,7 @@ impl OutputContext<'_> {
         let joints = [0, 1].map(|k| self.bent.joint(k));
         let tension = self.bent.tension(0);
         let mut force = -elastic::force(&edges[0], tension, &joints[0], &joints[1]) - dynamics.load(0);
-        // By the vectors of edges 0 and 1, and by their rates.
+        // With respect to the vectors of edges 0 and 1, and to their rates.
         let joints_of_edge = [&joints[0], &joints[1]];
         let next = elastic::stiffness(&edges[0], rod.cells[0].axial, tension, joints_of_edge, -factor);
         let coupling = rod.joints().contains(&1).then(|| elastic::coupling(&edges[0], &edges[1], &joints[1], -factor));
@@ -790,7 +793,7 @@ impl OutputContext<'_> {
             }
         }
         if dynamics.model.hinge.is_some() {
-            // The couple of its joint, across the first edge.
+            // The couple of its joint acts across the first edge.
             let per_arc = factor * along.dot(&edges[0].n()) * edges[0].per_length / rod.length;
             let viscosity = dynamics.damped().map_or(0.0, |damped| damped.rates.viscosity[0]);
             let arc = 2 * rod.nodes;
@@ -833,7 +836,7 @@ fn axis(i: usize) -> Vector2<f64> {
 }
 
 impl Quantity {
-    /// Its value; adds `factor` times its derivatives.
+    /// The value; adds `factor` times its derivatives.
     pub(super) fn add(self, at: &OutputContext<'_>, factor: f64, g: &mut Gradient) -> f64 {
         let DeformedRod { dynamics, state } = at.bent;
         let rod = &dynamics.model.rod;
@@ -889,7 +892,7 @@ impl Quantity {
                     let pull = edge.t * (factor * cell.tension(edge));
                     add(&mut g.q, k, -pull);
                     add(&mut g.q, k + 1, pull);
-                    // To first order in ℓ₀: in the scene of a finite difference that changes by far more than the edge is stretched.
+                    // To first order in ℓ₀, because in a perturbed scene ℓ₀ changes by far more than the edge is stretched.
                     energy += cell.axial * own * (edge.length - cell.rest - 0.5 * own);
                 }
                 energy
@@ -926,9 +929,9 @@ impl Quantity {
                     let (moment, rate) = (at.bent.driven_moment(k), at.bent.given_rate(k));
                     at.add_driven(k, -factor * rate, g);
                     if !dynamics.model.active_moments {
-                        // Beside a wave of moments a natural curvature has no rate here, see `Controls`.
+                        // With a wave of moments, the natural curvature has no rate here, see `Controls`.
                         g.natural_rate[k] -= factor * moment;
-                        // What tendons add to that rate, and a stiffer joint takes off it, is none of this one.
+                        // Excludes the parts of that rate due to tendons, and their decrease with the stiffness of the joint.
                         let softening = at.bent.active_moment(k)[1] / rod.joint[k].powi(2);
                         g.stiffness[k] -= factor * moment * softening;
                     }
@@ -950,7 +953,7 @@ impl Quantity {
                 }
                 let Some(KelvinVoigt { damping, rates }) = dynamics.damped() else { return bearing };
                 for k in rod.joints() {
-                    // P = Bτr²: the gradient of Bτr, and of the other r.
+                    // P = Bτr²: the gradient of Bτr, and of the other factor r.
                     let rate = rates.joints[k];
                     at.add_resisting(k, 2.0 * factor * rate, g);
                     g.stiffness[k] -= factor * damping.bending[k] * rate * rate;
@@ -1026,7 +1029,7 @@ impl Quantity {
                 for force in dynamics.model.forces.iter().filter(|force| force.power_kind().is_none()) {
                     momentum += g.of_force(force, |by| force.momentum(&moving, axis(i), factor, Some(by)));
                     for (key, by) in &mut g.keys {
-                        // Linear in the density, and in nothing else.
+                        // Linear in the density, and independent of other parameters.
                         *by += factor * force.momentum_by_parameter(key, &moving, axis(i));
                     }
                 }
@@ -1065,7 +1068,7 @@ impl Quantity {
                 let (arc, per_arc) = (2 * rod.nodes, 1.0 / rod.length);
                 let [torque, slope, _] = at.motor();
                 let error = dynamics.command.angle - angle.value;
-                // Its value, and its derivatives by the arc and by the rate of that.
+                // The value, and its derivatives with respect to the arc and to the rate of the arc.
                 let (value, by_arc, by_rate) = match reading {
                     HingeQuantity::Angle => (angle.value, per_arc, 0.0),
                     HingeQuantity::Spin => (angle.rate, 0.0, per_arc),
@@ -1094,8 +1097,9 @@ impl Quantity {
 }
 
 impl WorkKind {
-    /// The share of the state at one end of `span` (its end, or its begin) in the work over it; adds `factor` times its
-    /// derivatives. What a motor and winches do is that of both ends where what they do at the one `beyond` is known, and else none.
+    /// The contribution of the state at one end of `span` (its end, or its beginning) to the work over it; adds `factor` times
+    /// its derivatives. The work of a motor and of winches depends on both ends: it is included if their values at the other end,
+    /// `beyond`, are known, and omitted otherwise.
     pub(super) fn add(
         self,
         at: &OutputContext<'_>,
@@ -1114,7 +1118,7 @@ impl WorkKind {
             Self::Other => half * Quantity::OtherPower.add(at, half * factor, g),
             Self::Flow => half * Quantity::FlowPower.add(at, half * factor, g),
             Self::Load => {
-                // The mean of the forces at both ends, along the way between them.
+                // The mean of the forces at both ends, times the displacement between them.
                 let (q, sign) = (&at.bent.state.q, if end { 1.0 } else { -1.0 });
                 let mut work = at.along_loads(q, sign * factor, g, |g| &mut g.q);
                 work -= at.stored(Some(PowerKind::Load), 0, -sign * factor, g);
@@ -1136,13 +1140,13 @@ impl WorkKind {
                     at.add_driven(k, -0.5 * factor * span.natural[k], g);
                     g.natural_step[k] -= 0.5 * factor * moment;
                     work -= 0.5 * moment * span.natural[k];
-                    // The mean of the active moments at both ends, along the change of the curvature between them.
+                    // The mean of the active moments at both ends, times the change of the curvature between them.
                     let (half, kappa) = (if end { 0.5 } else { -0.5 }, at.bent.kappa()[k]);
                     at.point.scatter(k, half * factor * span.active[k], &mut g.q);
                     g.active_ends[k] += half * factor * kappa;
                     work += half * kappa * span.active[k];
                 }
-                // The same of the tensions of tendons, along the change of the length of their edges.
+                // Likewise for the tensions of tendons, times the change of the length of their edges.
                 for (i, (tendon, tensions)) in at.bent.dynamics.model.tendons.iter().zip(&span.tensions).enumerate() {
                     if tendon.winch().is_some() {
                         let Some(beyond) = beyond else { continue };

@@ -1,4 +1,4 @@
-//! Parameters that a simulation can be differentiated by, and their effect on the equations.
+//! Parameters with respect to which a simulation can be differentiated, and their effect on the equations.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -13,16 +13,16 @@ use crate::fluid::medium::by_key;
 use crate::model::{ActiveMoments, Dynamics, Model};
 use crate::rod::Rod;
 
-/// A parameter of a simulation. Joints are named by their nodes.
+/// A parameter of a simulation. Joints are identified by their nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Parameter {
     /// Bending stiffness EI_k of the joint at node k, N m².
     Stiffness(usize),
-    /// A constant natural curvature (1/m) added to the actuation's at the joint at node k.
+    /// A constant natural curvature (1/m) added to that of the actuation at the joint at node k.
     NaturalCurvature(usize),
-    /// A factor of the actuation's amplitude at the joint at node k alone.
+    /// A factor of the actuation's amplitude at the joint at node k only.
     WaveAmplitude(usize),
-    /// A phase (rad) subtracted inside the actuation's sine at the joint at node k alone.
+    /// A phase (rad) subtracted inside the actuation's sine at the joint at node k only.
     WavePhase(usize),
     /// Amplitude of the actuation: κ_amp, or that of its moment, N m.
     Amplitude,
@@ -39,7 +39,7 @@ pub enum Parameter {
 }
 
 impl fmt::Display for Parameter {
-    /// As [`parameters`](super::simulation::parameters) name it.
+    /// The name as in [`parameters`](super::simulation::parameters).
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Stiffness(k) => write!(f, "joint_stiffness_n_m2 at node {k}"),
@@ -56,19 +56,20 @@ impl fmt::Display for Parameter {
     }
 }
 
-/// A direction in the parameters of joints, such as those that move with one knot: the derivative along it is the sum of `weights` times
-/// those by the parameters of the joints, at the cost of one.
+/// A direction in the parameters of joints, for example of those that move with one knot: the derivative along it is the sum of
+/// `weights` times the derivatives with respect to the parameters of the joints, at the cost of one.
 #[derive(Debug, Clone)]
 pub struct JointDirection {
     parameter: fn(usize) -> Parameter,
     joints: Range<usize>,
-    /// A joint whose effect is that of all of them but for their weights.
+    /// A joint whose effect equals that of all joints, apart from their weights.
     whole: usize,
     weights: Arc<[f64]>,
 }
 
 impl JointDirection {
-    /// The direction in the parameters that `parameter` gives for nodes, with the `weights` of the joints of `rod` from node `first` on.
+    /// The direction in the parameters that `parameter` returns for nodes, with the `weights` of the joints of `rod` from node
+    /// `first` on.
     pub fn of(rod: &Rod, parameter: fn(usize) -> Parameter, first: usize, weights: &[f64]) -> Self {
         let joints = first..first + weights.len();
         let whole = joints.clone().find(|k| rod.joint_part(*k) == 1.0).unwrap_or(first);
@@ -84,13 +85,13 @@ impl JointDirection {
         Self { parameter, joints, whole, weights }
     }
 
-    /// The same with each weight multiplied by that `factor` of its node.
+    /// The same direction with each weight multiplied by the `factor` of its node.
     pub fn scaled(&self, factor: impl Fn(usize) -> f64) -> Self {
         let weights = self.joints.clone().zip(&*self.weights).map(|(k, weight)| weight * factor(k)).collect();
         Self { weights, ..self.clone() }
     }
 
-    /// True if it is one of stiffness.
+    /// True if it is a direction of stiffness.
     pub fn is_of_stiffness(&self) -> bool {
         matches!((self.parameter)(self.whole), Parameter::Stiffness(_))
     }
@@ -101,16 +102,17 @@ impl JointDirection {
     }
 }
 
-/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) or M_amp r g(ψ), with its first two derivatives by phase.
+/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) or M_amp r g(ψ), with its first two derivatives with respect to
+/// phase.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ActuationShape {
     wave: Option<Wave>,
     /// g, g' and g'', one entry per node.
     g: [Vec<f64>; 3],
     time: f64,
-    /// Of active moments B_k, with κ̄_k = M_k/B_k and its rate; else empty.
+    /// For active moments: B_k, with κ̄_k = M_k/B_k and its rate; empty otherwise.
     active: Vec<(f64, [f64; 2])>,
-    /// The wave is one of these, and g is divided by B_k.
+    /// True if the wave is an active moment; g is then divided by B_k.
     moments: bool,
 }
 
@@ -151,13 +153,14 @@ impl ActuationShape {
     }
 }
 
-/// The derivatives of the equations by a parameter at a time: at each of `joints`, that of B_k is `stiffness`, that of κ̄_k is
-/// own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g''), all of them times its weight; where active moments bend it, both
-/// are less by `stiffness`/B_k times what they give.
+/// The derivatives of the equations with respect to a parameter at a time. At each of `joints`, the derivative of B_k is
+/// `stiffness`, that of κ̄_k is own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g''), all times the joint's
+/// weight. Where active moments bend the joint, the latter two are reduced by `stiffness`/B_k times the curvature that the
+/// moments cause.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ParameterEffect {
     pub(super) joints: Range<usize>,
-    /// The weight of each of them; 1 where there are none.
+    /// The weight of each joint; 1 if `None`.
     weights: Option<Arc<[f64]>>,
     stiffness: f64,
     own: f64,
@@ -194,7 +197,8 @@ impl ParameterEffect {
         self.weight(k) * shape.sum(&self.rate, k) - self.softening(shape, k, 1)
     }
 
-    /// What a stiffer joint is bent less by its active moment, or the rate of that (`order` 1).
+    /// The reduction of the curvature caused by the active moment when the joint becomes stiffer, or of the rate of that
+    /// curvature (`order` 1).
     #[inline]
     fn softening(&self, shape: &ActuationShape, k: usize, order: usize) -> f64 {
         shape
@@ -232,8 +236,8 @@ impl Parameter {
         }
     }
 
-    /// Returns an error for a parameter that `model` does not have, for which derivatives would be zero; `count` is the number of finite
-    /// differences.
+    /// Returns an error for a parameter that `model` does not have, for which derivatives would be zero; `count` is the number of
+    /// finite differences.
     pub(super) fn check(self, model: &Model, count: usize, directions: &[JointDirection]) -> Result<()> {
         let refuse =
             |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self}: {problem}") });
@@ -261,7 +265,7 @@ impl Parameter {
             }
             Self::OfForces(key) => {
                 let own = model.forces.iter().flat_map(|force| force.parameters().to_vec());
-                // Those of every medium, whether a force follows them or not.
+                // The parameters of every medium, whether or not a force depends on them.
                 let media = by_key(&model.fluid, model.layers.as_ref()).map(|(key, _)| key);
                 let mut keys: Vec<Key> = own.chain(media).collect();
                 keys.sort_unstable();
@@ -285,7 +289,7 @@ impl Parameter {
         }
     }
 
-    /// Its effect on the equations at the time of `shape`.
+    /// The effect on the equations at the time of `shape`.
     pub(super) fn effect(self, rod: &Rod, shape: &ActuationShape, directions: &[JointDirection]) -> ParameterEffect {
         let none = ParameterEffect {
             joints: 0..0,
@@ -299,7 +303,7 @@ impl Parameter {
             scene_parameter: None,
         };
         let half = |k: usize| rod.joint_part(k);
-        // A change of amplitude, of phase ψ and of its rate.
+        // A change of amplitude, of phase ψ and of the phase rate.
         let driven = |joints: Range<usize>, amplitude: f64, phase: f64, phase_rate: f64| {
             let Some(wave) = shape.wave else { return none.clone() };
             let Wave { amplitude: size, gain, gain_rate, phase_rate: omega, .. } = wave;
@@ -362,7 +366,7 @@ pub(super) fn direct(
                 let natural = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.natural(shape, k);
                 sum += gradient.natural_step[k] * (natural(to) - natural(from));
             } else {
-                // The natural curvature is a host's, which no parameter moves within a step.
+                // The natural curvature is set by a host, and does not depend on parameters within a step.
                 let active = |(effect, shape): &(ParameterEffect, &ActuationShape)| effect.active(shape, k);
                 sum += gradient.active_ends[k] * (active(from) + active(to));
             }

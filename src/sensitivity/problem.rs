@@ -34,26 +34,27 @@ pub struct Problem {
     linear: SolverChoice,
     pub(super) steps: TimeGrid,
     pub(super) controls: Arc<Controls>,
-    /// Initial positions and velocities along both axes, if given in place of those of the scene.
+    /// Initial positions and velocities along both axes, if given instead of those of the scene.
     pub(super) start: GivenStart,
     /// Set by another thread to interrupt the computation.
     interrupted: Arc<AtomicBool>,
 }
 
-/// Given initial positions and velocities along x and y. Those that are None are computed from the scene and depend on its parameters.
+/// Given initial positions and velocities along x and y. Those that are `None` are computed from the scene and depend on its
+/// parameters.
 #[derive(Debug, Clone, Default)]
 pub(super) struct GivenStart {
     parts: [[Option<Vec<f64>>; 2]; 2],
 }
 
 impl GivenStart {
-    /// Writes the given ones to the positions and velocities of `state`, two entries per node. Returns true if there are any.
+    /// Writes the given values to the positions and velocities of `state`, two entries per node. Returns true if there are any.
     fn write(&self, state: [&mut [f64]; 2]) -> bool {
         self.each(state, |to, value| *to = value);
         self.parts.iter().flatten().any(Option::is_some)
     }
 
-    /// Sets the `derivatives` of the given ones to zero.
+    /// Sets the `derivatives` of the given values to zero.
     pub(super) fn hold(&self, derivatives: [&mut [f64]; 2]) {
         self.each(derivatives, |to, _| *to = 0.0);
     }
@@ -72,8 +73,8 @@ impl Problem {
     /// The differentiable simulation of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain form, a mesh
-    /// that needs it, or a reduced model.
+    /// Errors of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain
+    /// form, a mesh that needs it, or a reduced model.
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::of_model(scene, scene.model()?)
     }
@@ -81,7 +82,7 @@ impl Problem {
     /// The same for a `model` that differs from the scene's own, with the solver settings of the scene.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
+    /// Errors of [`of`](Self::of); [`Error::WrongLength`] for a model with another number of nodes.
     pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
         scene.fits(&model)?;
         let Some(law) = model.forces.global() else { return Self::without_derivatives(scene, model) };
@@ -95,7 +96,7 @@ impl Problem {
     /// The same for any drag law, for simulations without derivatives.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of), except about the law.
+    /// Errors of [`of`](Self::of), except those about the law.
     pub(crate) fn without_derivatives(scene: &Scene, model: Model) -> Result<Self> {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
@@ -146,7 +147,7 @@ impl Problem {
     /// Sets natural curvature and forces over time.
     ///
     /// # Errors
-    /// [`Error::WrongLength`]; [`Error::Derivative`] for a natural curvature beside a drive with a limit or a lag.
+    /// [`Error::WrongLength`]; [`Error::Derivative`] for a natural curvature together with a drive with a limit or a lag.
     pub fn set_controls(&mut self, controls: Controls) -> Result<()> {
         let (rod, times) = (&self.model().rod, self.steps.count() + 1);
         let lists = [
@@ -169,8 +170,8 @@ impl Problem {
         Ok(())
     }
 
-    /// Sets initial positions (m) and velocities (m/s), two entries per node. Node 0 of a held head follows the head,
-    /// whatever is given for it, and its derivatives are zero.
+    /// Sets initial positions (m) and velocities (m/s), two entries per node. Node 0 of a held head follows the head regardless
+    /// of the given values, and its derivatives are zero.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -186,7 +187,7 @@ impl Problem {
         Ok(())
     }
 
-    /// Sets initial positions (m), or `velocities` (m/s), of the nodes along `axis`, 0 or 1. The others are those of the scene.
+    /// Sets initial positions (m), or `velocities` (m/s), of the nodes along `axis`, 0 or 1. All others are those of the scene.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -224,7 +225,8 @@ impl Problem {
         &self.dynamics.model
     }
 
-    /// The inputs, which hold over the whole simulation. [`finite_differences`](Self::finite_differences) use the inputs of the scene.
+    /// The inputs, which are constant over the simulation. [`finite_differences`](Self::finite_differences) use the inputs of the
+    /// scene.
     pub fn inputs(&mut self) -> &mut Inputs {
         &mut self.dynamics.inputs
     }
@@ -234,13 +236,13 @@ impl Problem {
         self.everywhere().for_each(|(dynamics, _)| dynamics.inputs.phase_offset = phase);
     }
 
-    /// Bending stiffness EI_k of the joints, N m², in their order.
+    /// Bending stiffness EI_k of the joints, N m², in order.
     pub fn stiffness(&self) -> Vec<f64> {
         let rod = &self.model().rod;
         rod.joints().map(|k| rod.joint_stiffness(k)).collect()
     }
 
-    /// Sets the bending stiffness EI_k of the joints, N m², in their order.
+    /// Sets the bending stiffness EI_k of the joints, N m², in order.
     ///
     /// # Errors
     /// [`Error::WrongLength`]; [`Error::BadValue`] for a number that is not positive.
@@ -261,7 +263,8 @@ impl Problem {
         Ok(())
     }
 
-    /// Sets the factors of the amplitude of the scene's actuation, and the phases (rad) subtracted inside it, at the joints in order.
+    /// Sets factors of the amplitude of the scene's actuation, and phases (rad) subtracted inside its sine, at the joints in
+    /// order.
     ///
     /// # Errors
     /// [`Error::WrongLength`]; [`Error::BadValue`] for a number that is not finite.
@@ -310,28 +313,28 @@ impl Problem {
         move || if flag.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
     }
 
-    /// Times, the start's first, s.
+    /// All times, including the start, s.
     pub fn times(&self) -> Vec<f64> {
         (0..=self.steps.count()).map(|n| self.steps.time(n)).collect()
     }
 
-    /// The rules of its steps: of full ones, and of a shorter last one.
+    /// The weights of the steps: of full ones, and of a shorter last one.
     pub(super) fn rules(&self) -> Result<[StepWeights; 2]> {
-        let rule = |h: f64| self.integrator.rule(h).ok_or(Error::Step(h)); // `of` has asked for one
+        let rule = |h: f64| self.integrator.rule(h).ok_or(Error::Step(h)); // `of` has checked for one stage
         Ok([rule(self.steps.length)?, rule(self.steps.last.unwrap_or(self.steps.length))?])
     }
 
-    /// The solver of its steps.
+    /// The solver of the steps.
     pub(super) fn newton(&self) -> Result<Newton> {
         Newton::with(Form::Positions, self.linear, self.dynamics.nodes(), self.tolerance)
     }
 
-    /// Room for what its adjoint needs of a simulation.
+    /// Empty checkpoints for an adjoint of the simulation.
     pub(crate) fn checkpoints(&self) -> Checkpoints {
         Checkpoints::of(self.model().unknowns(), self.steps.count() + 1)
     }
 
-    /// Advances the simulation, and calls `look` at each time with its index, the state, and the size (s) of the step before.
+    /// Advances the simulation, and calls `look` at each time with its index, the state, and the size (s) of the previous step.
     pub(super) fn advance(
         &mut self,
         mut look: impl FnMut(&mut Dynamics, usize, &State, f64) -> Result<()>,
@@ -360,7 +363,7 @@ impl Problem {
     /// Simulates.
     ///
     /// # Errors
-    /// A step that fails; it is not halved.
+    /// The error of a step that fails; failing steps are not halved.
     pub fn simulate(&mut self) -> Result<Trajectory> {
         let mut trajectory = Trajectory::default();
         self.advance(|_, _, state, _| {

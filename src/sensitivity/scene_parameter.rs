@@ -1,4 +1,4 @@
-//! The numbers of a scene, by their keys, as parameters of a differentiable simulation.
+//! The numbers of a scene, identified by their keys, as parameters of a differentiable simulation.
 
 use std::f64::consts::TAU;
 
@@ -10,7 +10,8 @@ use crate::model::Model;
 use crate::scene::parameter::{ProfileParameter, ScalarParameter};
 use crate::scene::{Document, Scene};
 
-/// A signed number below this part of its typical value counts as zero: the rounding of forces is divided by its change.
+/// A signed number below this fraction of its typical value counts as zero, because rounding errors of forces are divided by its
+/// change.
 const NEGLIGIBLE_FRACTION: f64 = 1e-3;
 
 /// The key of the flow, m/s.
@@ -27,7 +28,7 @@ const ALONG: f64 = 1e-12;
 pub struct SceneParameter {
     /// Its key.
     pub key: String,
-    /// Its index within the value of the key: empty for a scalar, that of a component, or that of a point [ξ, value].
+    /// Index within the value of the key: empty for a scalar, that of a component, or that of a point [ξ, value].
     pub place: Vec<usize>,
     /// ξ of a point.
     pub xi: Option<f64>,
@@ -48,7 +49,7 @@ pub struct SceneParameter {
 }
 
 impl SceneParameter {
-    /// The scale of the finite difference at this value: the value itself, if it is not small for a number that may be zero.
+    /// The scale of the finite difference at this value: the value itself, unless it is small and may be zero.
     fn scale(&self, value: f64) -> f64 {
         let least = if self.is_signed { NEGLIGIBLE_FRACTION * self.typical } else { 0.0 };
         if value.abs() > least { value.abs() } else { self.typical }
@@ -143,12 +144,13 @@ impl<'a> SceneParameters<'a> {
         Parameter::of_key(key, self.model).is_some() || !(fluid || passive)
     }
 
-    /// True if a number affects more of the model than its parameter of the equations.
+    /// True if a number affects more of the model than the parameter of the equations that stands for it.
     fn reaches_further(&self, key: &str) -> bool {
         let law = self.scene.drag.as_ref().map(|drag| drag.law_name());
-        // A damping time follows from the loss factor and the drive's frequency, where that says what it holds at.
+        // A damping time follows from the loss factor and the frequency of the drive, if the scene gives no frequency for the
+        // loss factor.
         let loss = self.scene.rod.loss_factor.is_some() && self.scene.rod.loss_frequency_hz.is_none();
-        key == DENSITY && self.scene.head_body.is_some() // its mass
+        key == DENSITY && self.scene.head_body.is_some() // the mass of the body
             || key.ends_with("frequency_hz") && (law == Some("weak-inertia") || loss)
     }
 
@@ -157,7 +159,7 @@ impl<'a> SceneParameters<'a> {
         let rod = &self.model.rod;
         let length = rod.length;
         let driven = self.model.actuation.as_ref().map_or(f64::INFINITY, |(_, drive)| 1.0 / (TAU * drive.frequency));
-        // A start is not linear in the damping of a rod that is driven faster than it vibrates.
+        // The start of a rod that is driven faster than it vibrates is not linear in the damping.
         let time = rod.bending_time().min(driven);
         match unit {
             _ if key == "rod.inner_radius_m" => 1e-3 * length,
@@ -174,7 +176,7 @@ impl<'a> SceneParameters<'a> {
     }
 }
 
-/// Assigns indices into the result of [`finite_differences`] to those of `numbers` without an analytic derivative.
+/// Assigns indices in the result of [`finite_differences`] to those of `numbers` without an analytic derivative.
 pub fn assign_indices(numbers: &mut [SceneParameter]) {
     let of_scene = numbers.iter_mut().filter(|number| matches!(number.by, Parameter::OfScene(_)));
     of_scene.enumerate().for_each(|(i, number)| number.by = Parameter::OfScene(i));
@@ -196,12 +198,13 @@ pub fn keys_with(numbers: &[SceneParameter], values: &[f64]) -> Vec<(String, tom
     keys
 }
 
-/// The finite differences of the scene of `document`, whose `numbers` have these `values`, by each number without an analytic
-/// derivative. All perturbed scenes keep its drag law. A flow along interfaces changes along them only: derivatives by its components
-/// are those of the tangential part, and zero for a component normal to the interfaces or any other number that must be zero.
+/// The finite differences of the scene of `document`, whose `numbers` have these `values`, with respect to each number without an
+/// analytic derivative. All perturbed scenes keep its drag law. A flow along interfaces is only changed along them: derivatives
+/// with respect to its components are those of the tangential part, and zero for a component normal to the interfaces or any
+/// other number that must be zero.
 ///
 /// # Errors
-/// Those of [`Document::scene`] and of the model.
+/// Errors of [`Document::scene`] and of the model.
 pub fn finite_differences(
     document: &Document,
     numbers: &[SceneParameter],
@@ -221,7 +224,7 @@ pub fn finite_differences(
     let layers = own.model()?.layers;
     let of = |i: usize| {
         let number = &numbers[i];
-        // How all numbers change with this one, which may be there twice.
+        // The change of all numbers with this one, which may occur twice.
         let is_same = |other: &SceneParameter| other.key == number.key && other.place == number.place;
         let mut direction: Vec<f64> = numbers.iter().map(|other| if is_same(other) { 1.0 } else { 0.0 }).collect();
         if let (Some(layers), FLOW) = (&layers, &*number.key) {
@@ -240,7 +243,7 @@ pub fn finite_differences(
             Ok([scene.model()?, scene.model()?])
         });
         match moved {
-            // What has to be zero, as gravity along level layers.
+            // A number that must be zero, such as gravity along horizontal layers.
             Err(Error::Scene { .. }) if values[i] == 0.0 => Ok(FiniteDifference::zero(&own.model()?)),
             Ok(moved) if [FLOW, SHEAR].contains(&&*number.key) => Ok(moved.of_flow()),
             moved => moved,

@@ -1,4 +1,4 @@
-//! The derivative of the `shaped` start: initial positions and velocities by the natural curvature.
+//! The derivative of the `shaped` start: initial positions and velocities with respect to the natural curvature.
 
 use nalgebra::{Rotation2, Vector2};
 
@@ -11,7 +11,7 @@ use crate::start::Start;
 /// A dual number: a vector and its derivative.
 type DualVector = [Vector2<f64>; 2];
 
-/// Turned by +90°.
+/// The vector rotated by +90°.
 fn turned(x: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-x.y, x.x)
 }

@@ -16,12 +16,12 @@ use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::scene::{Document, Scene};
 use crate::wording::Phrase;
 
-/// Numbers in rows: one (no dimension), a list, or a row per time.
+/// An array of numbers: a scalar (no dimension), a list, or a row per time.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Array {
     /// Its dimensions.
     pub shape: Vec<usize>,
-    /// Its numbers, row by row.
+    /// Its numbers, in row-major order.
     pub values: Vec<f64>,
 }
 
@@ -54,7 +54,7 @@ enum WithRespectTo {
     PhaseProfile,
     Phase,
     Natural,
-    /// Along an axis.
+    /// Forces along an axis.
     Force(usize),
     /// Initial positions along an axis.
     Position(usize),
@@ -63,7 +63,7 @@ enum WithRespectTo {
 }
 
 impl WithRespectTo {
-    /// True if it is of the scene's actuation.
+    /// True if it is a parameter of the scene's actuation.
     fn is_of_wave(self) -> bool {
         matches!(self, Self::Amplitude | Self::PhaseProfile | Self::Phase)
     }
@@ -119,10 +119,10 @@ const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
     ),
 ];
 
-/// A parameter that a simulation can be differentiated by.
+/// A parameter with respect to which a simulation can be differentiated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedParameter {
-    /// Its name: a key of the scene, or that of an array per joint or node.
+    /// Its name: a key of the scene, or the name of an array per joint or node.
     pub name: String,
     /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
@@ -132,10 +132,10 @@ pub struct NamedParameter {
     pub value: Array,
 }
 
-/// All parameters that a simulation of `scene` can be differentiated by.
+/// All parameters with respect to which a simulation of `scene` can be differentiated.
 ///
 /// # Errors
-/// Those of [`Problem::of`].
+/// Errors of [`Problem::of`].
 pub fn parameters(scene: &Scene) -> Result<Vec<NamedParameter>> {
     let (mut problem, known) = (Problem::of(scene)?, DifferentiableParameters::of(scene)?);
     let named = |name: &str| {
@@ -153,7 +153,7 @@ struct DifferentiableParameters {
     /// The numbers of every key.
     keys: Vec<Vec<SceneParameter>>,
     driven: bool,
-    /// The drive has a limit or a lag: its wave may be given, but has no derivatives.
+    /// True if the drive has a limit or a lag: its wave may be given, but has no derivatives.
     filtered: bool,
 }
 
@@ -171,7 +171,7 @@ impl DifferentiableParameters {
         keys.chain(named.map(|named| named.1)).collect()
     }
 
-    /// The parameter `name`, with unit and meaning.
+    /// The parameter `name`, with unit and description.
     fn named(&self, name: &str) -> Option<(WithRespectTo, &'static str, String)> {
         if let Some((by, _, unit, meaning)) = NODE_PARAMETERS.iter().find(|(_, own, ..)| *own == name) {
             return (self.driven || !by.is_of_wave()).then(|| (*by, *unit, meaning.to_string()));
@@ -183,7 +183,7 @@ impl DifferentiableParameters {
         Some((WithRespectTo::Scene(i), numbers[0].unit, meaning))
     }
 
-    /// True if `by` is a scalar.
+    /// True if the parameter is a scalar.
     fn is_single(&self, by: WithRespectTo) -> bool {
         match by {
             WithRespectTo::Phase => true,
@@ -207,7 +207,7 @@ impl DifferentiableParameters {
         }
     }
 
-    /// The error for a derivative by an unknown `name`.
+    /// The error for a derivative with respect to an unknown `name`.
     fn refuse(&self, scene: &Scene, name: &str) -> Error {
         let names = self.names();
         let hint = match scene.not_a_number(name) {
@@ -231,24 +231,23 @@ enum OutputSource {
 /// Prefix of the names of means over whole cycles.
 const CYCLE_PREFIX: &str = "cycle_";
 
-/// A held node may be given off the head by this part of the largest number given.
+/// The given position of a held node may deviate from the head by this fraction of the largest given number.
 const HELD_ROUNDING: f64 = 1e-12;
 
-/// Outputs that have no derivative by a control over time.
+/// Outputs that have no derivative with respect to a control over time.
 const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
 
-/// A simulation of a scene with named outputs and their derivatives by named parameters.
-///
-/// What is kept of the states of a simulation.
+/// The stored states of a simulation.
 #[derive(Debug)]
 enum KeptStates {
-    /// All of them, which are read.
+    /// All states, if they are read.
     All(Trajectory),
-    /// What derivatives need.
+    /// The states that derivatives need.
     Checkpoints(Checkpoints),
 }
 
-/// The simulation runs when a result is first requested.
+/// A simulation of a scene with named outputs and their derivatives with respect to named parameters. It runs when a result is
+/// first requested.
 #[derive(Debug)]
 pub struct Simulation {
     problem: Problem,
@@ -264,19 +263,19 @@ pub struct Simulation {
     factors: Vec<f64>,
     phases: Vec<f64>,
     phase: f64,
-    /// Names of the parameters given over time.
+    /// Names of the parameters that are given over time.
     over_time: Vec<String>,
     simulated: Option<(KeptStates, Sensitivities)>,
-    /// A mean over cycles was asked for.
+    /// True if a mean over cycles was requested.
     has_mean: bool,
 }
 
 impl Simulation {
-    /// A simulation of the scene of `document` that reads `outputs`: recorded variables, or `x_m`, `y_m`, `vx_m_s`, `vy_m_s` of the
-    /// nodes. `values` take the place of those of the [`parameters`] of these names.
+    /// A simulation of the scene of `document` with these `outputs`: recorded variables, or `x_m`, `y_m`, `vx_m_s`, `vy_m_s` of
+    /// the nodes. `values` replace those of the [`parameters`] with these names.
     ///
     /// # Errors
-    /// Those of the scene and of [`Problem::of`]; [`Error::Derivative`], [`Error::WrongLength`] and [`Error::UnknownVariable`].
+    /// Errors of the scene and of [`Problem::of`]; [`Error::Derivative`], [`Error::WrongLength`] and [`Error::UnknownVariable`].
     pub fn of(document: &Document, outputs: &[&str], values: &[(&str, Array)]) -> Result<Self> {
         let mut document = document.clone();
         let as_is = document.scene()?;
@@ -341,7 +340,7 @@ impl Simulation {
         Ok(own)
     }
 
-    /// Applies those of `values` that are not numbers of the scene.
+    /// Stores those of `values` that are not numbers of the scene.
     fn take_values(&mut self, values: &[(&str, Array)]) -> Result<()> {
         let (nodes, joints) = (self.nodes(), self.joints());
         let times = self.problem.times().len();
@@ -350,7 +349,7 @@ impl Simulation {
         for (name, value) in values {
             let Some((by, ..)) = self.known.named(name) else { return Err(self.known.refuse(&self.scene, name)) };
             let width = match by {
-                WithRespectTo::Scene(_) => continue, // the scene has it
+                WithRespectTo::Scene(_) => continue, // already in the scene
                 WithRespectTo::Phase => 1,
                 WithRespectTo::Stiffness
                 | WithRespectTo::Amplitude
@@ -406,7 +405,8 @@ impl Simulation {
         first.into_iter().try_for_each(|(velocities, axis, row)| self.problem.set_first(velocities, axis, row))
     }
 
-    /// Returns an error for a `first` state, each with whether it is of velocities, and its axis, that moves the node of a held head.
+    /// Returns an error if a `first` state moves the node of a held head. Each entry states whether it holds velocities, and its
+    /// axis.
     fn check_held(&mut self, first: &[(bool, usize, Vec<f64>)]) -> Result<()> {
         if self.problem.model().head.is_none() || first.is_empty() {
             return Ok(());
@@ -425,7 +425,7 @@ impl Simulation {
         Ok(())
     }
 
-    /// Passes them to the problem and its perturbed scenes.
+    /// Passes the values to the problem and its perturbed scenes.
     fn set(&mut self) -> Result<()> {
         if let Some(stiffness) = &self.stiffness {
             self.problem.set_stiffness(stiffness)?;
@@ -447,15 +447,15 @@ impl Simulation {
         self.problem.interrupt()
     }
 
-    /// Times, the start's first, s.
+    /// All times, including the start, s.
     pub fn times(&self) -> Vec<f64> {
         self.problem.times()
     }
 
-    /// Simulates, unless this has been done.
+    /// Simulates, unless this has been done already.
     ///
     /// # Errors
-    /// A step that fails; it is not halved.
+    /// The error of a step that fails; failing steps are not halved.
     pub fn simulate(&mut self) -> Result<()> {
         if self.simulated.is_none() {
             let reads_states = self.reads.iter().any(|(_, read)| !matches!(read, OutputSource::Output(_)));
@@ -473,7 +473,7 @@ impl Simulation {
     /// The outputs over time, in order: a number per time, or a row per time for `x_m`, `y_m`, `vx_m_s` and `vy_m_s`.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate).
+    /// Errors of [`simulate`](Self::simulate).
     pub fn outputs(&mut self) -> Result<Vec<(&str, Array)>> {
         self.simulate()?;
         let (nodes, Some((states, values))) = (self.nodes(), &self.simulated) else { return Ok(Vec::new()) };
@@ -482,7 +482,7 @@ impl Simulation {
             KeptStates::All(trajectory) => {
                 Array::rows(times.clone().flat_map(|n| along(of(trajectory, n), i)).collect(), nodes)
             }
-            KeptStates::Checkpoints(_) => Array::rows(Vec::new(), nodes), // nothing is read of them
+            KeptStates::Checkpoints(_) => Array::rows(Vec::new(), nodes), // not read in this case
         };
         let read = |read: OutputSource| match read {
             OutputSource::Output(o) => times.clone().map(|n| values.value(n, o)).collect::<Vec<f64>>().into(),
@@ -492,11 +492,11 @@ impl Simulation {
         Ok(self.reads.iter().map(|(name, what)| (&**name, read(*what))).collect())
     }
 
-    /// Notes of a run of the scene: model, steps or energy balance that are out of range; and cycles that are not periodic, if a mean over
-    /// them was asked for.
+    /// Notes on a run of the scene: a model, steps or an energy balance out of range; and cycles that are not periodic, if a mean
+    /// over them was requested.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::assessment::Assessment).
+    /// Errors of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::assessment::Assessment).
     #[cfg(feature = "faer")]
     pub fn notes(&mut self) -> Result<Vec<String>> {
         let warnings =
@@ -527,7 +527,7 @@ impl Simulation {
         names.iter().map(|name| find(name).ok_or_else(|| self.known.refuse(&self.scene, name))).collect()
     }
 
-    /// The parameters of the problem for `by`, in order, after preparing their finite differences.
+    /// The parameters of the problem for `by`, in order; also prepares their finite differences.
     fn parameters(&mut self, by: &[WithRespectTo]) -> Result<Vec<Parameter>> {
         if by.contains(&WithRespectTo::Amplitude) && self.factors.contains(&0.0) {
             return Err(refusal("joint_amplitude_factor: no derivative where a factor is 0".to_string()));
@@ -559,7 +559,7 @@ impl Simulation {
         Ok(by.iter().flat_map(of).collect())
     }
 
-    /// Collects the derivatives by `by` from those by the parameters of the problem.
+    /// Collects the derivatives with respect to `by` from those with respect to the parameters of the problem.
     fn take(&self, by: WithRespectTo, from: &mut impl Iterator<Item = f64>) -> Array {
         let joints = self.joints();
         let values: Vec<f64> = match by {
@@ -576,11 +576,12 @@ impl Simulation {
         if self.known.is_single(by) { Array { shape: Vec::new(), values } } else { values.into() }
     }
 
-    /// The derivatives by named parameters of Σ w y over all outputs y and times, with `weights` w of the same shape as each output.
+    /// The derivatives with respect to named parameters of Σ w y over all outputs y and times, with `weights` w of the same shape
+    /// as each output.
     ///
     /// # Errors
     /// [`Error::Derivative`] for an output or a parameter without derivatives, including an initial state that is not given;
-    /// [`Error::WrongLength`] for weights of another shape; those of [`simulate`](Self::simulate).
+    /// [`Error::WrongLength`] for weights of another shape; errors of [`simulate`](Self::simulate).
     pub fn pull_back(&mut self, weights: &[(&str, Array)], names: &[&str]) -> Result<Vec<Array>> {
         let by = self.by(names)?;
         for (name, by) in names.iter().zip(&by) {
@@ -660,10 +661,11 @@ impl Simulation {
         Ok(result)
     }
 
-    /// A mean over the last whole cycles, and its derivatives by named parameters, which are constant over the simulation.
+    /// A mean over the last whole cycles, and its derivatives with respect to named parameters, which are constant over the
+    /// simulation.
     ///
     /// # Errors
-    /// [`Error::Derivative`] for a mean or a parameter without derivatives; those of [`simulate`](Self::simulate).
+    /// [`Error::Derivative`] for a mean or a parameter without derivatives; errors of [`simulate`](Self::simulate).
     pub fn cycle_mean(&mut self, measure: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
         let by = self.by(names)?;
         let Some(measure) = derivatives::differentiable().find(|own| own.key == measure) else {
@@ -692,11 +694,11 @@ impl Simulation {
         Ok((value, by.into_iter().map(|by| self.take(by, &mut parts)).collect()))
     }
 
-    /// The final value of `output`, or the mean over the last whole cycles of that name, with its derivatives by named parameters. An
-    /// initial state among these is treated as given.
+    /// The final value of `output`, or the mean over the last whole cycles of that name, with its derivatives with respect to
+    /// named parameters. An initial state among the parameters is treated as given.
     ///
     /// # Errors
-    /// Those of [`pull_back`](Self::pull_back) and [`cycle_mean`](Self::cycle_mean).
+    /// Errors of [`pull_back`](Self::pull_back) and [`cycle_mean`](Self::cycle_mean).
     pub fn value_and_grad(&mut self, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
         if output.starts_with(CYCLE_PREFIX) {
             return self.cycle_mean(output, names);
@@ -718,18 +720,18 @@ impl Simulation {
     }
 }
 
-/// The final value of `output` in a simulation of the scene of `document`, and its exact derivatives by the named [`parameters`], in
-/// order. `output` is a recorded variable, or a mean over the last whole cycles such as `cycle_forward_speed_m_s`. [`Simulation`]
-/// accepts other values of parameters, and has derivatives of sums over time.
+/// The final value of `output` in a simulation of the scene of `document`, and its exact derivatives with respect to the named
+/// [`parameters`], in order. `output` is a recorded variable, or a mean over the last whole cycles such as
+/// `cycle_forward_speed_m_s`. [`Simulation`] accepts other values of parameters, and provides derivatives of sums over time.
 ///
 /// # Errors
-/// Those of [`Simulation::of`] and [`Simulation::value_and_grad`].
+/// Errors of [`Simulation::of`] and [`Simulation::value_and_grad`].
 pub fn value_and_grad(document: &Document, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
     let read = if output.starts_with(CYCLE_PREFIX) { &[][..] } else { &[output] };
     Simulation::of(document, read, &[])?.value_and_grad(output, names)
 }
 
-/// A shape as Python writes it.
+/// Formats a shape as a Python tuple.
 fn tuple(shape: &[usize]) -> String {
     match shape {
         [length] => format!("({length},)"),
@@ -737,7 +739,7 @@ fn tuple(shape: &[usize]) -> String {
     }
 }
 
-/// The name of the initial velocities, or positions, along an axis.
+/// The name of the initial velocities, or of the initial positions, along an axis.
 fn initial_state_name(velocities: bool, axis: usize) -> &'static str {
     let by = if velocities { WithRespectTo::Velocity(axis) } else { WithRespectTo::Position(axis) };
     NODE_PARAMETERS.iter().find(|named| named.0 == by).map_or("the first state", |named| named.1)

@@ -1,13 +1,14 @@
-//! The derivative of a communication step: how the state at its end, and what is read there, follow from the state at its beginning and from
-//! the inputs that are given for it.
+//! The derivative of a communication step: the change of the state and of the outputs at its end with the state at its beginning
+//! and with the inputs that are given for it.
 //!
-//! A step leads from the state z to z⁺ = Φ(z, u) and is read as y⁺ = g(z⁺, u). Its derivatives A = ∂z⁺/∂z, B = ∂z⁺/∂u, C = ∂y⁺/∂z and
-//! D = ∂y⁺/∂u are those of the internal steps that were made, whether the step was halved or its parts were chosen by a tolerance: each
-//! implicit stage is linearised where it converged, its matrix is factored once, and each direction is one solve (see the
+//! A step maps the state z to z⁺ = Φ(z, u), with outputs y⁺ = g(z⁺, u). Its derivatives A = ∂z⁺/∂z, B = ∂z⁺/∂u, C = ∂y⁺/∂z and
+//! D = ∂y⁺/∂u are those of the internal steps that were actually made, including halved steps and steps chosen by a tolerance:
+//! each implicit stage is linearised where it converged, its matrix is factored once, and each direction is one solve (see the
 //! [module above](super) for the equations).
 //!
-//! An input acts as if a host had set it at the beginning: accelerations follow it there, by the equation of motion, and velocities a jump of the
-//! flow in water that the rod accelerates. Of an input that was there before ([`LinearisationRequest::jump`]) neither does.
+//! An input acts as if a host had set it at the beginning: accelerations follow it there, by the equation of motion, and
+//! velocities follow a jump of the flow if the rod accelerates water. Without [`LinearisationRequest::jump`] the input is assumed
+//! to be present before, and neither follows.
 
 use nalgebra::{DMatrix, Vector2};
 
@@ -25,7 +26,7 @@ use crate::variable::{Causality, Size, Variable};
 /// The derivatives of a step; rows and columns are in the order of `states`, `inputs` and `outputs`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepDerivative {
-    /// The coordinates z, those of the nodes that nothing holds.
+    /// The coordinates z; held nodes have none.
     pub states: Vec<Entry>,
     /// The inputs u.
     pub inputs: Vec<Entry>,
@@ -41,41 +42,42 @@ pub struct StepDerivative {
     pub d: DMatrix<f64>,
 }
 
-/// What [`Stepper::linearise_as`] finds.
+/// The options of [`Stepper::linearise_as`].
 #[derive(Debug, Clone, Copy)]
 pub struct LinearisationRequest<'a> {
     /// The coordinates of the state.
     pub coordinates: StateCoordinates,
-    /// Names of the inputs u. The derivative by a pose of a driven head is that of changes by about 1e-4 of the length: how the head moves between
-    /// poses is extrapolated by a polynomial whose degree follows from the poses, and may be another for changes of other sizes.
+    /// Names of the inputs u. The derivative with respect to a pose of a driven head holds for changes of about 1e-4 of the
+    /// length: the motion of the head between poses is extrapolated by a polynomial whose degree follows from the poses, and may
+    /// differ for changes of other sizes.
     pub inputs: &'a [&'a str],
     /// Names of the outputs y.
     pub outputs: &'a [&'a str],
-    /// Whether to find the derivatives by the state, A and C. Without them both have no columns, and neither time nor memory goes with the
-    /// number of states: 3 MB for an input of a rod with 1001 nodes, instead of 0.5 GB.
+    /// True to compute the derivatives with respect to the state, A and C. Otherwise both have no columns, and neither time nor
+    /// memory grows with the number of states: 3 MB for an input of a rod with 1001 nodes, instead of 0.5 GB.
     pub states: bool,
-    /// True where inputs change at the beginning of the step, false where they had these values before it. A change moves the
-    /// accelerations at the beginning, which are coordinates of their own in [`StateCoordinates::Full`], and a flow the velocities of a rod
-    /// that accelerates water. With inputs changed at the first step and kept in those that follow, the matrices of successive steps
-    /// compose: ∂z₂/∂u = A₂ B₁ + B₂, B₁ with the jump and B₂ without. Poses of a head are given for each step; they are as if this were
-    /// true.
+    /// True if inputs change at the beginning of the step, false if they had these values before it. A change moves the
+    /// accelerations at the beginning, which are separate coordinates in [`StateCoordinates::Full`], and a change of flow also
+    /// moves the velocities of a rod that accelerates water. With inputs that change at the first step and are constant
+    /// afterwards, the matrices of successive steps compose: ∂z₂/∂u = A₂ B₁ + B₂, with B₁ computed with the jump and B₂ without.
+    /// Poses of a head are given for each step; they are treated as if this were true.
     pub jump: bool,
 }
 
 impl<'a> LinearisationRequest<'a> {
-    /// By the state and by `inputs` that change at the beginning.
+    /// A request for the derivatives with respect to the state and to `inputs` that change at the beginning.
     pub fn new(coordinates: StateCoordinates, inputs: &'a [&'a str], outputs: &'a [&'a str]) -> Self {
         Self { coordinates, inputs, outputs, states: true, jump: true }
     }
 }
 
 impl Stepper {
-    /// Makes a step of `h` (s) as [`do_step`](Self::do_step) does, to the bit, and returns its derivatives by the state in these
-    /// `coordinates` and by `inputs`: of that state, and of `outputs`. To stay, [`save`](Self::save) before and
-    /// [`restore`](Self::restore) after.
+    /// Makes a step of `h` (s), bit-identical to [`do_step`](Self::do_step), and returns the derivatives of the state and of
+    /// `outputs` with respect to the state in these `coordinates` and to `inputs`. To keep the current state,
+    /// [`save`](Self::save) before and [`restore`](Self::restore) after the call.
     ///
     /// # Errors
-    /// Those of [`linearise_as`](Self::linearise_as).
+    /// Errors of [`linearise_as`](Self::linearise_as).
     pub fn linearise(
         &mut self,
         h: f64,
@@ -86,16 +88,18 @@ impl Stepper {
         self.linearise_as(h, &LinearisationRequest::new(coordinates, inputs, outputs))
     }
 
-    /// The same of what is `asked` for.
+    /// The same as [`linearise`](Self::linearise), with all options.
     ///
-    /// The matrices of successive steps compose, z₂ = A₂ A₁ z₀, in full coordinates by any method, and in positions and velocities where
-    /// a method remembers nothing else: Newmark's, implicit Euler and ESDIRK3. Generalized-α remembers accelerations that differ from those
-    /// of the equation of motion, so that its products of A in positions and velocities are another system's.
+    /// The matrices of successive steps compose, z₂ = A₂ A₁ z₀, in full coordinates for any method, and in positions and
+    /// velocities for methods without a memory: Newmark's, implicit Euler and ESDIRK3. Generalized-α has a memory of
+    /// accelerations that differ from those of the equation of motion, so that products of its A in positions and velocities
+    /// describe another system.
     ///
     /// # Errors
-    /// [`Error::Derivative`] for a reduced model, an explicit method, an input that the step does not depend on smoothly, and an output that
-    /// is a total; where the mesh is too fine for derivatives or the memory does not suffice; [`Error::UnknownVariable`], [`Error::NotAnInput`]; those of [`do_step`](Self::do_step). The stepper is then
-    /// as it was before the call.
+    /// [`Error::Derivative`] for a reduced model, an explicit method, an input on which the step does not depend smoothly, and an
+    /// output that is a total; also if the mesh is too fine for derivatives or memory is insufficient;
+    /// [`Error::UnknownVariable`], [`Error::NotAnInput`]; errors of [`do_step`](Self::do_step). The stepper is then as it was
+    /// before the call.
     pub fn linearise_as(&mut self, h: f64, asked: &LinearisationRequest<'_>) -> Result<StepDerivative> {
         let LinearisationRequest { coordinates, inputs, outputs, .. } = *asked;
         let outputs = outputs.iter().map(|name| self.output_of_one_time(name)).collect::<Result<Vec<_>>>()?;
@@ -140,15 +144,15 @@ impl Stepper {
         Ok(found)
     }
 
-    /// Adds, for each of `outputs` (variables at nodes), its change with the poses of a head that were given for the end of the communication
-    /// step that led here (`head.input = "at-end"`), each with its `seed`: the interface Jacobian of that step. What was
-    /// [set](Self::set) with a rate or an acceleration is an input of its own.
+    /// Adds, for each of `outputs` (variables at nodes), its change with the poses of a head that were given for the end of the
+    /// last communication step (`head.input = "at-end"`), each with its `seed`: the interface Jacobian of that step. A rate or an
+    /// acceleration that was [set](Self::set) is a separate input.
     ///
-    /// The step is made once more for it, to the same bits; a further call is read from what the first has found.
+    /// The step is repeated for this, with identical bits; further calls reuse the result of the first.
     ///
     /// # Errors
-    /// [`Error::Derivative`] where no step led here, or something was set or restored since; for an input that was not given for
-    /// that step, and for an output that is a total.
+    /// [`Error::Derivative`] if the current state is not the end of a step, or something was set or restored since; for an input
+    /// that was not given for that step, and for an output that is a total.
     pub fn add_through_last_step(
         &mut self,
         given: &[(&'static Variable, f64)],
@@ -162,7 +166,7 @@ impl Stepper {
             let found = self.last_step_along_head()?;
             *self.last_derivatives_mut() = Some(found);
         }
-        // Out of the way of the stepper.
+        // Taken out of the stepper, which is borrowed below.
         let Some(known) = self.last_derivatives_mut().take() else { return Ok(()) };
         let mut add = || {
             for (variable, seed) in given {
@@ -185,7 +189,7 @@ impl Stepper {
         outcome
     }
 
-    /// Makes the last communication step once more, and follows the inputs of the head that were given for it.
+    /// Repeats the last communication step, and differentiates it with respect to the inputs of the head that were given for it.
     fn last_step_along_head(&mut self) -> Result<Box<LastDerivatives>> {
         let there = self.save();
         let Some(h) = self.return_to_last_step() else {
@@ -225,7 +229,8 @@ impl Stepper {
         Err(Error::Derivative { problem })
     }
 
-    /// Adds to `c` the derivatives by the state of those of the outputs `read` that have a gradient, and returns the places of the others.
+    /// Adds the derivatives with respect to the state of those of the outputs `read` that have a gradient to `c`, and returns the
+    /// places of the others.
     fn read_by_gradients(
         &mut self,
         ends: &Columns,
@@ -261,8 +266,8 @@ impl Stepper {
         Ok(rest)
     }
 
-    /// Makes a step of `h` (s) and returns what becomes of a unit of each of the coordinates `starts` at its beginning, and of a unit of each
-    /// entry of inputs in `given`, which change there where they `jump`; of both, `rows` numbers a column will be returned.
+    /// Makes a step of `h` (s) and returns its effect on a unit change of each of the coordinates `starts` at its beginning, and
+    /// of each entry of inputs in `given`, which change there if they `jump`. For each column, `rows` numbers will be returned.
     fn step_along(
         &mut self,
         h: f64,
@@ -305,7 +310,7 @@ impl Stepper {
         starts.iter().enumerate().for_each(|(j, start)| start.set_of_many(&mut now, j, width, 1.0));
         let consistent = (0..width)
             .map(|j| match j.checked_sub(starts.len()) {
-                // Accelerations that are coordinates follow an input only where it changes.
+                // Accelerations that are coordinates follow an input only if it changes.
                 None => coordinates == StateCoordinates::Motion,
                 Some(j) => (jump || coordinates == StateCoordinates::Motion) && !inputs[j].direction.is_of_head(),
             })
@@ -341,7 +346,7 @@ impl Stepper {
         }
         outcome?;
         if !columns.begun && columns.consistent.contains(&true) {
-            // No internal step was made: the time alone has moved on.
+            // No internal step was made: only the time has advanced.
             let state = self.state().clone();
             columns.reinitialise(self.dynamics_mut(), &state, false)?;
         }
@@ -350,15 +355,15 @@ impl Stepper {
     }
 }
 
-/// Copies of a matrix that a host's language makes of it, itself among them.
+/// Number of copies of a matrix in memory, including those made for a host's language.
 const COPIES: usize = 3;
 
 impl Stepper {
-    /// Refuses what the memory does not suffice for: `width` columns through steps of so many `stages`, and `rows` numbers of each that are
-    /// returned.
+    /// Returns an error if memory is insufficient for `width` columns through steps of that many `stages`, and for the `rows`
+    /// numbers returned for each.
     fn reserve(&self, width: usize, stages: usize, rows: usize) -> Result<()> {
         let State { q, memory, .. } = self.state();
-        // State and stages; the right-hand side, its begin and what refines it.
+        // State and stages; the right-hand side, its initial value and work arrays of refinement.
         let parts = (stages + 1) * (3 * q.len() + memory.len()) + 7 * q.len() + COPIES * rows;
         let bytes = width.saturating_mul(parts).saturating_mul(size_of::<f64>());
         if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
@@ -379,34 +384,35 @@ fn entry_of((variable, k): (&'static Variable, usize)) -> Entry {
     Entry { name, unit: variable.unit }
 }
 
-/// An input that a column follows, and what it changes at the time that is looked at.
+/// An input that a column belongs to, and its effect at the current time.
 #[derive(Debug)]
 struct Input {
     direction: InputDirection,
     tangent: Box<StateTangent>,
     /// ∂f/∂u.
     force: Vec<f64>,
-    /// How the head moves.
+    /// Motion of the head.
     head: [[f64; 2]; 3],
 }
 
-/// Changes of the state on their way through a step, side by side: entry `i` of column `j` is at `i·width + j`. Those by inputs come last.
+/// Changes of the state during a step, stored side by side: entry `i` of column `j` is at `i·width + j`. Columns of inputs come
+/// last.
 #[derive(Debug)]
 struct Columns {
     now: State,
     width: usize,
     inputs: Vec<Input>,
-    /// Which of them begin with accelerations by the equation of motion.
+    /// True for columns whose initial accelerations follow from the equation of motion.
     consistent: Vec<bool>,
-    /// True where inputs change at the beginning.
+    /// True if inputs change at the beginning.
     jump: bool,
-    /// Of the internal step, for each of its stages: the columns, the linearised equations, and the state.
+    /// For each stage of the internal step: the columns, the linearised equations, and the state.
     stages: Vec<State>,
     equations: Vec<Equations>,
     states: Vec<State>,
     start: Equations,
     point: LocalDerivatives,
-    /// How often the stepper had made its accelerations consistent at the end of the internal step before.
+    /// How often the stepper had recomputed its accelerations at the end of the previous internal step.
     reinitialisations: u64,
     begun: bool,
     rhs: Vec<f64>,
@@ -435,7 +441,7 @@ impl Columns {
             self.states.push(to.clone());
             self.stages.push(self.now.clone());
         }
-        // Accelerations follow anew where they jump, of all columns where they did in the step itself.
+        // Accelerations are recomputed where they jump, in all columns if the step itself recomputed them.
         let jumped = stepper.reinitialisations() != self.reinitialisations;
         self.reinitialisations = stepper.reinitialisations();
         if jumped || !self.begun && self.consistent.contains(&true) {
@@ -448,7 +454,7 @@ impl Columns {
         let mut given = Vec::with_capacity(stages.count);
         let dynamics = stepper.dynamics_mut();
         for (state, equations) in self.states.iter_mut().zip(&mut self.equations) {
-            // Linearised in positions.
+            // The linearisation is in positions.
             state.links.clear();
             dynamics.move_to(state.t, state);
             equations.assemble(dynamics, state, stages.direction)?;
@@ -475,7 +481,8 @@ impl Columns {
         stepper.return_to_now()
     }
 
-    /// Makes the accelerations of columns fulfil the equation of motion at `from` again: of `all`, or of those that begin so.
+    /// Makes the accelerations of columns satisfy the equation of motion at `from` again: of `all` columns, or of those that
+    /// begin so.
     fn reinitialise(&mut self, dynamics: &mut Dynamics, from: &State, all: bool) -> Result<()> {
         let mut state = from.clone();
         state.links.clear();
@@ -491,7 +498,7 @@ impl Columns {
             && flows().any(|flow| flow != [0.0; 2])
             && let Some(by) = flow_jump_force(dynamics, &state)?
         {
-            // A jump of the flow accelerates what moves with the water at once.
+            // A jump of the flow immediately accelerates bodies that move with the water.
             for (j, flow) in flows().enumerate() {
                 let mut faster = vec![0.0; state.q.len()];
                 for (flow, by) in flow.iter().zip(&by) {
@@ -530,7 +537,7 @@ impl Columns {
     }
 }
 
-/// How one stage of `width` columns is solved for the accelerations along `along`: those from `first` on are by inputs.
+/// Data for solving one stage of `width` columns for the accelerations along `along`; columns from `first` on belong to inputs.
 #[derive(Debug, Clone, Copy)]
 struct StageSolve<'a> {
     along: Direction,
@@ -541,12 +548,12 @@ struct StageSolve<'a> {
 }
 
 impl StageSolve<'_> {
-    /// Solves the stage whose explicit parts Q*, V* are in `state`, where what is `given` for inputs is ∂f/∂u and how they move a head
-    /// that is held. The positions at the beginning of the internal step are `begins`.
+    /// Solves the stage whose explicit parts Q*, V* are in `state`; `given` holds, for each input, ∂f/∂u and the motion of a held
+    /// head. The positions at the beginning of the internal step are `begins`.
     ///
-    /// Q* may be far from there: a consistent acceleration times h² is (ωh)² times the positions of a stretching wave of frequency ω. What is
-    /// solved for is therefore X = Q − Q₀: with D = Q* − Q₀, J X = f_a D + B f_v D − A (f_q Q₀ + f_v V* + f_u), whose terms are
-    /// not larger than J by that factor.
+    /// Q* may be far from there: a consistent acceleration times h² is (ωh)² times the positions of a stretching wave of
+    /// frequency ω. The solver therefore computes X = Q − Q₀: with D = Q* − Q₀, J X = f_a D + B f_v D − A (f_q Q₀ + f_v V* +
+    /// f_u), whose terms do not exceed J by that factor.
     fn solve<'b>(
         self,
         equations: &mut Equations,
@@ -570,7 +577,7 @@ impl StageSolve<'_> {
             begin[..2 * width].copy_from_slice(&state.q[..2 * width]);
         }
         equations.differences_of_many(&begin, rhs, width)?;
-        // Now the way from there to Q*.
+        // From here on, the difference Q* − Q₀.
         state.q.iter_mut().zip(&begin).for_each(|(q, begin)| *q -= begin);
         equations.add_damping_of_many(along.v, &state.q, rhs, width)?;
         equations.add_inertia_of_many(masses, &state.q, rhs, width)?;
@@ -595,7 +602,8 @@ impl StageSolve<'_> {
     }
 }
 
-/// Subtracts `factor` times the forces of inertia of accelerated `heads` on other nodes from the columns of `rhs` from `first` on.
+/// Subtracts `factor` times the forces on other nodes due to the inertia of accelerated `heads` from the columns of `rhs` from
+/// `first` on.
 fn subtract_inertia_of_heads<'a>(
     equations: &mut Equations,
     factor: f64,
@@ -611,7 +619,7 @@ fn subtract_inertia_of_heads<'a>(
     }
 }
 
-/// What a unit of acceleration of the flow changes the residual by, along both axes; `None` where nothing moves with the water.
+/// The change of the residual with a unit acceleration of the flow along each axis; `None` if nothing moves with the water.
 fn flow_jump_force(dynamics: &mut Dynamics, state: &State) -> Result<Option<[Vec<f64>; 2]>> {
     if !dynamics.model.forces.are_inertial() {
         return Ok(None);
@@ -625,14 +633,14 @@ fn flow_jump_force(dynamics: &mut Dynamics, state: &State) -> Result<Option<[Vec
         done.map(|()| out)
     };
     let mut of = |by: Vector2<f64>| -> Result<Vec<f64>> {
-        // Linear in it.
+        // The residual is linear in it.
         let [more, less] = [residual(dynamics, by)?, residual(dynamics, -by)?];
         Ok(more.iter().zip(less).map(|(more, less)| 0.5 * (more - less)).collect())
     };
     Ok(Some([of(Vector2::x())?, of(Vector2::y())?]))
 }
 
-/// Finds what `inputs` change in `state`, which `dynamics` was moved to.
+/// Evaluates the changes due to `inputs` in `state`, to whose time `dynamics` was moved.
 fn look_at_inputs(
     dynamics: &mut Dynamics,
     state: &State,
@@ -657,7 +665,7 @@ fn look_at_inputs(
     Ok(())
 }
 
-/// Adds ∂f/∂u of an input to `force`, with its equation of a hinge.
+/// Adds ∂f/∂u of an input to `force`, including the equation of a hinge.
 fn add_input_force(bent: &DeformedRod<'_>, tangent: &StateTangent, point: &LocalDerivatives, force: &mut [f64]) {
     let (rod, nodes) = (&bent.dynamics.model.rod, bent.dynamics.model.rod.nodes);
     tangent.add_applied(bent, &mut force[..2 * nodes]);

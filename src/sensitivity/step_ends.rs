@@ -17,7 +17,7 @@ pub(super) struct StepEnds {
     active: [Vec<f64>; 3],
     tensions: [[f64; MAX_TENDONS]; 3],
     force: [Vec<f64>; 3],
-    /// The step that ends at this time, and the one that begins there.
+    /// The step that ends at this time, and the step that begins there.
     pub(super) intervals: [StepInterval; 2],
     scratch: State,
 }

@@ -1,4 +1,4 @@
-//! The time grid of a simulation: equal steps, and a shorter last one if the duration is no multiple of the step.
+//! The time grid of a simulation: equal steps, and a shorter last one if the duration is not a multiple of the step.
 
 /// The times of a simulation.
 #[derive(Debug, Clone, Copy)]

@@ -9,7 +9,7 @@ use crate::system::State;
 /// per node.
 #[derive(Debug, Clone, Default)]
 pub struct Trajectory {
-    /// Times, beginning with the start.
+    /// Times, including the start.
     pub times: Vec<f64>,
     /// As in a [`State`], with the arc of a hinge.
     q: Vec<f64>,
@@ -28,7 +28,7 @@ impl Trajectory {
         self.nodes(&self.v, n)
     }
 
-    /// What of `values` there is of the nodes at time `n`.
+    /// The part of `values` that belongs to the nodes at time `n`.
     fn nodes<'a>(&self, values: &'a [f64], n: usize) -> &'a [f64] {
         let row = self.row(values, n);
         &row[..row.len() / 2 * 2]
@@ -39,7 +39,7 @@ impl Trajectory {
         &values[n * width..(n + 1) * width]
     }
 
-    /// Positions at `time` (s), by cubic Hermite interpolation between the steps. None beyond the simulation.
+    /// Positions at `time` (s), by cubic Hermite interpolation between the steps. `None` outside the simulation.
     pub fn at(&self, time: f64) -> Option<Vec<f64>> {
         let last = *self.times.last()?;
         if !(self.times[0]..=last * (1.0 + 1e-9)).contains(&time) {

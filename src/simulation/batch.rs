@@ -30,9 +30,9 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// A batch of at most [`WIDTH`] steppers. They must share the number of nodes, a method of one stage at a fixed step, nodal positions as
-    /// unknowns, and the local drag law, with or without the reactive force, in a uniform medium or none, and the kind of material. `None`
-    /// for others, for fewer than two steppers, and on a processor without AVX2.
+    /// Creates a batch of at most [`WIDTH`] steppers. They must have the same number of nodes, kind of material and one-stage
+    /// method at a fixed step, nodal positions as unknowns, the local drag law with or without the reactive force, and a uniform
+    /// medium or none. Returns `None` for others, for fewer than two steppers, and on a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
         return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });
@@ -48,14 +48,14 @@ impl Batch {
         Self::of(&[stepper; 2]).is_some()
     }
 
-    /// Batches of `steppers`, [`WIDTH`] at a time in their order; `None` in the place of one that is [not possible](Self::of).
+    /// Batches of `steppers`, [`WIDTH`] at a time in their order; `None` for each group that [cannot be batched](Self::of).
     pub fn of_all(steppers: &[&Stepper]) -> Vec<Option<Self>> {
         steppers.chunks(WIDTH).map(Self::of).collect()
     }
 
-    /// Solves the next internal step of each of `steppers`: all that the batch was [made of](Self::of), or some of them in the same
-    /// places. All that depends on time alone is then already at the end of that step, so each stepper must take the step before
-    /// anything is read from it.
+    /// Solves the next internal step of each of `steppers`: all steppers that the batch was [made of](Self::of), or some of them
+    /// in the same places. Quantities that depend on time alone are then already evaluated at the end of that step, so each
+    /// stepper must take the step before anything is read from it.
     pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) {
         #[cfg(target_arch = "x86_64")]
         {
@@ -65,11 +65,12 @@ impl Batch {
         let _ = steppers;
     }
 
-    /// Advances each of `steppers` by `h` (s): all that the batch was [made of](Self::of), or some of them in the same places. They take
-    /// their internal steps in turns, so that those of the same size are solved together, whatever their times and inputs.
+    /// Advances each of `steppers` by `h` (s): all steppers that the batch was [made of](Self::of), or some of them in the same
+    /// places. They take their internal steps in turn, so that steps of the same size are solved together, even if their times
+    /// and inputs differ.
     ///
-    /// Each ends as [`Stepper::do_step_with`] ends alone, with the same bits or the same error; a failure leaves the others as they are.
-    /// `look` also receives the place. The outcome of a place without a stepper is `Ok(true)`.
+    /// Each stepper ends as after [`Stepper::do_step_with`] alone, with identical bits or the same error; a failure does not
+    /// affect the others. `look` also receives the place. The outcome of a place without a stepper is `Ok(true)`.
     pub fn do_step_with(
         &mut self,
         steppers: &mut [Option<&mut Stepper>],
@@ -120,14 +121,14 @@ impl Batch {
         outcomes
     }
 
-    /// Number of steps solved so far, of all cases.
+    /// Number of steps solved so far, over all cases.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 }
 
-/// Advances each of at most [`WIDTH`] `steppers` by `h` (s), in lanes by their `batch`, or one after the other if there is none; see
-/// [`Batch::do_step_with`].
+/// Advances each of at most [`WIDTH`] `steppers` by `h` (s): in lanes by their `batch`, or one after the other without a batch;
+/// see [`Batch::do_step_with`].
 pub fn do_step_with(
     batch: Option<&mut Batch>,
     steppers: &mut [Option<&mut Stepper>],

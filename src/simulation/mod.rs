@@ -1,4 +1,4 @@
-//! A scene in motion: the stepper, its table of variables, and several cases in one step.
+//! Time stepping of a scene: the stepper, its table of variables, and batches that step several cases at once.
 
 pub mod variable;
 

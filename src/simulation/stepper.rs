@@ -46,23 +46,24 @@ use crate::variable::{self, Causality, VARIABLES, Variable, View};
 /// How many times a failing step is halved before the error is returned: down to 1/1024 of its size.
 const MAX_HALVINGS: u32 = 10;
 
-/// The part of EI/L², times the tolerance of adaptive steps, that Newton's method may leave as the tension of an edge where a head is held.
+/// The residual that Newton's method may leave in the tension of an edge next to a held head, as a fraction of EI/L² times the
+/// tolerance of adaptive steps.
 const HEAD_FORCE_PART: f64 = 0.01;
 
 /// The first adaptive step of a rod at rest, s. It grows by at most a factor of 5 per step.
 const FIRST_STEP_AT_REST: f64 = 1e-4;
 
-/// Lower bound of the velocity that errors are relative to, in lengths per step.
+/// Lower bound of the velocity scale for relative errors, in lengths per step.
 const MIN_RELATIVE_SPEED: f64 = 1e-3;
 
-/// A step shorter than this fraction of the current time is rounding and is deferred to the next one. So is a step shorter than this
-/// fraction of the time in which a stretching wave crosses the rod.
+/// A step shorter than this fraction of the current time, or of the time in which a stretching wave crosses the rod, is below
+/// rounding and is deferred to the next one.
 const TIME_ROUNDING: f64 = 1e-12;
 
-/// Relative tolerance for a communication step to be a multiple of Δt. A shorter step than this fraction of Δt is deferred.
+/// Relative tolerance for a communication step to count as a multiple of Δt. A step shorter than this fraction of Δt is deferred.
 const STEP_ROUNDING: f64 = 1e-9;
 
-/// A jump of the flow enters linear equations as an acceleration of this many times the jump per second.
+/// A jump of the flow enters the linear equations as an acceleration: the jump times this factor, 1/s.
 const FLOW_JUMP_RATE: f64 = 1e6;
 
 /// A simulation that a host drives.
@@ -77,45 +78,45 @@ pub struct Stepper {
     now: RunState,
     /// How many times a failing step is halved.
     max_halvings: u32,
-    /// Shorter steps (s) are rounding and are deferred.
+    /// Steps shorter than this (s) are below rounding and are deferred.
     shortest: f64,
     /// Half of the range of the head's speed (m/s) in the scene's own motion.
     head_speed_amplitude: f64,
     undo: undo::Undo,
     variables: Vec<&'static Variable>,
-    /// The totals before the last internal step. Its state and measurements are then in `next` and `measurements`.
+    /// The totals before the last internal step. The state and measurements of that time are then in `next` and `measurements`.
     before: Option<RunningTotals>,
     dense: Option<DenseOutput>,
     tangent: Option<Box<derivatives::StateTangent>>,
-    /// The [`Scene::fingerprint`], or the [`Model::fingerprint`] of a model that differs from the scene's own.
+    /// The [`Scene::fingerprint`], or the [`Model::fingerprint`] of a model that differs from the scene's own model.
     scene: u128,
-    /// The scene that it was built from, if any.
+    /// The scene that the stepper was built from, if any.
     source_scene: Option<Arc<Scene>>,
     /// The end of the communication step, s.
     step_target: f64,
     /// The next internal step, if a batch has already solved it.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     presolved: Option<presolved_step::PresolvedStep>,
-    /// `measurements` already holds the measurements at the end of the internal step.
+    /// True if `measurements` already holds the measurements at the end of the internal step.
     measured: bool,
-    /// The largest jump of the head since the last query.
+    /// The largest jump of the head since [`Stepper::take_head_jump`] was last called.
     head_jump: Option<HeadJump>,
-    /// The size (s) of the communication step that led here, if nothing has been set or restored since; and the derivatives by what was
-    /// given for it, once they have been asked for.
+    /// The size (s) of the last communication step, if nothing has been set or restored since; and the derivatives with respect
+    /// to its inputs, once they have been requested.
     last_step: Option<f64>,
     last_derivatives: Option<Box<LastDerivatives>>,
-    /// How often accelerations were made consistent after a jump of inputs or of the head.
+    /// How often accelerations were recomputed after a jump of inputs or of the head.
     reinitialisations: u64,
     // Work arrays.
     inputs: (Inputs, Option<Box<InputExtrapolation>>),
     next: State,
     measurements: Measurements,
-    /// Made when an input is set.
+    /// Allocated when an input is set.
     read_at_once: Option<Measurements>,
     accelerations: Vec<f64>,
 }
 
-/// How the state at the end of the last communication step follows from the inputs that were given for it.
+/// Derivatives of the state at the end of the last communication step with respect to the inputs given for that step.
 pub(crate) type LastDerivatives = Vec<(&'static Variable, State, InputDirection)>;
 
 /// The data of the last communication step, stored while another state is examined.
@@ -127,7 +128,7 @@ pub struct LastStep {
     undo: undo::Undo,
 }
 
-/// Time as an integer number of steps, free of accumulated rounding: t = origin + count·Δt.
+/// Time as an integer number of steps, without accumulated rounding: t = origin + count·Δt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Clock {
     origin: f64,
@@ -142,10 +143,10 @@ impl Clock {
 }
 
 impl Document {
-    /// Prepares the run of its `scene`, or of one that was made from that, with the place in the document in errors of a key.
+    /// Prepares the run of its `scene`, or of a scene derived from it; errors of a key include its place in the document.
     ///
     /// # Errors
-    /// Those of [`Stepper::of`].
+    /// Errors of [`Stepper::of`].
     pub fn stepper(&self, scene: &Scene) -> Result<Stepper> {
         Stepper::of(scene).map_err(|error| self.located(error))
     }
@@ -154,7 +155,7 @@ impl Document {
 impl Stepper {
     /// Prepares a run of `model` at time zero with `step_control`, solved by `newton`.
     ///
-    /// Snapshots are compatible between steppers of the same `model`, integrator and form, whatever their `step_control`.
+    /// Snapshots are compatible between steppers of the same `model`, integrator and form, even if their `step_control` differs.
     ///
     /// # Errors
     /// Errors of the initial state.
@@ -249,17 +250,18 @@ impl Stepper {
     /// Prepares the run of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`] and [`Newton::with`]; [`Error::Scene`] for a mesh so fine that steps in positions are rounding; those of
-    /// [`init`](Self::init) as [`Error::Scene`].
+    /// Errors of [`Scene::model`] and [`Newton::with`]; [`Error::Scene`] for a mesh so fine that steps in positions are below
+    /// rounding; errors of [`init`](Self::init) as [`Error::Scene`].
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::in_form(scene, None)
     }
 
-    /// Prepares the run of a `model` that differs from the scene's own, for example by additional forces or another actuation, with the
-    /// solver settings of the scene. `solver.model = "auto"` is the full model here, because estimates apply to the scene's own model.
+    /// Prepares the run of a `model` that differs from the scene's own, for example by additional forces or another actuation,
+    /// with the solver settings of the scene. `solver.model = "auto"` selects the full model here, because estimates apply to the
+    /// scene's own model only.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
+    /// Errors of [`of`](Self::of); [`Error::WrongLength`] for a model with another number of nodes.
     pub fn of_model(scene: &Scene, model: impl Into<Arc<Model>>) -> Result<Self> {
         let model = model.into();
         scene.fits(&model)?;
@@ -269,7 +271,7 @@ impl Stepper {
         Ok(Self { scene: own, source_scene: None, ..start })
     }
 
-    /// Prepares the run of a scene in that form, or in the scene's own.
+    /// Prepares the run of a scene in the given `form`, or in the scene's own if `None`.
     fn in_form(scene: &Scene, form: Option<Form>) -> Result<Self> {
         Self::of_kind(scene, scene.model()?.into(), scene.choice()?, form)
     }
@@ -306,7 +308,7 @@ impl Stepper {
         })
     }
 
-    /// Sets whether a failing step is halved, which is the default, or returns its error at once.
+    /// Sets whether a failing step is halved (the default) or returns its error at once.
     pub fn halve_failing_steps(&mut self, yes: bool) {
         self.max_halvings = if yes { MAX_HALVINGS } else { 0 };
     }
@@ -346,22 +348,22 @@ impl Stepper {
         &self.dynamics.model
     }
 
-    /// What a host should know of its scene before it moves the rod, see [`Scene::fluid_note`].
+    /// What a host should know about the fluid of the scene before it moves the rod, see [`Scene::fluid_note`].
     pub fn fluid_note(&self) -> Option<String> {
         self.source_scene.as_ref()?.fluid_note()
     }
 
-    /// The kind of model that the run of a scene uses, and why.
+    /// The kind of model that the run of a scene uses, and the reason.
     pub fn choice(&self) -> Option<&ModelChoice> {
         self.choice.as_ref()
     }
 
-    /// The control of its step size.
+    /// The control of the step size.
     pub fn step_control(&self) -> StepControl {
         self.step_control
     }
 
-    /// The name of the integrator that solves a run of its `scene`.
+    /// The name of the integrator in a run of its `scene`.
     pub fn method<'a>(&self, scene: &'a Scene) -> &'a str {
         self.choice.as_ref().and_then(|choice| choice.kind.method).unwrap_or(scene.integrator_name())
     }
@@ -397,11 +399,11 @@ impl Stepper {
         self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
     }
 
-    /// The same, and calls `look` after every internal step, including the halves of failed ones. If it breaks, the step ends there.
-    /// Returns true if t + h was reached.
+    /// The same as [`do_step`](Self::do_step), and calls `look` after every internal step, including the halves of failed ones.
+    /// If `look` breaks, the step ends there. Returns true if t + h was reached.
     ///
     /// # Errors
-    /// Those of [`do_step`](Self::do_step).
+    /// Errors of [`do_step`](Self::do_step).
     pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let before = (self.now.pending_time, self.head_jump);
         let outcome = self.advance_by(h, look);
@@ -415,16 +417,18 @@ impl Stepper {
         outcome
     }
 
-    /// Returns to the start of a communication step that has failed. `before` are the time of the host (s) and the jump of the head then.
+    /// Returns to the start of a communication step that has failed. `before` holds the time of the host (s) and the jump of the
+    /// head at that start.
     fn return_to(&mut self, before: (Option<f64>, Option<HeadJump>)) {
         self.undo_step();
         (self.now.pending_time, self.head_jump) = before;
     }
 
-    /// The same, but keeps the state of the last successful internal step if a later one fails.
+    /// The same as [`do_step_with`](Self::do_step_with), but keeps the state of the last successful internal step if a later one
+    /// fails.
     ///
     /// # Errors
-    /// Those of [`do_step`](Self::do_step).
+    /// Errors of [`do_step`](Self::do_step).
     pub fn advance_until_failure(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let (start, pending_time) = (self.now.state.t, self.now.pending_time);
         let outcome = self.advance_by(h, look);
@@ -435,40 +439,40 @@ impl Stepper {
             }
             self.discard_step();
         }
-        // Made for a whole run, whose end takes the room.
+        // Frees memory: it was allocated for a whole run, which ends here.
         self.undo = undo::Undo::default();
         outcome
     }
 
-    /// Takes away what is known of the communication step that led here, to be [put back](Self::put_last_step) once this stepper is
-    /// again in the same state, after a look at others.
+    /// Removes and returns the data of the last communication step. [`put_last_step`](Self::put_last_step) restores them once
+    /// this stepper is in the same state again, after other states have been examined.
     pub fn take_last_step(&mut self) -> LastStep {
         let undo = std::mem::take(&mut self.undo);
         LastStep { size: self.last_step.take(), derivatives: self.last_derivatives.take(), undo }
     }
 
-    /// Puts back what [`take_last_step`](Self::take_last_step) took.
+    /// Restores what [`take_last_step`](Self::take_last_step) returned.
     pub fn put_last_step(&mut self, LastStep { size, derivatives, undo }: LastStep) {
         (self.last_step, self.last_derivatives, self.undo) = (size, derivatives, undo);
     }
 
-    /// How often accelerations were made consistent after a jump.
+    /// How often accelerations were recomputed after a jump.
     pub(crate) fn reinitialisations(&self) -> u64 {
         self.reinitialisations
     }
 
-    /// True where a step of `h` (s) begins the run anew, with the pose that a host gives for its end.
+    /// True if a step of `h` (s) restarts the run, from the pose that a host gives for its end.
     pub(crate) fn restarts_in(&self, h: f64) -> bool {
         let t = self.now.state.t;
         self.is_at_start() && self.dynamics.starts_elsewhere(t, Some(t + h))
     }
 
-    /// True where the flow has jumped since the last step, and accelerates water with the next one.
+    /// True if the flow has jumped since the last step, so that the next step accelerates water.
     pub(crate) fn flow_jumps_in_water(&self) -> bool {
         self.now.flow_jump != [0.0; 2] && self.dynamics.model.forces.are_inertial()
     }
 
-    /// Discards the data of the communication step that led here.
+    /// Discards the data of the last communication step.
     fn forget_last_step(&mut self) {
         (self.last_step, self.last_derivatives) = (None, None);
     }
@@ -489,8 +493,8 @@ impl Stepper {
         }
     }
 
-    /// Begins a communication step of `h` (s). Returns how far the state is to move, and its end (s); `None` if that is rounding and
-    /// deferred.
+    /// Begins a communication step of `h` (s). Returns the distance in time (s) that the state has to move, and the end of the
+    /// step (s); `None` if the step is below rounding and deferred.
     fn begin_step(&mut self, h: f64) -> Result<Option<(f64, f64)>> {
         if !(h.is_finite() && h > 0.0) {
             self.undo.begin();
@@ -521,7 +525,7 @@ impl Stepper {
         let mut speed = self.dynamics.own_speed(&self.now.state);
         while self.now.state.t < end {
             let left = end - self.now.state.t;
-            // A rest smaller than a step is not left over, nor one step much smaller than the next.
+            // Avoids a remainder much smaller than a step: the last two steps are equal.
             let longest = self.dynamics.longest_step(self.now.state.t, self.now.time_step);
             let (h, to) = match self.now.time_step.min(longest) {
                 wanted if wanted >= left * (1.0 - STEP_ROUNDING) => (left, end),
@@ -539,8 +543,8 @@ impl Stepper {
                     if size <= 1.0 {
                         self.accept_step()?;
                         self.now.metrics.totals.steps += 1;
-                        // A step cut short by the end says nothing against the longer one that was wanted; where what
-                        // drives the rod cut it, steps grow again from there.
+                        // A step shortened by the end of the interval does not reduce the wanted step size. After a step
+                        // shortened by the drive of the rod, steps grow again from its size.
                         let wish = self.now.time_step.min(longest);
                         self.now.time_step = (h * factor).max(if h < wish { wish } else { 0.0 });
                         (grow, failures, speed) = (STEP_FACTORS[1], 0, reached);
@@ -566,16 +570,16 @@ impl Stepper {
         Ok(true)
     }
 
-    /// The relative error of a step of `h` (s), which the tolerance bounds, from its estimated `error`. Velocities are relative to the
-    /// rod's own `speeds` (m/s) at both ends of the step, which are the same in any frame.
+    /// The relative error of a step of `h` (s), which is compared with the tolerance, from its estimated `error`. Velocities are
+    /// relative to the rod's own `speeds` (m/s) at both ends of the step, which do not depend on the frame.
     fn relative_error(&self, error: StepError, h: f64, speeds: [f64; 2]) -> f64 {
         let length = self.dynamics.length();
         let speed = speeds[0].max(speeds[1]).max(self.head_speed_amplitude).max(MIN_RELATIVE_SPEED * length / h);
         (error.position / length).max(error.velocity / speed)
     }
 
-    /// Prepares the internal steps to `end`, when a communication step `begins` or inputs have changed within one: fits the motion of the
-    /// head, and reinitialises the state after a jump of inputs.
+    /// Prepares the internal steps to `end`, at the start of a communication step (`begins`) or after inputs have changed within
+    /// one: fits the motion of the head, and reinitialises the state after a jump of inputs.
     fn prepare_step(&mut self, end: f64, begins: bool) -> Result<()> {
         let words =
             self.dynamics.inputs.head.is_some() || self.dynamics.inputs.redundant_head_inputs.are_of(self.now.state.t);
@@ -584,7 +588,7 @@ impl Stepper {
         }
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
         if self.now.inputs_changed {
-            self.presolved = None; // it would be another step now
+            self.presolved = None; // its step would differ now
         }
         (self.now.inputs_changed, self.step_target) = (false, end);
         let t = self.now.state.t;
@@ -601,7 +605,7 @@ impl Stepper {
         self.now.state.t == self.now.metrics.first.0
     }
 
-    /// Restarts from the pose of the head that the host gives. Other inputs that it has set are a jump at that start.
+    /// Restarts from the pose of the head that the host gives. Other inputs that the host has set count as a jump at that start.
     fn start_from_given_pose(&mut self) -> Result<()> {
         let mut scene = Inputs::of(&self.dynamics.model);
         scene.head = self.dynamics.inputs.head.take();
@@ -634,10 +638,10 @@ impl Stepper {
         Ok(())
     }
 
-    /// Reinitialises the state after a jump of inputs, so that it is consistent with them, and adds the jump of energy and momentum to
-    /// the totals. Nothing changes on error.
+    /// Reinitialises the state after a jump of inputs, so that it is consistent with them, and adds the jump of energy and
+    /// momentum to the totals. Nothing changes on error.
     ///
-    /// A jump of the flow (m/s) accelerates the added mass impulsively: because forces of the fluid are linear in accelerations, the
+    /// A jump of the flow (m/s) accelerates the added mass impulsively: because fluid forces are linear in accelerations, the
     /// jump of velocities follows from two solves.
     fn reinitialise(&mut self) -> Result<()> {
         self.reinitialisations += 1;
@@ -668,7 +672,7 @@ impl Stepper {
             model_stepper.reinitialise(dynamics, newton, next)?;
         }
         let (shape, motion) = (next.q != state.q, next.v != state.v);
-        // What a fluid that is accelerated does, and moments that follow from balance, change with the accelerations alone.
+        // Forces of an accelerated fluid, and moments that follow from balance, change with the accelerations alone.
         let forces = (inertial || dynamics.mechanics == Mechanics::Shape) && next.a != state.a;
         if shape || motion || forces {
             measurements.measure(dynamics, next)?;
@@ -680,7 +684,7 @@ impl Stepper {
             Mechanics::Shape => f64::INFINITY,
         };
         if let StepControl::Adaptive(tolerance) = self.step_control {
-            // A longer step would see where the rod comes to rest, not how.
+            // A longer step would skip the transient and only see where the rod comes to rest.
             self.now.time_step = self.now.time_step.min(reach(tolerance));
         }
         let Self { now: RunState { state, .. }, next, .. } = self;
@@ -708,7 +712,7 @@ impl Stepper {
         self.dynamics.move_to(t, &mut self.now.state);
     }
 
-    /// Forgets the last internal step, so that dense output is unavailable.
+    /// Discards the last internal step, so that dense output is unavailable.
     fn forget_step(&mut self) {
         self.before = None;
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
@@ -717,8 +721,8 @@ impl Stepper {
         }
     }
 
-    /// Steps by `h` (s) to time `end`, in halves if it fails, and calls `look` after each. It completes a `whole` step, or the first half
-    /// of one.
+    /// Steps by `h` (s) to time `end`, in halves if the step fails, and calls `look` after each. It completes a `whole` step, or
+    /// the first half of one.
     fn step_or_halve(
         &mut self,
         end: f64,
@@ -753,7 +757,7 @@ impl Stepper {
     /// Attempts a step of `h` (s) to time `end`, with the result in `next`.
     fn try_step(&mut self, end: f64, h: f64) -> Result<StepError> {
         if self.now.inputs_changed {
-            self.prepare_step(self.step_target, false)?; // by a look at the step before
+            self.prepare_step(self.step_target, false)?; // by `look` after the previous step
         }
         self.dynamics.step_end = Some(end);
         if self.dynamics.head_jumps_at(self.now.state.t) {
@@ -823,22 +827,22 @@ impl Stepper {
         Ok(self.find(name)?.first(&self.view()))
     }
 
-    /// Sets an input, which holds until it is set again. The immediate change of energy, for example by a jump of natural curvature, is
-    /// added to the totals.
+    /// Sets an input, which holds until it is set again. The immediate change of energy, for example by a jump of natural
+    /// curvature, is added to the totals.
     ///
     /// # Errors
-    /// [`Error::UnknownVariable`], [`Error::NotAnInput`], [`Error::WrongLength`], [`Error::BadValue`], and
-    /// [`Error::NotFinite`] for a value so large that energies overflow; nothing is changed then.
+    /// [`Error::UnknownVariable`], [`Error::NotAnInput`], [`Error::WrongLength`], [`Error::BadValue`], and [`Error::NotFinite`]
+    /// for a value so large that energies overflow. On error nothing is changed.
     pub fn set(&mut self, name: &str, values: &[f64]) -> Result<()> {
         let variable = self.find(name)?;
         self.set_all([InputChange { variable, order: 0, values }].into_iter())
     }
 
-    /// Sets the time derivative of `order` 1 to [`HIGHEST_ORDER`] of an input. The input is then extrapolated by its value and
-    /// derivatives, until its value is set again.
+    /// Sets the time derivative of order `order`, 1 to [`HIGHEST_ORDER`], of an input. The input is then extrapolated from its
+    /// value and derivatives, until its value is set again.
     ///
     /// # Errors
-    /// Those of [`set`](Self::set), and [`Error::Order`].
+    /// Errors of [`set`](Self::set), and [`Error::Order`].
     pub fn set_derivative(&mut self, name: &str, order: usize, values: &[f64]) -> Result<()> {
         let variable = self.find(name)?;
         if order == 0 {
@@ -850,7 +854,7 @@ impl Stepper {
     /// Applies several changes in order, as one.
     ///
     /// # Errors
-    /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
+    /// Errors of [`set_derivative`](Self::set_derivative). On error nothing is changed.
     pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = InputChange<'a>> + Clone) -> Result<()> {
         for change in changes.clone() {
             change.check(&self.dynamics, None)?;
@@ -858,11 +862,11 @@ impl Stepper {
         self.apply_all(changes.map(|change| (change, 0)))
     }
 
-    /// Applies several changes to parts of array inputs as one. Each change comes with the index of its first entry; other entries keep
-    /// their values and derivatives.
+    /// Applies several changes to parts of array inputs as one. Each change comes with the index of its first entry; other
+    /// entries keep their values and derivatives.
     ///
     /// # Errors
-    /// Those of [`set_all`](Self::set_all).
+    /// Errors of [`set_all`](Self::set_all).
     pub fn set_entries<'a>(&mut self, changes: impl Iterator<Item = (InputChange<'a>, usize)> + Clone) -> Result<()> {
         for (change, first) in changes.clone() {
             change.check(&self.dynamics, Some(first))?;
@@ -915,7 +919,7 @@ impl Stepper {
     ///     }
     /// }
     ///
-    /// /// A snapshot names its model by the text of `Debug`, which an input does not belong to.
+    /// /// A snapshot identifies its model by its `Debug` output, which must not contain the input.
     /// impl std::fmt::Debug for Input {
     ///     fn fmt(&self, text: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
     ///         text.write_str("an input")
@@ -924,7 +928,7 @@ impl Stepper {
     /// ```
     ///
     /// # Errors
-    /// [`Error::NotFinite`] where the force is not a number now. Nothing is counted then.
+    /// [`Error::NotFinite`] if the force is not finite now. On error nothing is counted.
     pub fn inputs_changed(&mut self) -> Result<()> {
         self.forget_last_step();
         self.inputs.0.clone_from(&self.dynamics.inputs);
@@ -947,7 +951,7 @@ impl Stepper {
         now.needs_reinitialisation |= !dynamics.inputs.act_as(before);
         now.flow_jump = (Vector2::from(now.flow_jump) + flow_jump).into();
         now.cycles.follow(dynamics, &now.state, &now.metrics, None);
-        self.before = None; // its end is another now
+        self.before = None; // the end of the last step has changed
         Ok(())
     }
 }
@@ -964,7 +968,7 @@ pub struct InputChange<'a> {
 }
 
 impl InputChange<'_> {
-    /// Returns an error unless it is a valid change of a whole input, or of its entries from index `first` on.
+    /// Returns an error unless this is a valid change of a whole input, or of its entries from index `first` on.
     fn check(&self, dynamics: &Dynamics, first: Option<usize>) -> Result<()> {
         let Self { variable, order, values } = *self;
         if variable.causality != Causality::Input {
@@ -995,7 +999,7 @@ impl InputChange<'_> {
         }
     }
 
-    /// What a host adds to the length of a winch's cable that leaves nothing of it at any time, and what is allowed.
+    /// A host's change of the length of a winch's cable that leaves no positive length at some time, with the allowed values.
     fn refused_length(&self, model: &Model) -> Option<(f64, &'static str)> {
         let tendon = variable::WINCHES.iter().position(|name| *name == self.variable.name)?;
         let [_, longest] = model.tendons.get(tendon)?.winch()?.length.range();
@@ -1004,7 +1008,7 @@ impl InputChange<'_> {
         (longest + added <= 0.0).then_some((added, allowed))
     }
 
-    /// Applies it at time `t` (s) to the entries from index `first` on.
+    /// Applies the change at time `t` (s) to the entries from index `first` on.
     fn make(&self, dynamics: &mut Dynamics, t: f64, first: usize) {
         let Self { variable, order, values } = *self;
         if let Some([i, own]) = variable.of_head() {

@@ -71,7 +71,8 @@ pub struct View<'a> {
     pub work: SolverWork,
     /// Largest internal step, s.
     pub time_step: f64,
-    /// The change of the angle (rad) and of the angular velocity (rad/s) of a held head, in a view of a change; zero in one of the present.
+    /// The change of the angle (rad) and of the angular velocity (rad/s) of a held head, in a view of a differential; zero in a
+    /// view of the current state.
     pub head_turn: [f64; 2],
 }
 
@@ -80,13 +81,13 @@ impl View<'_> {
         &self.dynamics.model
     }
 
-    /// Displacement of node `k` since the start along axis `i`.
+    /// Displacement of node `k` along axis `i` since the start.
     fn displacement(&self, k: usize, i: usize) -> f64 {
         self.state.q[2 * k + i] - self.metrics.first_positions[2 * k + i]
     }
 
-    /// The mean of `measure` over the last whole cycles: zero before the first and where the measure is undefined, NaN if no cycles
-    /// are defined.
+    /// The mean of `measure` over the last whole cycles: zero before the first and where the measure is undefined, NaN if no
+    /// cycles are defined.
     fn average(&self, measure: &CycleMeasure) -> f64 {
         let cycles = self.cycles.whole(self.state.t);
         if cycles.is_empty() {
@@ -108,11 +109,11 @@ impl View<'_> {
 /// Direct feedthrough: an input that an output depends on immediately, without a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DirectFeedthrough {
-    /// Its name.
+    /// Name of the input.
     pub input: &'static str,
-    /// The entries that it depends on.
+    /// The entries of the input that the output depends on.
     pub entries: FeedthroughEntries,
-    /// The condition for it.
+    /// The condition for this feedthrough.
     pub condition: FeedthroughCondition,
 }
 
@@ -129,18 +130,20 @@ pub enum FeedthroughCondition {
     OfShape,
     /// Any other model, where moments follow from the curvature.
     OfElasticity,
-    /// Such a model whose head moment, or the force on its head, does work at once: it is turned, not free on a hinge, or positions are the
-    /// unknowns.
+    /// As [`OfElasticity`](Self::OfElasticity), and the moment or the force on the head does work at once: the head is turned,
+    /// not free on a hinge, or positions are the unknowns.
     OfHeadWork,
-    /// Such a model where the actuation gives natural curvatures, not active moments.
+    /// As [`OfElasticity`](Self::OfElasticity), and the actuation sets natural curvatures rather than active moments.
     OfNaturalCurvature,
-    /// Such a model, or one of any kind with active moments: it stores energy of bending.
+    /// The model stores bending energy: as [`OfElasticity`](Self::OfElasticity), or any model with active moments.
     OfBending,
-    /// The rate of the wave counts: any model but such a one with active moments.
+    /// The rate of the wave matters: any model except [`OfElasticity`](Self::OfElasticity) with active moments.
     OfWaveRate,
-    /// Such a model of a rod whose material resists the rate of its elastic curvature alone: moments follow the rate of the natural one.
+    /// As [`OfElasticity`](Self::OfElasticity), with a material that resists the rate of its elastic curvature only: moments
+    /// follow the rate of the natural curvature.
     OfElasticDamping,
-    /// The same of a drive with a limit or a lag: the rate of what it gives follows what it is asked for.
+    /// As [`OfElasticDamping`](Self::OfElasticDamping), with a limited or lagging drive: the rate of its output follows its
+    /// command.
     OfFilter,
 }
 
@@ -175,11 +178,11 @@ impl FeedthroughCondition {
 /// The entries of an input that an entry of an output depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FeedthroughEntries {
-    /// All.
+    /// All entries.
     All,
-    /// That of the same node.
+    /// The entry of the same node.
     Own,
-    /// Those of the first nodes.
+    /// The entries of the first nodes.
     First(usize),
 }
 
@@ -265,21 +268,21 @@ const NATURAL: &[DirectFeedthrough] = &[
         condition: FeedthroughCondition::OfBending,
     },
 ];
-/// What a host adds to the tensions of the tendons.
+/// The tensions that a host adds to those of the tendons.
 const TENSIONS: [DirectFeedthrough; MAX_TENDONS] = [
     always("tendon_1_added_tension_n", FeedthroughEntries::All),
     always("tendon_2_added_tension_n", FeedthroughEntries::All),
     always("tendon_3_added_tension_n", FeedthroughEntries::All),
     always("tendon_4_added_tension_n", FeedthroughEntries::All),
 ];
-/// What a host adds to the lengths that winches give the tendons.
+/// The lengths that a host adds to those that winches give the tendons.
 pub(crate) const WINCHES: [&str; MAX_TENDONS] =
     ["tendon_1_added_length_m", "tendon_2_added_length_m", "tendon_3_added_length_m", "tendon_4_added_length_m"];
 const TENSION_1: &[DirectFeedthrough] = TENSIONS.split_at(1).0;
 const TENSION_2: &[DirectFeedthrough] = TENSIONS.split_at(1).1.split_at(1).0;
 const TENSION_3: &[DirectFeedthrough] = TENSIONS.split_at(2).1.split_at(1).0;
 const TENSION_4: &[DirectFeedthrough] = TENSIONS.split_at(3).1;
-/// What a host adds to the torque and to the commanded angle of a hinge.
+/// The torque and the commanded angle that a host adds to those of a hinge.
 const HINGE_INPUTS: &[DirectFeedthrough] = &[
     always("hinge_added_torque_n_m", FeedthroughEntries::All),
     always("hinge_added_angle_rad", FeedthroughEntries::All),
@@ -306,7 +309,7 @@ const MATERIAL_POWER: [DirectFeedthrough; 4] = [
     DRIVE_FREQUENCY,
     DirectFeedthrough { condition: FeedthroughCondition::OfFilter, ..NATURAL[2] },
 ];
-/// What the moments of these entries of joints are fed by.
+/// Feedthrough of the moments at these entries of joints.
 const fn of_joints(entries: FeedthroughEntries) -> [DirectFeedthrough; 28] {
     let own = [
         elastic("natural_curvature_1_m", entries),
@@ -395,11 +398,11 @@ pub struct Variable {
     /// The inputs that it depends on immediately.
     pub feedthrough: &'static [DirectFeedthrough],
     fed_in: fn(&Model) -> bool,
-    /// It is the stiffness of the rod, or depends on it directly.
+    /// True if it is the stiffness of the rod, or depends on it directly.
     elastic: bool,
-    /// It is the rotation of a held head, a function of time alone.
+    /// True if it is the rotation of a held head, a function of time alone.
     turned: bool,
-    /// It is a total since the start or of whole cycles, not of one time.
+    /// True if it is a total since the start or over whole cycles, rather than a value at one time.
     total: bool,
     needs: Requirement,
     get: Get,
@@ -483,7 +486,7 @@ impl Variable {
         Self { allowed: Some((|x| x >= 0.0, "a number that is not negative")), ..self }
     }
 
-    /// True if a scene with `model` has it.
+    /// True if a scene with `model` has this variable.
     pub fn exists_in(&self, model: &Model) -> bool {
         (self.needs.met)(model)
     }
@@ -498,19 +501,20 @@ impl Variable {
         self.causality == Causality::Input
     }
 
-    /// True if it is a total since the start, or of whole cycles, and so no function of state and inputs at one time.
+    /// True if it is a total since the start or over whole cycles, and therefore not a function of state and inputs at one time.
     pub fn is_total(&self) -> bool {
         self.total
     }
 
-    /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`: of poses that are
-    /// given for the end of a step, through that step.
+    /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`. A
+    /// dependence on poses that are given for the end of a step acts through that step.
     pub fn follows(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
         if model.head_input == HeadInput::AtEnd && input.head.is_some() && self.causality == Causality::Output {
             return 0..1; // through the step that led to the pose
         }
-        // Of what a drive that lags is asked for only the rate of what it gives follows, as it follows the frequency of one that does not.
+        // Of the output of a drive with a lag, only the rate follows the command, in the same way as the rate of a drive without
+        // lag follows the frequency.
         let asked = match input.name {
             "actuation_frequency_hz" if model.lag.is_some() => return 0..0,
             "actuation_amplitude" | "actuation_moment_n_m" | "actuation_phase_rad" => true,
@@ -524,11 +528,11 @@ impl Variable {
         self.fed_entries(k, input, dynamics, form)
     }
 
-    /// The same of a drive that gives at once what it is asked for.
+    /// The same for a drive without lag.
     fn fed_entries(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
         let entries = input.entries(model);
-        // A length that a winch gives acts by the tension that it makes.
+        // The length set by a winch acts through the tension that it causes.
         let by_tension = TENSIONS.iter().zip(WINCHES).find(|(_, winch)| *winch == input.name);
         let name = by_tension.map_or(input.name, |(tension, _)| tension.input);
         let feeds = self.feedthrough.iter().filter(|feed| feed.input == name && (self.fed_in)(model));
@@ -560,7 +564,7 @@ impl Variable {
         }
     }
 
-    /// True if it depends explicitly on time at a given state: by the drive, a time-dependent flow, or a driven head.
+    /// True if it depends explicitly on time at a given state: through the drive, a time-dependent flow, or a driven head.
     pub fn follows_time(&self, dynamics: &Dynamics, form: Form) -> bool {
         let model = &*dynamics.model;
         let drive = model.actuation.is_some() && self.is_fed_by("actuation_phase_rad", dynamics, form);
@@ -598,7 +602,7 @@ impl Variable {
         }
     }
 
-    /// Its value at node `k`, or None if that is not one of its [`entries`](Self::entries).
+    /// Its value at node `k`, or `None` if that is not one of its [`entries`](Self::entries).
     #[inline]
     pub fn at(&self, view: &View<'_>, k: usize) -> Option<f64> {
         self.entries(view.model()).contains(&k).then(|| (self.get)(view, k))
@@ -611,7 +615,7 @@ impl Variable {
             (_, Some(tangent)) => tangent(now, change, k),
             (_, None) => match self.head {
                 None => (self.get)(change, k),
-                // What a host says of its head changes by time only.
+                // The head values given by a host change with time only.
                 Some([i, order]) => change.time * given_head(now, i, order + 1),
             },
         }
@@ -788,18 +792,18 @@ fn has_fluid(model: &Model) -> bool {
     model.forces.iter().any(Force::is_of_fluid)
 }
 
-/// True if a host may set the flow along that axis. There is no flow across an interface.
+/// True if a host may set the flow along this axis. There is no flow across an interface.
 fn has_flow<const AXIS: usize>(model: &Model) -> bool {
     let crosses = |layers: Layers| layers.iter().len() > 0 && layers.normal[AXIS] != 0.0;
     has_fluid(model) && !model.layers.is_some_and(crosses)
 }
 
-/// True if the medium has at least that many interfaces and forces act in it.
+/// True if the medium has at least this many interfaces and forces act in it.
 fn has_interface<const COUNT: usize>(model: &Model) -> bool {
     !model.forces.is_empty() && model.layers.is_some_and(|layers| layers.iter().len() >= COUNT)
 }
 
-/// True if tendon number COUNT is there, and a winch pulls it, or does not.
+/// True if tendon number `COUNT` exists and is, or is not, pulled by a winch (`BY_WINCH`).
 fn is_pulled<const COUNT: usize, const BY_WINCH: bool>(model: &Model) -> bool {
     model.tendons.get(COUNT - 1).is_some_and(|tendon| tendon.winch().is_some() == BY_WINCH)
 }
@@ -889,13 +893,14 @@ fn hinge_power_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
     change.torque * now.spin + now.torque * change.spin
 }
 
-/// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: as last given by the host, or else as it moves.
+/// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: the last value given by the host, or else that of
+/// its motion.
 fn given_head(view: &View<'_>, i: usize, order: usize) -> f64 {
     let host = view.inputs.head.as_ref().and_then(|host| host.axes[i].as_ref());
     host.and_then(|axis| axis.given_derivative(order)).unwrap_or_else(|| head(view, i, order))
 }
 
-/// How the head moves.
+/// The derivative of order `order` of coordinate `i` of the head's motion.
 fn head(view: &View<'_>, i: usize, order: usize) -> f64 {
     let Some(pose) = &view.dynamics.held else { return 0.0 };
     let sample = &pose[i];
@@ -909,7 +914,7 @@ fn com_velocity(view: &View<'_>, axis: usize) -> f64 {
     momentum.sum::<f64>() / rod.total_mass()
 }
 
-/// Angle and angular velocity at an end of the rod, node `k`: of a held head, or of the edge there.
+/// Angle and angular velocity at an end of the rod, node `k`: of a held head, or of the edge at that end.
 fn turn(view: &View<'_>, k: usize) -> [f64; 2] {
     match &view.dynamics.held {
         Some([_, _, angle]) if k == 0 => [angle.value, angle.rate],
@@ -920,7 +925,7 @@ fn turn(view: &View<'_>, k: usize) -> [f64; 2] {
     }
 }
 
-/// The differential of that.
+/// The differential of [`turn`].
 fn turn_change(now: &View<'_>, change: &View<'_>, k: usize) -> [f64; 2] {
     match &now.dynamics.held {
         Some(_) if k == 0 && has_hinge(now.model()) => {
@@ -940,7 +945,7 @@ fn turn_change(now: &View<'_>, change: &View<'_>, k: usize) -> [f64; 2] {
     }
 }
 
-/// The difference over the edge at the end `k` of the rod.
+/// The difference of `values` over the edge at the end `k` of the rod.
 fn across(values: &[f64], k: usize) -> Vector2<f64> {
     let first = k.saturating_sub(1);
     node(values, first + 1) - node(values, first)
@@ -955,19 +960,19 @@ fn set_force(dynamics: &mut Dynamics, i: usize, first: usize, values: &[f64]) {
     }
 }
 
-/// Sets an array `of` the inputs at the joints from the `first` of them on.
+/// Sets the array `of` the inputs at the joints from `first` on.
 fn set_joints(dynamics: &mut Dynamics, of: fn(&mut Inputs) -> &mut Option<Vec<f64>>, first: usize, values: &[f64]) {
     let (joints, nodes) = (dynamics.model.rod.joints(), dynamics.model.rod.nodes);
     let own = of(&mut dynamics.inputs).get_or_insert_with(|| vec![0.0; nodes]);
     own[joints.start + first..][..values.len()].copy_from_slice(values);
 }
 
-/// The differential of the mean efficiency of the last whole cycles, by the drag of the straight rod in the current fluid.
+/// The differential of the mean efficiency over the last whole cycles, through the drag of the straight rod in the current fluid.
 fn efficiency_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
     let cycles = now.cycles.whole(now.state.t);
     let (fluid, by) = (&now.inputs.fluid, &change.inputs.fluid);
     if cycles.is_empty() || change.time != 0.0 || now.model().head.is_some() {
-        return 0.0; // the cycles that are over stay, and are those of this fluid; of a held head no drag is compared
+        return 0.0; // past cycles and the current fluid do not change with time; a held head has no drag to compare with
     }
     let at = |share: f64| {
         let mut fluid = *fluid;
@@ -989,7 +994,7 @@ fn of(values: &Option<Vec<f64>>, i: usize) -> f64 {
     values.as_ref().map_or(0.0, |values| values[i])
 }
 
-/// The error for an unknown variable `name`: what the scene lacks for it, or which of the existing ones, `there`, has a similar name.
+/// The error for an unknown variable `name`: what the scene lacks for it, or the most similar name of the existing ones, `there`.
 pub(crate) fn unknown(name: &str, there: impl Iterator<Item = &'static str>) -> Error {
     let elsewhere = VARIABLES.iter().find(|variable| variable.name == name && !variable.needs.what.is_empty());
     let needs = elsewhere.map(|variable| variable.needs.what);
@@ -1000,14 +1005,15 @@ pub(crate) fn unknown(name: &str, there: impl Iterator<Item = &'static str>) -> 
     }
 }
 
-/// All variables, in the order of display: names end in their units, which are those of the SI.
+/// All variables, in the order of display. Names end in their SI units.
 ///
-/// Places and velocities are in the frame of the scene, x to the right and y up; angles and curvatures count to the left, from +x. The tail
-/// begins at its head, node 0, and a straight one lies along +x from there, so a positive curvature bends the tip towards +y. Forces and
-/// moments named `head_…` are those of the tail on a held head, those named after a part of the fluid are on the rod. Powers and works named
-/// `actuation_…`, `load_…`, `head_…`, `flow_…` and `other_…` are put in, those named `material_…`, `viscous_…`, `wake_…` and `spray_…` are
-/// taken; in the balance of energy the first are added and the others subtracted. `cycle_…` are means over the last whole cycles.
-/// [`Variable::exists_in`] says which of them a scene has, [`Variable::is_input`] which a host sets.
+/// Positions and velocities are in the frame of the scene, x to the right and y up; angles and curvatures are positive to the
+/// left (anticlockwise), angles from +x. The tail begins at its head, node 0, and a straight tail lies along +x from there, so a
+/// positive curvature bends the tip towards +y. Forces and moments named `head_…` are those of the tail on a held head; those
+/// named after a part of the fluid act on the rod. Powers and works named `actuation_…`, `load_…`, `head_…`, `flow_…` and
+/// `other_…` are supplied, those named `material_…`, `viscous_…`, `wake_…` and `spray_…` are dissipated; in the balance of energy
+/// the former are added and the latter subtracted. `cycle_…` are means over the last whole cycles. [`Variable::exists_in`] tells
+/// whether a scene has a variable, [`Variable::is_input`] whether a host sets it.
 #[rustfmt::skip]
 pub static VARIABLES: &[Variable] = &[
     Variable::new(Causality::Independent, "time_s", "s", "time", |v, _| v.time).recorded(),

@@ -1,7 +1,7 @@
-//! caudal as a C library: a scene's stepper behind plain functions. The header is `caudal.h`.
+//! caudal as a C library: functions to drive the stepper of a scene. The header is `caudal.h`.
 //!
-//! Every function answers null pointers, wrong calls and even panics by a status, with a message behind
-//! `caudal_message`; none ends the program.
+//! Null pointers, invalid calls and even panics are reported by a status, with a message available from `caudal_message`; no
+//! function aborts the program.
 #![allow(clippy::missing_safety_doc, reason = "the comments say what each pointer must be")]
 #![allow(non_camel_case_types, reason = "the names of C")]
 
@@ -17,25 +17,25 @@ use engine::stepper::snapshot::Snapshot;
 use engine::stepper::{InputChange, StateCoordinates, Stepper};
 use engine::variable::{Causality, Variable};
 
-/// How a call ended.
+/// The status of a call.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum caudal_status {
-    /// All well.
+    /// Success.
     CAUDAL_OK = 0,
-    /// The step could not be made; everything is as it was before the call.
+    /// The step failed. Everything is as it was before the call.
     CAUDAL_STEP_FAILED = 1,
-    /// The call is wrong: a null pointer, an unknown name, a wrong length, a value that is not allowed.
+    /// The call is invalid: a null pointer, an unknown name, a wrong length, a value that is not allowed.
     CAUDAL_WRONG_CALL = 2,
-    /// The scene is wrong, or a file cannot be read.
+    /// The scene is invalid, or a file cannot be read.
     CAUDAL_WRONG_SCENE = 3,
-    /// An error inside the library; the simulation must be freed.
+    /// An internal error of the library. The simulation must be freed.
     CAUDAL_BROKEN = 4,
 }
 
 use caudal_status::{CAUDAL_BROKEN, CAUDAL_OK, CAUDAL_STEP_FAILED, CAUDAL_WRONG_CALL, CAUDAL_WRONG_SCENE};
 
-/// Who decides the value of a variable.
+/// What determines the value of a variable.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum caudal_causality {
@@ -49,51 +49,51 @@ pub enum caudal_causality {
     CAUDAL_INDEPENDENT = 3,
 }
 
-/// The coordinates of the state that the derivatives of a step are taken by.
+/// The coordinates of the state with respect to which a step is differentiated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum caudal_coordinates {
-    /// Positions and velocities; accelerations follow from them at the beginning of the step.
+    /// Positions and velocities. Accelerations follow from them at the beginning of the step.
     CAUDAL_MOTION = 0,
-    /// All that a state has of the motion: accelerations too, and what a method remembers of earlier ones.
+    /// All quantities of the motion in a state: also accelerations, and the method's memory of earlier ones.
     CAUDAL_FULL = 1,
 }
 
-/// A variable of a simulation. Its texts live as long as the simulation.
+/// A variable of a simulation. Its strings live as long as the simulation.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct caudal_variable {
     /// Name, ending in its unit.
     pub name: *const c_char,
-    /// SI unit; "1" where there is none.
+    /// SI unit, or "1" if dimensionless.
     pub unit: *const c_char,
-    /// What it is.
+    /// Description.
     pub description: *const c_char,
-    /// Who decides it.
+    /// What determines its value.
     pub causality: caudal_causality,
     /// Number of values.
     pub length: usize,
 }
 
-/// A simulation. It is used by one thread at a time; different ones are independent.
+/// A simulation. Only one thread may use it at a time; different simulations are independent.
 pub struct caudal_simulation {
     stepper: Stepper,
     variables: Vec<&'static Variable>,
     texts: Vec<[CString; 3]>,
-    /// What its scene has to say before the first step.
+    /// A note on the fluid of the scene, to be reported before the first step.
     fluid_note: Option<String>,
     note: CString,
     broken: bool,
 }
 
-/// A state of a simulation, to go back to.
+/// A saved state of a simulation.
 pub struct caudal_state(Snapshot);
 
 thread_local! {
     static MESSAGE: RefCell<CString> = RefCell::default();
 }
 
-/// Why a call was refused.
+/// The error of a call, with its status and message.
 struct CallError(caudal_status, String);
 
 impl From<Error> for CallError {
@@ -117,7 +117,7 @@ fn refuse<T>(message: impl Into<String>) -> CallResult<T> {
     Err(CallError(CAUDAL_WRONG_CALL, message.into()))
 }
 
-/// Runs `work`, keeps its message and returns its status.
+/// Runs `work`, stores its error message and returns its status.
 fn call(work: impl FnOnce() -> CallResult) -> caudal_status {
     let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => return CAUDAL_OK,
@@ -128,21 +128,21 @@ fn call(work: impl FnOnce() -> CallResult) -> caudal_status {
     status
 }
 
-/// Keeps the message of this thread; not in one that ends, whose own values may be gone.
+/// Stores the message of this thread. Does nothing in a thread that is exiting, whose thread-local values may be gone.
 fn set_message(message: impl Into<String>) {
     let message = CString::new(message.into().replace('\0', "")).unwrap_or_default();
     let _ = MESSAGE.try_with(|last| last.replace(message));
 }
 
-/// The same for a simulation; a panic ends it.
+/// The same for a simulation; a panic makes it unusable.
 ///
 /// # Safety
-/// `simulation` is null or a simulation that no other thread uses now.
+/// `simulation` is null or a simulation that no other thread is using.
 unsafe fn on(
     simulation: *mut caudal_simulation,
     work: impl FnOnce(&mut caudal_simulation) -> CallResult,
 ) -> caudal_status {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     let Some(simulation) = (unsafe { simulation.as_mut() }) else { return call(|| refuse("no simulation")) };
     if simulation.broken {
         set_message("this simulation broke down before");
@@ -154,12 +154,12 @@ unsafe fn on(
 }
 
 /// # Safety
-/// `text` is null or ends with a zero.
+/// `text` is null or a zero-terminated string.
 unsafe fn text<'a>(text: *const c_char, what: &str) -> CallResult<&'a str> {
     if text.is_null() {
         return refuse(format!("no {what}"));
     }
-    // SAFETY: not null, and the caller's promise.
+    // SAFETY: not null, and guaranteed by the caller.
     unsafe { CStr::from_ptr(text) }.to_str().or_else(|_| refuse(format!("the {what} is not UTF-8")))
 }
 
@@ -169,7 +169,7 @@ unsafe fn values<'a, T>(start: *const T, length: usize) -> CallResult<&'a [T]> {
     match (start.is_null(), length) {
         (_, 0) => Ok(&[]),
         (false, length) if length <= isize::MAX as usize / size_of::<T>() => {
-            // SAFETY: the caller's promise, and the size is one that can be.
+            // SAFETY: guaranteed by the caller, and the size has been checked.
             Ok(unsafe { std::slice::from_raw_parts(start, length) })
         }
         _ => refuse("a null pointer in the place of an array"),
@@ -177,21 +177,21 @@ unsafe fn values<'a, T>(start: *const T, length: usize) -> CallResult<&'a [T]> {
 }
 
 /// # Safety
-/// `start` is null or points to `length` values that nobody else uses now.
+/// `start` is null or points to `length` values that nobody else is using.
 unsafe fn values_mut<'a, T>(start: *mut T, length: usize) -> CallResult<&'a mut [T]> {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { values(start.cast_const(), length) }?;
     // SAFETY: the same, checked by the call above.
     Ok(if length == 0 { &mut [] } else { unsafe { std::slice::from_raw_parts_mut(start, length) } })
 }
 
 /// # Safety
-/// `place` is null or can be written.
+/// `place` is null or writable.
 unsafe fn put<T>(place: *mut T, value: T) -> CallResult {
     if place.is_null() {
         return refuse("a null pointer in the place of a result");
     }
-    // SAFETY: not null, and the caller's promise.
+    // SAFETY: not null, and guaranteed by the caller.
     unsafe { place.write(value) };
     Ok(())
 }
@@ -203,15 +203,15 @@ pub extern "C" fn caudal_version() -> *const c_char {
     VERSION.as_ptr().cast()
 }
 
-/// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call. Empty in a thread that
-/// ends, as in the destructors of its own values.
+/// The message of the last call in this thread that did not return CAUDAL_OK; valid until the next such call. Empty in a thread
+/// that is exiting, for example in destructors of its thread-local values.
 #[unsafe(no_mangle)]
 pub extern "C" fn caudal_message() -> *const c_char {
     MESSAGE.try_with(|message| message.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }
 
-/// Reads the scene in the file `path`, with `count` `overrides` of its keys as "table.key=value", and starts it. Writes the
-/// simulation to `*simulation`, or null where that fails.
+/// Reads the scene in the file `path`, with `count` `overrides` of its keys as "table.key=value", and starts a simulation. Writes
+/// the simulation to `*simulation`, or null on failure.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_load(
     path: *const c_char,
@@ -219,7 +219,7 @@ pub unsafe extern "C" fn caudal_load(
     count: usize,
     simulation: *mut *mut caudal_simulation,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     call(|| unsafe {
         put(simulation, std::ptr::null_mut())?;
         let mut document = Document::read(Path::new(text(path, "path")?))?;
@@ -246,11 +246,11 @@ pub unsafe extern "C" fn caudal_load(
     })
 }
 
-/// Frees a simulation; null is fine.
+/// Frees a simulation. Null is allowed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_free(simulation: *mut caudal_simulation) {
     if !simulation.is_null() {
-        // SAFETY: made by `caudal_load`, and not used after.
+        // SAFETY: created by `caudal_load`, and not used afterwards.
         let _ = call(|| unsafe {
             drop(Box::from_raw(simulation));
             Ok(())
@@ -258,27 +258,27 @@ pub unsafe extern "C" fn caudal_free(simulation: *mut caudal_simulation) {
     }
 }
 
-/// Time now, s; NaN for null.
+/// Current time, s; NaN for null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_time(simulation: *const caudal_simulation) -> f64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { simulation.as_ref() }.map_or(f64::NAN, |simulation| simulation.stepper.time())
 }
 
-/// Moves on by `h` (s) to exactly t + h.
+/// Advances by `h` (s) to exactly t + h.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_do_step(simulation: *mut caudal_simulation, h: f64) -> caudal_status {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { on(simulation, |simulation| Ok(simulation.stepper.do_step(h)?)) }
 }
 
-/// What the start and the steps since the last call of this have to say, although they were made: that `auto` chose the fluid for a rod at
-/// rest, because nothing of the scene moves it; that the pose or the velocity of the head which the host gave jumped. Empty where there is
-/// nothing to say, and for null; valid until the next call of this with the same simulation.
+/// Notes on the start and on the steps since the last call of this function, which succeeded nevertheless: that `auto` chose the
+/// fluid for a rod at rest, because nothing in the scene moves it; that the pose or the velocity of the head given by the host
+/// jumped. Empty without notes, and for null; valid until the next call of this function for the same simulation.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_note(simulation: *mut caudal_simulation) -> *const c_char {
     let mut note = c"".as_ptr();
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     let _ = unsafe {
         on(simulation, |simulation| {
             let jump = simulation.stepper.take_head_jump().map(|jump| jump.to_string());
@@ -291,21 +291,21 @@ pub unsafe extern "C" fn caudal_note(simulation: *mut caudal_simulation) -> *con
     note
 }
 
-/// The number of variables; 0 for null. They are counted from 0.
+/// The number of variables, which are indexed from 0; 0 for null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_variable_count(simulation: *const caudal_simulation) -> usize {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { simulation.as_ref() }.map_or(0, |simulation| simulation.variables.len())
 }
 
-/// Writes the index of the variable called `name` to `*index`.
+/// Writes the index of the variable `name` to `*index`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_find(
     simulation: *mut caudal_simulation,
     name: *const c_char,
     index: *mut usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let name = text(name, "name")?;
@@ -334,14 +334,14 @@ impl caudal_simulation {
     }
 }
 
-/// Writes what there is to know of variable `index` to `*variable`; its texts live as long as the simulation.
+/// Writes the properties of variable `index` to `*variable`. Its strings live as long as the simulation.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_describe(
     simulation: *mut caudal_simulation,
     index: usize,
     variable: *mut caudal_variable,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let it = simulation.variable(index)?;
@@ -366,7 +366,7 @@ pub unsafe extern "C" fn caudal_get(
     out: *mut f64,
     length: usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let variable = simulation.variable(index)?;
@@ -377,7 +377,7 @@ pub unsafe extern "C" fn caudal_get(
     }
 }
 
-/// Sets all `length` values of the input `index`; they hold until they are set again.
+/// Sets all `length` values of the input `index`, which hold until they are set again.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_set(
     simulation: *mut caudal_simulation,
@@ -385,12 +385,12 @@ pub unsafe extern "C" fn caudal_set(
     given: *const f64,
     length: usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { caudal_set_derivative(simulation, index, 0, given, length) }
 }
 
-/// Sets the time derivative of an input, of `order` 1 to 3: from now on the input goes on as its value and derivatives say,
-/// until its value is set again. Order 0 is the value.
+/// Sets the time derivative of `order` 1 to 3 of an input. The input is then extrapolated from its value and derivatives, until
+/// its value is set again. Order 0 is the value.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_set_derivative(
     simulation: *mut caudal_simulation,
@@ -399,21 +399,22 @@ pub unsafe extern "C" fn caudal_set_derivative(
     given: *const f64,
     length: usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let variable = simulation.variable(index)?;
             let change = InputChange { variable, order, values: values(given, length)? };
             match simulation.stepper.set_all(std::iter::once(change)) {
                 Ok(()) => Ok(()),
-                // The value is to blame, not a step.
+                // The value is at fault, not a step.
                 Err(error) => Err(CallError(CAUDAL_WRONG_CALL, error.to_string())),
             }
         })
     }
 }
 
-/// Writes the first derivatives by time of variable `index` now: of an input as it goes on, of a parameter zero.
+/// Writes the current first time derivatives of variable `index`: for an input, those of its extrapolation; for a parameter,
+/// zero.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_rate(
     simulation: *mut caudal_simulation,
@@ -421,7 +422,7 @@ pub unsafe extern "C" fn caudal_rate(
     out: *mut f64,
     length: usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let variable = simulation.variable(index)?;
@@ -434,40 +435,41 @@ pub unsafe extern "C" fn caudal_rate(
     }
 }
 
-/// The derivatives of a step, each row by row: a (states x states) and b (states x inputs) of the state at its end, c (outputs x states) and
-/// d (outputs x inputs) of the outputs there. Null pointers are left out. Inputs and outputs count by entry, an array's all in a row.
+/// The derivatives of a step, each in row-major order: a (states x states) and b (states x inputs) of the state at its end, c
+/// (outputs x states) and d (outputs x inputs) of the outputs there. Null pointers are skipped. Inputs and outputs are counted by
+/// entry; the entries of an array are consecutive.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct caudal_derivatives {
-    /// By the state at the beginning, of the state at the end.
+    /// Derivatives of the state at the end with respect to the state at the beginning.
     pub a: *mut f64,
-    /// By the inputs, of the state.
+    /// Derivatives of the state at the end with respect to the inputs.
     pub b: *mut f64,
-    /// By the state, of the outputs.
+    /// Derivatives of the outputs with respect to the state at the beginning.
     pub c: *mut f64,
-    /// By the inputs, of the outputs.
+    /// Derivatives of the outputs with respect to the inputs.
     pub d: *mut f64,
 }
 
-/// The number of coordinates of the state, 0 without a simulation.
+/// The number of coordinates of the state; 0 for null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_state_count(
     simulation: *const caudal_simulation,
     coordinates: caudal_coordinates,
 ) -> usize {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { simulation.as_ref() }.map_or(0, |simulation| simulation.stepper.state_entries(coordinates.into()).len())
 }
 
-/// Writes positions and velocities, `length` in all, in the order of the coordinates CAUDAL_MOTION: x and y of each node that nothing
-/// holds, the angle of a hinge, and the same of their velocities.
+/// Writes positions and velocities, `length` in total, in the order of the coordinates CAUDAL_MOTION: x and y of each node that
+/// is not held, the angle of a hinge, and the corresponding velocities.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_motion(
     simulation: *mut caudal_simulation,
     out: *mut f64,
     length: usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let motion = simulation.stepper.motion();
@@ -480,22 +482,23 @@ pub unsafe extern "C" fn caudal_motion(
     }
 }
 
-/// Sets positions and velocities, in the order of caudal_motion; accelerations follow from the equation of motion.
+/// Sets positions and velocities, in the order of caudal_motion. Accelerations follow from the equation of motion.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_set_motion(
     simulation: *mut caudal_simulation,
     given: *const f64,
     length: usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { on(simulation, |simulation| Ok(simulation.stepper.set_motion(values(given, length)?)?)) }
 }
 
-/// Makes a step of `h` (s) as caudal_do_step does, and writes its derivatives by the state in these coordinates and by the inputs, of the
-/// state and of the outputs, which are given by their indices. Without room for a and c (null) neither is found, which on a fine mesh
-/// takes a small part of the time and memory. With `jump` an input acts as if it were set at the beginning, where accelerations jump with it;
-/// without it the input had its value before. The matrices of successive steps compose with CAUDAL_FULL, and with CAUDAL_MOTION by all methods
-/// but generalized-alpha: of an input that is set once and kept, B is A2 B1 + B2, B1 with the jump and B2 without.
+/// Makes a step of `h` (s) as caudal_do_step does, and writes the derivatives of the state and of the outputs with respect to the
+/// state in these coordinates and to the inputs. Inputs and outputs are given by their indices. If a and c are null, neither is
+/// computed, which on a fine mesh takes a small fraction of the time and memory. With `jump`, an input acts as if it were set at
+/// the beginning, where accelerations jump with it; without it, the input had its value before. The matrices of successive steps
+/// compose with CAUDAL_FULL, and with CAUDAL_MOTION for all methods except generalized-alpha: for an input that is set once and
+/// then constant, B is A2 B1 + B2, with B1 computed with the jump and B2 without.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_linearise(
     simulation: *mut caudal_simulation,
@@ -508,7 +511,7 @@ pub unsafe extern "C" fn caudal_linearise(
     jump: bool,
     derivatives: *const caudal_derivatives,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let Some(to) = derivatives.as_ref() else { return refuse("a null pointer in the place of derivatives") };
@@ -524,7 +527,7 @@ pub unsafe extern "C" fn caudal_linearise(
             let StepDerivative { a, b, c, d, .. } = simulation.stepper.linearise_as(h, &asked)?;
             for (matrix, to) in [(a, to.a), (b, to.b), (c, to.c), (d, to.d)] {
                 if !to.is_null() {
-                    // Column by column here.
+                    // Column-major here.
                     values_mut(to, matrix.len())?.copy_from_slice(matrix.transpose().as_slice());
                 }
             }
@@ -542,20 +545,20 @@ impl From<caudal_coordinates> for StateCoordinates {
     }
 }
 
-/// Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.
+/// Saves the state: time, motion, inputs, totals. Replaces `*state`, which is null or a saved state.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_save(
     simulation: *mut caudal_simulation,
     state: *mut *mut caudal_state,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { on(simulation, |simulation| keep(simulation.stepper.save(), state)) }
 }
 
 /// # Safety
-/// `state` is null or points to null or to a state from here.
+/// `state` is null, or points to null or to a saved state.
 unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> CallResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         let Some(place) = state.as_mut() else { return refuse("no place for the state") };
         match place.as_mut() {
@@ -566,14 +569,14 @@ unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> CallResult 
     Ok(())
 }
 
-/// Goes back to a state of the same scene; what follows is equal to the bit to what followed then. A state of another scene is
-/// refused.
+/// Restores a state of the same scene. The run that follows is bit-identical to the run that followed the saved state. A state of
+/// another scene is rejected.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_restore(
     simulation: *mut caudal_simulation,
     state: *const caudal_state,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| match state.as_ref() {
             Some(state) => Ok(simulation.stepper.restore(&state.0)?),
@@ -582,8 +585,8 @@ pub unsafe extern "C" fn caudal_restore(
     }
 }
 
-/// Writes a state as bytes to `bytes`, which has room for `*size`, and their number to `*size`. Without room (`bytes` null)
-/// it writes the number only.
+/// Writes a state as bytes to `bytes`, which has room for `*size`, and their number to `*size`. If `bytes` is null, it writes
+/// only the number.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_serialize(
     simulation: *mut caudal_simulation,
@@ -591,7 +594,7 @@ pub unsafe extern "C" fn caudal_serialize(
     bytes: *mut u8,
     size: *mut usize,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |_| {
             let (Some(state), Some(size)) = (state.as_ref(), size.as_mut()) else { return refuse("no state or size") };
@@ -609,8 +612,8 @@ pub unsafe extern "C" fn caudal_serialize(
     }
 }
 
-/// Reads a state from `size` bytes, over `*state`, which is null or a state from here. Bytes of another scene, of another
-/// version or damaged ones are refused.
+/// Reads a state from `size` bytes and replaces `*state`, which is null or a saved state. Bytes that are damaged, or come from
+/// another scene or version, are rejected.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_deserialize(
     simulation: *mut caudal_simulation,
@@ -618,7 +621,7 @@ pub unsafe extern "C" fn caudal_deserialize(
     size: usize,
     state: *mut *mut caudal_state,
 ) -> caudal_status {
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
             let snapshot = simulation.stepper.deserialize(values(bytes, size)?)?;
@@ -627,11 +630,11 @@ pub unsafe extern "C" fn caudal_deserialize(
     }
 }
 
-/// Frees a state; null is fine.
+/// Frees a state. Null is allowed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_free_state(state: *mut caudal_state) {
     if !state.is_null() {
-        // SAFETY: made by `keep`, and not used after.
+        // SAFETY: created by `keep`, and not used afterwards.
         let _ = call(|| unsafe {
             drop(Box::from_raw(state));
             Ok(())

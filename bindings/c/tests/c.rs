@@ -1,5 +1,5 @@
-//! The C library: its header is up to date, a C program of a user compiles without a warning, runs clean under the
-//! sanitizers and valgrind, and sees the stepper's own trajectory to the bit.
+//! The C library: its header is up to date; a user's C program compiles without warnings, runs clean under the sanitizers and
+//! valgrind, and computes a trajectory bit-identical to that of the stepper.
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a failure ends the test")]
 
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ fn run(command: &mut Command) -> Output {
     output
 }
 
-/// True where a program of this package of Debian's can be run; else says that what needs it is skipped.
+/// True if a `program` of this Debian package can be run. Otherwise prints that the test is skipped.
 fn there_is(program: &str, package: &str) -> bool {
     let found = Command::new(program).arg("--version").output().is_ok();
     if !found {
@@ -50,7 +50,7 @@ fn there_is(program: &str, package: &str) -> bool {
     found
 }
 
-/// The library, installed as a user does.
+/// Installs the library into `folder`, as a user would.
 fn install(folder: &Path) {
     run(Command::new("sh").arg(here().join("install.sh")).arg(folder).env("CAUDAL_PROFILE", "dev"));
 }
@@ -104,7 +104,7 @@ fn a_c_host_compiles_without_a_warning_and_runs_clean() {
         assert_eq!(String::from_utf8_lossy(&checked.stderr), "");
     }
 
-    // The same controller over the stepper itself.
+    // The same controller, applied directly to the stepper.
     let document = Document::read(&scene).unwrap();
     let mut tail = Stepper::of(&document.scene().unwrap()).unwrap();
     let mut expected = String::new();
@@ -165,7 +165,7 @@ fn pkg_config_knows_how_to_compile_and_link() {
     run(Command::new(program).arg(here().join("../../models/baseline-smooth.toml")));
 }
 
-/// The text of the block of a page of the guide of that kind which begins so.
+/// The first block of this kind on a page of the guide that starts with `begins`.
 fn of_page(page: &str, kind: &str, begins: &str) -> String {
     let page = std::fs::read_to_string(here().join("../../docs/src").join(page)).unwrap();
     let fence = format!("```{kind}\n");

@@ -1,4 +1,4 @@
-//! What calls of a host cost beyond the stepper's own work, in turns with it: `cargo bench -p caudal-fmi`.
+//! Cost of a host's calls in addition to the stepper's own work, measured alternately with it: `cargo bench -p caudal-fmi`.
 #![allow(clippy::unwrap_used, clippy::undocumented_unsafe_blocks, missing_docs, reason = "the bench is the host")]
 
 #[path = "../tests/common/mod.rs"]
@@ -11,7 +11,7 @@ use caudal::fmu::Standard;
 use caudal::stepper::{InputChange, Stepper};
 use common::{Fmi3, Unpacked, document, reference};
 
-/// The shortest time of many short samples of `count` calls, ns a call.
+/// The shortest time of many short samples of `count` calls, ns per call.
 fn shortest(count: u32, mut call: impl FnMut()) -> f64 {
     let sample = |_| {
         let start = Instant::now();
@@ -32,7 +32,7 @@ fn main() {
     unsafe { assert_eq!((fmi.save)(a, &mut state), 0) };
     let (mut t, h) = (0.0, 5e-3);
     let tip = reference("tip_y_m");
-    // The same steps again and again, in turns, so that both see the same machine.
+    // The same steps repeatedly and alternately, so that both run under the same conditions.
     let (mut own, mut through) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..400 {
         stepper.restore(&begun).unwrap();
@@ -86,7 +86,7 @@ fn main() {
     ];
     let read = outputs.map(|name| stepper.find(name).unwrap());
     let (set_by, get_by) = (inputs.map(|(name, _)| reference(name)), outputs.map(reference));
-    // What takes inputs over and steps, apart from the calls that give and read.
+    // Passing inputs and stepping, without the calls that set and read values.
     let (mut own, mut through, mut found) = ([f64::INFINITY; 2], [f64::INFINITY; 2], [0.0; 10]);
     for _ in 0..400 {
         stepper.restore(&begun).unwrap();
@@ -129,7 +129,7 @@ fn main() {
     );
 }
 
-/// The lesser of times of 20 calls, ns a call.
+/// The smaller of the times of 20 calls, ns per call.
 fn least(known: [f64; 2], times: [Duration; 2]) -> [f64; 2] {
     [0, 1].map(|i| known[i].min(times[i].as_nanos() as f64 / 20.0))
 }

@@ -1,4 +1,4 @@
-//! The 44 functions of FMI 2.0. Names, arguments and order are the standard's.
+//! The 44 functions of FMI 2.0, with the names and arguments of the standard, in its order.
 #![allow(non_snake_case, reason = "the standard's names")]
 #![allow(clippy::missing_safety_doc, missing_docs, reason = "what a host must fulfil is said by the standard")]
 #![allow(clippy::too_many_arguments, reason = "the standard's arguments")]
@@ -34,14 +34,14 @@ pub struct Callbacks {
     environment: *mut c_void,
 }
 
-/// Messages to the host's logger.
+/// Passes messages to the host's logger.
 fn logger(function: Option<LoggerFunction>, environment: *mut c_void, name: &str) -> Logger {
     let name = CString::new(name.replace('\0', "")).unwrap_or_default();
     Box::new(move |status, category, message| {
         let Some(function) = function else { return };
         let category = CString::new(category).unwrap_or_default();
         let message = CString::new(message.replace('\0', "")).unwrap_or_default();
-        // SAFETY: the host's function, called as the standard says; the message is an argument, never a format.
+        // SAFETY: the host's function, called as the standard requires; the message is an argument, never a format.
         unsafe { function(environment, name.as_ptr(), status, category.as_ptr(), c"%s".as_ptr(), message.as_ptr()) };
     })
 }
@@ -63,7 +63,7 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
     count: usize,
     categories: *const *const c_char,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             let categories: Option<Vec<String>> = values(categories, count)?.iter().map(|name| text(*name)).collect();
@@ -80,7 +80,7 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
 /// The folder of a `file:` URI.
 fn resources(uri: &str) -> std::result::Result<PathBuf, String> {
     let path = uri.strip_prefix("file:").ok_or_else(|| format!("the resource location {uri} is no file: URI"))?;
-    // file:/path, file:///path and file://localhost/path are the same.
+    // file:/path, file:///path and file://localhost/path are equivalent.
     let path = path.strip_prefix("//").map_or(path, |rest| rest.find('/').map_or("", |slash| &rest[slash..]));
     let path = percent_decode_str(path).decode_utf8().map_err(|error| error.to_string())?;
     let bytes = path.as_bytes();
@@ -101,7 +101,7 @@ pub unsafe extern "C" fn fmi2Instantiate(
     if functions.is_null() {
         return std::ptr::null_mut();
     }
-    // SAFETY: not null, and the host's promises.
+    // SAFETY: not null, and guaranteed by the host.
     let (functions, name, guid, location) =
         unsafe { (&*functions, text(instance_name), text(guid), text(resource_location)) };
     let name = name.unwrap_or_default();
@@ -128,7 +128,7 @@ pub unsafe extern "C" fn fmi2Instantiate(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2FreeInstance(c: Component) {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe { free(c) }
 }
 
@@ -141,7 +141,7 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
     stop_time_defined: c_int,
     stop_time: f64,
 ) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&[InstanceMode::Instantiated])?;
@@ -154,7 +154,7 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2EnterInitializationMode(c: Component) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&[InstanceMode::Instantiated])?;
@@ -165,7 +165,7 @@ pub unsafe extern "C" fn fmi2EnterInitializationMode(c: Component) -> Status {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2ExitInitializationMode(c: Component) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&[InstanceMode::Initialization])?;
@@ -176,7 +176,7 @@ pub unsafe extern "C" fn fmi2ExitInitializationMode(c: Component) -> Status {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2Terminate(c: Component) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.change_mode(&[InstanceMode::Step, InstanceMode::StepFailed], InstanceMode::Terminated)
@@ -186,7 +186,7 @@ pub unsafe extern "C" fn fmi2Terminate(c: Component) -> Status {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2Reset(c: Component) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&STATEFUL)?;
@@ -197,7 +197,7 @@ pub unsafe extern "C" fn fmi2Reset(c: Component) -> Status {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetReal(c: Component, vr: *const ValueReference, count: usize, value: *mut f64) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&READABLE)?;
@@ -218,7 +218,7 @@ pub unsafe extern "C" fn fmi2GetInteger(
     count: usize,
     value: *mut c_int,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&READABLE)?;
@@ -238,12 +238,12 @@ pub unsafe extern "C" fn fmi2SetReal(
     count: usize,
     value: *const f64,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&SETTABLE)?;
             let (references, values) = (values(vr, count)?, values(value, count)?);
-            // All or none.
+            // All values are checked first, so that all or none are set.
             for (reference, value) in references.iter().zip(values) {
                 instance.check(instance.real(*reference)?, std::slice::from_ref(value))?;
             }
@@ -255,12 +255,12 @@ pub unsafe extern "C" fn fmi2SetReal(
     }
 }
 
-/// A function for values of a type that no variable has: it is fine for no variables.
+/// Defines a function for values of a type that no variable has; it only accepts empty lists.
 macro_rules! no_values {
     ($($name:ident: $value:ty, $type:literal, $modes:ident;)*) => {
         $(#[unsafe(no_mangle)]
         pub unsafe extern "C" fn $name(c: Component, _vr: *const ValueReference, count: usize, _value: $value) -> Status {
-            // SAFETY: the host's promise.
+            // SAFETY: guaranteed by the host.
             unsafe {
                 call(c, |instance| {
                     instance.require_mode(&$modes)?;
@@ -283,25 +283,25 @@ no_values! {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetFMUstate(c: Component, place: *mut *mut c_void) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |instance| save(instance, place)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetFMUstate(c: Component, place: *mut c_void) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |instance| restore(instance, place)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2FreeFMUstate(c: Component, place: *mut *mut c_void) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |_| forget(place)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SerializedFMUstateSize(c: Component, place: *mut c_void, size: *mut usize) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |instance| put(size, instance.serialize(state(place)?)?.len())) }
 }
 
@@ -312,7 +312,7 @@ pub unsafe extern "C" fn fmi2SerializeFMUstate(
     bytes: *mut u8,
     size: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |instance| serialize(instance, place, bytes, size)) }
 }
 
@@ -323,7 +323,7 @@ pub unsafe extern "C" fn fmi2DeSerializeFMUstate(
     size: usize,
     place: *mut *mut c_void,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |instance| deserialize(instance, bytes, size, place)) }
 }
 
@@ -348,7 +348,7 @@ pub unsafe extern "C" fn fmi2GetDirectionalDerivative(
     known: *const f64,
     unknown: *mut f64,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&READABLE)?;
@@ -368,7 +368,7 @@ pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
     order: *const c_int,
     value: *const f64,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&SETTABLE)?;
@@ -393,7 +393,7 @@ pub unsafe extern "C" fn fmi2GetRealOutputDerivatives(
     order: *const c_int,
     value: *mut f64,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| {
             instance.require_mode(&READABLE)?;
@@ -410,7 +410,7 @@ pub unsafe extern "C" fn fmi2GetRealOutputDerivatives(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2DoStep(c: Component, current: f64, h: f64, _no_set_state: c_int) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call_raw(c, |instance| {
             (*instance).require_mode(&[InstanceMode::Step])?;
@@ -425,13 +425,13 @@ pub unsafe extern "C" fn fmi2DoStep(c: Component, current: f64, h: f64, _no_set_
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2CancelStep(c: Component) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe { call(c, |_| refuse("no step is under way: steps are not asynchronous")) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetRealStatus(c: Component, kind: c_int, value: *mut f64) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |instance| match kind {
             2 => put(value, instance.time()),
@@ -442,21 +442,21 @@ pub unsafe extern "C" fn fmi2GetRealStatus(c: Component, kind: c_int, value: *mu
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetBooleanStatus(c: Component, kind: c_int, value: *mut c_int) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(c, |_| match kind {
-            3 => put(value, 0), // it never asks for the end of the simulation
+            3 => put(value, 0), // the FMU never asks for the end of the simulation
             _ => refuse(format!("there is no Boolean status of kind {kind}")),
         })
     }
 }
 
-/// Functions of asynchronous steps.
+/// Defines functions of asynchronous steps.
 macro_rules! never_pending {
     ($($name:ident: $value:ty;)*) => {
         $(#[unsafe(no_mangle)]
         pub unsafe extern "C" fn $name(c: Component, _kind: c_int, _value: $value) -> Status {
-            // SAFETY: the host's promise.
+            // SAFETY: guaranteed by the host.
             unsafe { call(c, |_| refuse("no step is pending: steps are not asynchronous")) }
         })*
     };
@@ -468,13 +468,13 @@ never_pending! {
     fmi2GetStringStatus: *mut *const c_char;
 }
 
-/// Functions of model exchange.
+/// Defines functions of model exchange.
 macro_rules! model_exchange {
     ($($name:ident($($argument:ident: $type:ty),*);)*) => {
         $(#[unsafe(no_mangle)]
         pub unsafe extern "C" fn $name(c: Component $(, $argument: $type)*) -> Status {
             $(let _ = $argument;)*
-            // SAFETY: the host's promise.
+            // SAFETY: guaranteed by the host.
             unsafe { call(c, |_| refuse("this FMU is for co-simulation only")) }
         })*
     };

@@ -1,4 +1,4 @@
-//! The 75 functions of FMI 3.0. Names, arguments and order are the standard's.
+//! The 75 functions of FMI 3.0, with the names and arguments of the standard, in its order.
 #![allow(non_snake_case, reason = "the standard's names")]
 #![allow(clippy::missing_safety_doc, missing_docs, reason = "what a host must fulfil is said by the standard")]
 #![allow(clippy::too_many_arguments, reason = "the standard's arguments")]
@@ -16,7 +16,7 @@ use crate::{call, call_raw, free, instantiate, put, text, values, values_mut};
 
 type Handle = *mut c_void;
 type ValueReference = u32;
-/// The standard's Boolean: C's bool, of which a host may have written any byte.
+/// The standard's Boolean: C's bool, in which a host may have written any byte.
 type Boolean = u8;
 
 /// Modes in which values can be read.
@@ -31,19 +31,19 @@ const READABLE: [InstanceMode; 6] = [
 /// Modes in which values can be set.
 const SETTABLE: [InstanceMode; 4] =
     [InstanceMode::Instantiated, InstanceMode::Initialization, InstanceMode::Step, InstanceMode::Intermediate];
-/// Modes in which derivatives are known.
+/// Modes in which derivatives are available.
 const MOVING: [InstanceMode; 4] =
     [InstanceMode::Initialization, InstanceMode::Step, InstanceMode::Intermediate, InstanceMode::Terminated];
 
 type LoggerFunction = unsafe extern "C" fn(*mut c_void, Status, *const c_char, *const c_char);
 
-/// Messages to the host's logger.
+/// Passes messages to the host's logger.
 fn logger(function: Option<LoggerFunction>, environment: *mut c_void) -> Logger {
     Box::new(move |status, category, message| {
         let Some(function) = function else { return };
         let category = CString::new(category).unwrap_or_default();
         let message = CString::new(message.replace('\0', "")).unwrap_or_default();
-        // SAFETY: the host's function, called as the standard says.
+        // SAFETY: the host's function, called as the standard requires.
         unsafe { function(environment, status, category.as_ptr(), message.as_ptr()) };
     })
 }
@@ -60,7 +60,7 @@ pub unsafe extern "C" fn fmi3SetDebugLogging(
     count: usize,
     categories: *const *const c_char,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             let categories: Option<Vec<String>> = values(categories, count)?.iter().map(|name| text(*name)).collect();
@@ -74,10 +74,10 @@ pub unsafe extern "C" fn fmi3SetDebugLogging(
     }
 }
 
-/// Refuses to instantiate what is not there.
+/// Refuses to instantiate an unsupported interface.
 ///
 /// # Safety
-/// As the standard says of the logger.
+/// `log` must be a logger as required by the standard.
 unsafe fn not_there(log: Option<LoggerFunction>, environment: *mut c_void) -> Handle {
     logger(log, environment)(Status::Error, "logStatusError", "this FMU is for co-simulation only");
     std::ptr::null_mut()
@@ -93,7 +93,7 @@ pub unsafe extern "C" fn fmi3InstantiateModelExchange(
     environment: *mut c_void,
     log: Option<LoggerFunction>,
 ) -> Handle {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe { not_there(log, environment) }
 }
 
@@ -110,7 +110,7 @@ pub unsafe extern "C" fn fmi3InstantiateScheduledExecution(
     _lock_preemption: *const c_void,
     _unlock_preemption: *const c_void,
 ) -> Handle {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe { not_there(log, environment) }
 }
 
@@ -129,7 +129,7 @@ pub unsafe extern "C" fn fmi3InstantiateCoSimulation(
     log: Option<LoggerFunction>,
     intermediate_update: Option<IntermediateUpdate>,
 ) -> Handle {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     let (name, token, path, required) =
         unsafe { (text(name), text(token), text(resource_path), values(required, required_count)) };
     let make = || {
@@ -159,7 +159,7 @@ pub unsafe extern "C" fn fmi3InstantiateCoSimulation(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3FreeInstance(instance: Handle) {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe { free(instance) }
 }
 
@@ -172,7 +172,7 @@ pub unsafe extern "C" fn fmi3EnterInitializationMode(
     stop_time_defined: Boolean,
     stop_time: f64,
 ) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&[InstanceMode::Instantiated])?;
@@ -185,7 +185,7 @@ pub unsafe extern "C" fn fmi3EnterInitializationMode(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3ExitInitializationMode(instance: Handle) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&[InstanceMode::Initialization])?;
@@ -196,7 +196,7 @@ pub unsafe extern "C" fn fmi3ExitInitializationMode(instance: Handle) -> Status 
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3EnterConfigurationMode(instance: Handle) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| instance.change_mode(&[InstanceMode::Instantiated], InstanceMode::Configuration))
     }
@@ -204,7 +204,7 @@ pub unsafe extern "C" fn fmi3EnterConfigurationMode(instance: Handle) -> Status 
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3ExitConfigurationMode(instance: Handle) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| instance.change_mode(&[InstanceMode::Configuration], InstanceMode::Instantiated))
     }
@@ -212,13 +212,13 @@ pub unsafe extern "C" fn fmi3ExitConfigurationMode(instance: Handle) -> Status {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3Terminate(instance: Handle) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |instance| instance.change_mode(&[InstanceMode::Step], InstanceMode::Terminated)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3Reset(instance: Handle) -> Status {
-    // SAFETY: the host's promise.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             if instance.mode == InstanceMode::Intermediate {
@@ -248,7 +248,7 @@ pub unsafe extern "C" fn fmi3GetFloat64(
     out: *mut f64,
     out_count: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&READABLE)?;
@@ -274,13 +274,13 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     given: *const f64,
     given_count: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&SETTABLE)?;
             let (references, given) = (values(references, count)?, values(given, given_count)?);
             parts(instance, references, given.len())?;
-            // All or none.
+            // All values are checked first, so that all or none are set.
             for set in [Instance::check_mut, Instance::set] {
                 let mut given = given;
                 for reference in references {
@@ -303,7 +303,7 @@ pub unsafe extern "C" fn fmi3GetUInt64(
     out: *mut u64,
     out_count: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&READABLE)?;
@@ -325,7 +325,7 @@ pub unsafe extern "C" fn fmi3SetUInt64(
     given: *const u64,
     given_count: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&[InstanceMode::Configuration])?;
@@ -341,7 +341,7 @@ pub unsafe extern "C" fn fmi3SetUInt64(
     }
 }
 
-/// Functions for values of a type that no variable has: they are fine for no variables.
+/// Defines functions for values of a type that no variable has; they only accept empty lists.
 macro_rules! no_values {
     ($($name:ident: $($argument:ident: $type:ty),*; $modes:ident;)*) => {
         $(#[unsafe(no_mangle)]
@@ -352,7 +352,7 @@ macro_rules! no_values {
             $($argument: $type),*
         ) -> Status {
             $(let _ = $argument;)*
-            // SAFETY: the host's promise.
+            // SAFETY: guaranteed by the host.
             unsafe {
                 call(instance, |instance| {
                     instance.require_mode(&$modes)?;
@@ -406,7 +406,7 @@ pub unsafe extern "C" fn fmi3GetNumberOfVariableDependencies(
     reference: ValueReference,
     count: *mut usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&MOVING)?;
@@ -427,7 +427,7 @@ pub unsafe extern "C" fn fmi3GetVariableDependencies(
 ) -> Status {
     /// fmi3Dependent.
     const DEPENDENT: i32 = 5;
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&MOVING)?;
@@ -438,7 +438,7 @@ pub unsafe extern "C" fn fmi3GetVariableDependencies(
             let (own, inputs) = (values_mut(elements_of_dependent, count)?, values_mut(independents, count)?);
             let (elements, kinds) = (values_mut(elements_of_independents, count)?, values_mut(kinds, count)?);
             for (i, (node, independent, k)) in dependencies.into_iter().enumerate() {
-                // Elements count from 1.
+                // Elements are counted from 1.
                 (own[i], inputs[i], elements[i], kinds[i]) = (node + 1, independent, k + 1, DEPENDENT);
             }
             Ok(())
@@ -462,7 +462,7 @@ fn targets(instance: &Instance, references: &[ValueReference]) -> FmiResult<Vec<
 type Derivative = fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> FmiResult;
 
 /// # Safety
-/// The host's promises.
+/// The arguments are as required by the standard.
 unsafe fn derivative(
     instance: Handle,
     [unknowns, knowns]: [(*const ValueReference, usize); 2],
@@ -471,7 +471,7 @@ unsafe fn derivative(
     forward: bool,
 ) -> Status {
     let derivative: Derivative = if forward { Instance::directional } else { Instance::adjoint };
-    // SAFETY: the caller's promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&MOVING)?;
@@ -500,7 +500,7 @@ pub unsafe extern "C" fn fmi3GetDirectionalDerivative(
     sensitivity_count: usize,
 ) -> Status {
     let references = [(unknowns, unknown_count), (knowns, known_count)];
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { derivative(instance, references, (seed, seed_count), (sensitivity, sensitivity_count), true) }
 }
 
@@ -517,7 +517,7 @@ pub unsafe extern "C" fn fmi3GetAdjointDerivative(
     sensitivity_count: usize,
 ) -> Status {
     let references = [(unknowns, unknown_count), (knowns, known_count)];
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { derivative(instance, references, (seed, seed_count), (sensitivity, sensitivity_count), false) }
 }
 
@@ -530,7 +530,7 @@ pub unsafe extern "C" fn fmi3GetOutputDerivatives(
     out: *mut f64,
     out_count: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe {
         call(instance, |instance| {
             instance.require_mode(&READABLE[2..])?;
@@ -551,25 +551,25 @@ pub unsafe extern "C" fn fmi3GetOutputDerivatives(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3GetFMUState(instance: Handle, place: *mut *mut c_void) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |instance| save(instance, place)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3SetFMUState(instance: Handle, place: *mut c_void) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |instance| restore(instance, place)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3FreeFMUState(instance: Handle, place: *mut *mut c_void) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |_| forget(place)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3SerializedFMUStateSize(instance: Handle, place: *mut c_void, size: *mut usize) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |instance| put(size, instance.serialize(state(place)?)?.len())) }
 }
 
@@ -580,7 +580,7 @@ pub unsafe extern "C" fn fmi3SerializeFMUState(
     bytes: *mut u8,
     size: usize,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |instance| serialize(instance, place, bytes, size)) }
 }
 
@@ -591,7 +591,7 @@ pub unsafe extern "C" fn fmi3DeserializeFMUState(
     size: usize,
     place: *mut *mut c_void,
 ) -> Status {
-    // SAFETY: the host's promises.
+    // SAFETY: guaranteed by the host.
     unsafe { call(instance, |instance| deserialize(instance, bytes, size, place)) }
 }
 
@@ -608,7 +608,7 @@ pub unsafe extern "C" fn fmi3DoStep(
     early_return: *mut Boolean,
     last_successful_time: *mut f64,
 ) -> Status {
-    // SAFETY: the host's promises; no reference to the instance lives while its callback runs.
+    // SAFETY: guaranteed by the host; no reference to the instance exists while its callback runs.
     unsafe {
         call_raw(instance, |instance| {
             (*instance).require_mode(&[InstanceMode::Step])?;
@@ -634,13 +634,13 @@ pub unsafe extern "C" fn fmi3DoStep(
     }
 }
 
-/// Functions of model exchange, events and scheduled execution.
+/// Defines functions of model exchange, events and scheduled execution.
 macro_rules! not_here {
     ($($name:ident($($argument:ident: $type:ty),*);)*) => {
         $(#[unsafe(no_mangle)]
         pub unsafe extern "C" fn $name(instance: Handle $(, $argument: $type)*) -> Status {
             $(let _ = $argument;)*
-            // SAFETY: the host's promise.
+            // SAFETY: guaranteed by the host.
             unsafe { call(instance, |_| refuse("this FMU is for co-simulation without events")) }
         })*
     };

@@ -61,7 +61,7 @@ pub struct Experiment {
     pub stop: Option<f64>,
 }
 
-/// The stepper: owned, or borrowed from the step during an intermediate update.
+/// The stepper: owned, or borrowed from the current step during an intermediate update.
 #[derive(Default)]
 struct SharedStepper {
     own: Option<Box<Stepper>>,
@@ -71,7 +71,7 @@ struct SharedStepper {
 impl SharedStepper {
     fn get(&self) -> Option<&Stepper> {
         match self.lent {
-            // SAFETY: set by `Instance::do_step` around the host's callback only, from a reference that lives longer.
+            // SAFETY: only set by `Instance::do_step` during the host's callback, from a reference that lives longer.
             Some(lent) => Some(unsafe { lent.as_ref() }),
             None => self.own.as_deref(),
         }
@@ -79,7 +79,7 @@ impl SharedStepper {
 
     fn get_mut(&mut self) -> Option<&mut Stepper> {
         match self.lent {
-            // SAFETY: as above, and that reference is not used while the host looks.
+            // SAFETY: as above, and that reference is not used during the callback.
             Some(mut lent) => Some(unsafe { lent.as_mut() }),
             None => self.own.as_deref_mut(),
         }
@@ -98,12 +98,12 @@ pub struct Instance {
     settings: Settings,
     /// The inputs that the host has set at this time.
     inputs: SetInputs,
-    /// The stepper was not built with `settings`.
+    /// True if the stepper was not built with `settings`.
     stale: bool,
     stepper: SharedStepper,
     /// The settings that the stepper was built with.
     built: Settings,
-    /// The end of the last step by the host's own summation, s.
+    /// The end of the last step according to the host's own summation, s.
     host_time: Option<f64>,
     /// The number of values of each variable; 1 for a scalar.
     lengths: Vec<usize>,
@@ -112,11 +112,11 @@ pub struct Instance {
     log: Logger,
     logged: Vec<&'static str>,
     seeds: Vec<Vec<f64>>,
-    /// Opaque to us; kept alive by the host.
+    /// Opaque pointer of the host, which keeps it alive.
     pub environment: *mut c_void,
     /// Called after every internal step (FMI 3.0).
     pub intermediate_update: Option<IntermediateUpdate>,
-    /// That call may ask to end the step (FMI 3.0).
+    /// True if that call may request to end the step (FMI 3.0).
     pub early_return_allowed: bool,
 }
 
@@ -169,15 +169,15 @@ impl Instance {
         self.lengths = VARIABLES.iter().map(length).collect();
     }
 
-    /// Logs a message, if its category is on.
+    /// Logs a message, if its category is enabled.
     pub fn log_message(&self, status: Status, message: &str) {
         if self.logged.contains(&status.category()) {
             (self.log)(status, status.category(), message);
         }
     }
 
-    /// Turns categories of messages on or off, all where none is named, as `standard` says: FMI 2.0 logs exactly the categories of
-    /// the last call, and none once it is off; FMI 3.0 adds and removes them, and always logs errors.
+    /// Enables or disables categories of messages, all if none is given, according to `standard`: FMI 2.0 logs exactly the
+    /// categories of the last call, and none once logging is off; FMI 3.0 adds and removes categories, and always logs errors.
     pub fn log_categories(&mut self, standard: Standard, on: bool, categories: &[&str]) -> FmiResult {
         let known = LOG_CATEGORIES.iter().map(|(name, _)| *name);
         if let Some(other) = categories.iter().find(|name| !known.clone().any(|known| known == **name)) {
@@ -205,7 +205,7 @@ impl Instance {
         if modes.contains(&self.mode) { Ok(()) } else { wrong_mode(self.mode) }
     }
 
-    /// Changes to mode `to`, from one of `from` only.
+    /// Changes to mode `to`, which is only allowed from one of `from`.
     pub fn change_mode(&mut self, from: &[InstanceMode], to: InstanceMode) -> FmiResult {
         self.require_mode(from)?;
         self.mode = to;

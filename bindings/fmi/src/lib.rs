@@ -1,7 +1,7 @@
-//! The shared library inside an FMU: the functions of FMI 2.0 and FMI 3.0 for co-simulation over one stepper.
+//! The shared library inside an FMU: the functions of FMI 2.0 and FMI 3.0 for co-simulation, on top of one stepper.
 //!
-//! Both versions are thin: they look at pointers, lengths and modes, and call the instance. Every exported function
-//! answers a null pointer, a wrong call and even a panic by a status, and logs why.
+//! Both versions are thin layers: they check pointers, lengths and modes, and call the instance. Every exported function reports
+//! a null pointer, an invalid call and even a panic by a status, and logs the reason.
 
 mod fmi2;
 mod fmi3;
@@ -15,26 +15,26 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use instance::{Instance, InstanceMode};
 use status::{FmiError, FmiResult, Status, refuse};
 
-/// Runs `work` and turns its outcome into a status; a panic ends the instance.
+/// Runs `work` and turns its outcome into a status; a panic makes the instance unusable.
 ///
 /// # Safety
-/// `instance` is null or an instance that no other thread uses now.
+/// `instance` is null or an instance that no other thread is using.
 unsafe fn call(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> FmiResult) -> Status {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { call_raw(instance, |instance| work(&mut *instance)) }
 }
 
-/// The same for work that lets the host call again meanwhile, and so must not hold a reference.
+/// The same for work during which the host may call again, and which therefore must not hold a reference.
 ///
 /// # Safety
-/// Those of [`call`].
+/// As for [`call`].
 unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> FmiResult) -> Status {
     let instance = instance.cast::<Instance>();
     if instance.is_null() {
         return Status::Error;
     }
     let outcome = catch_unwind(AssertUnwindSafe(|| {
-        // SAFETY: not null, and the caller's promise.
+        // SAFETY: not null, and guaranteed by the caller.
         if unsafe { &*instance }.mode == InstanceMode::Fatal {
             return Err(FmiError { status: Status::Fatal, message: "this instance broke down before".to_string() });
         }
@@ -51,7 +51,7 @@ unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Fm
             FmiError { status: Status::Fatal, message: format!("internal error: {text}") }
         }
     };
-    // A logger of ours that panics must not unwind into the host either.
+    // A logger that panics must not unwind into the host either.
     let _ = catch_unwind(AssertUnwindSafe(|| {
         // SAFETY: as above.
         unsafe { &*instance }.log_message(refusal.status, &refusal.message);
@@ -59,7 +59,7 @@ unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Fm
     refusal.status
 }
 
-/// `len` values at `start`, which may be null where there are none.
+/// The `len` values at `start`, which may be null if there are none.
 ///
 /// # Safety
 /// A `start` that is not null points to `len` values that nobody changes meanwhile.
@@ -67,7 +67,7 @@ unsafe fn values<'a, T>(start: *const T, len: usize) -> FmiResult<&'a [T]> {
     match (start.is_null(), len) {
         (_, 0) => Ok(&[]),
         (false, len) if len <= isize::MAX as usize / size_of::<T>() => {
-            // SAFETY: the caller's promise, and the size is one that can be.
+            // SAFETY: guaranteed by the caller, and the size has been checked.
             Ok(unsafe { std::slice::from_raw_parts(start, len) })
         }
         (true, _) => refuse("a null pointer in the place of an array"),
@@ -75,40 +75,40 @@ unsafe fn values<'a, T>(start: *const T, len: usize) -> FmiResult<&'a [T]> {
     }
 }
 
-/// The same to be written.
+/// The same, mutable.
 ///
 /// # Safety
 /// A `start` that is not null points to `len` values that nobody else uses meanwhile.
 unsafe fn values_mut<'a, T>(start: *mut T, len: usize) -> FmiResult<&'a mut [T]> {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { values(start.cast_const(), len) }?;
     // SAFETY: the same; checked by the call above.
     Ok(if len == 0 { &mut [] } else { unsafe { std::slice::from_raw_parts_mut(start, len) } })
 }
 
-/// Writes `value` to where `place` points.
+/// Writes `value` to `place`.
 ///
 /// # Safety
-/// A `place` that is not null can be written.
+/// A `place` that is not null is writable.
 unsafe fn put<T>(place: *mut T, value: T) -> FmiResult {
     if place.is_null() {
         return refuse("a null pointer in the place of a result");
     }
-    // SAFETY: not null, and the caller's promise.
+    // SAFETY: not null, and guaranteed by the caller.
     unsafe { place.write(value) };
     Ok(())
 }
 
-/// A text of the host; null is none.
+/// A string of the host; `None` for null.
 ///
 /// # Safety
-/// A `text` that is not null ends with a zero.
+/// A `text` that is not null is a zero-terminated string.
 unsafe fn text(text: *const c_char) -> Option<String> {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned())
 }
 
-/// A new instance for the host, or null with a message.
+/// Creates an instance for the host; returns null and logs a message on failure.
 fn instantiate(make: impl FnOnce() -> std::result::Result<Instance, String>, log: impl Fn(&str)) -> *mut c_void {
     match catch_unwind(AssertUnwindSafe(make)) {
         Ok(Ok(instance)) => Box::into_raw(Box::new(instance)).cast(),
@@ -120,16 +120,16 @@ fn instantiate(make: impl FnOnce() -> std::result::Result<Instance, String>, log
     }
 }
 
-/// Frees an instance, unless a step of it is under way, which still needs it.
+/// Frees an instance, unless one of its steps is in progress, which still needs it.
 ///
 /// # Safety
-/// Those of [`call`]; it is not used after.
+/// As for [`call`]; the instance is not used afterwards.
 unsafe fn free(instance: *mut c_void) {
     let instance = instance.cast::<Instance>();
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     if !instance.is_null() && unsafe { &*instance }.mode != InstanceMode::Intermediate {
         let _ = catch_unwind(AssertUnwindSafe(|| {
-            // SAFETY: made by `Box::into_raw` in `instantiate`.
+            // SAFETY: created by `Box::into_raw` in `instantiate`.
             drop(unsafe { Box::from_raw(instance) });
         }));
     }

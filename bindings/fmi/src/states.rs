@@ -1,4 +1,4 @@
-//! States of an instance behind a host's pointers, the same in both versions of the standard.
+//! States of an instance behind a host's pointers, shared by both versions of the standard.
 
 use std::ffi::c_void;
 
@@ -16,27 +16,27 @@ pub const STATEFUL: [InstanceMode; 6] = [
     InstanceMode::Terminated,
 ];
 
-/// Saves the state of `instance` in `place`, in a new state where that is null.
+/// Saves the state of `instance` to `place`, as a new state if that is null.
 ///
 /// # Safety
-/// `place` is null or points to null or to a state of ours.
+/// `place` is null, or points to null or to a state created here.
 pub unsafe fn save(instance: &mut Instance, place: *mut *mut c_void) -> FmiResult {
     instance.require_mode(&STATEFUL)?;
     if place.is_null() {
         return refuse("a null pointer in the place of a state");
     }
     let state = instance.save()?;
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { keep(state, place) };
     Ok(())
 }
 
-/// Puts a state where `place` points, over the one that may be there.
+/// Stores a state at `place`, over an existing one.
 ///
 /// # Safety
-/// `place` points to null or to a state of ours.
+/// `place` points to null or to a state created here.
 unsafe fn keep(state: SavedState, place: *mut *mut c_void) {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         if (*place).is_null() {
             *place = Box::into_raw(Box::new(state)).cast();
@@ -49,28 +49,28 @@ unsafe fn keep(state: SavedState, place: *mut *mut c_void) {
 /// The state at `place`.
 ///
 /// # Safety
-/// `place` is null or a state of ours.
+/// `place` is null or a state created here.
 pub unsafe fn state<'a>(place: *const c_void) -> FmiResult<&'a SavedState> {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { place.cast::<SavedState>().as_ref() }.map_or_else(|| refuse("a null pointer in the place of a state"), Ok)
 }
 
-/// Goes back to the state at `place`.
+/// Restores the state at `place`.
 ///
 /// # Safety
-/// `place` is null or a state of ours.
+/// `place` is null or a state created here.
 pub unsafe fn restore(instance: &mut Instance, place: *const c_void) -> FmiResult {
     instance.require_mode(&STATEFUL)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     instance.restore(unsafe { state(place) }?)
 }
 
-/// Frees the state where `place` points, and leaves null there.
+/// Frees the state at `place`, and sets `place` to null.
 ///
 /// # Safety
-/// `place` is null or points to null or to a state of ours.
+/// `place` is null, or points to null or to a state created here.
 pub unsafe fn forget(place: *mut *mut c_void) -> FmiResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         if !place.is_null() && !(*place).is_null() {
             drop(Box::from_raw((*place).cast::<SavedState>()));
@@ -83,14 +83,14 @@ pub unsafe fn forget(place: *mut *mut c_void) -> FmiResult {
 /// Writes a state as bytes.
 ///
 /// # Safety
-/// `place` is null or a state of ours; `bytes` is null or holds `size` bytes.
+/// `place` is null or a state created here; `bytes` is null or holds `size` bytes.
 pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u8, size: usize) -> FmiResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     let content = instance.serialize(unsafe { state(place) }?)?;
     if size < content.len() {
         return refuse(format!("{size} bytes are too few for a state of {}", content.len()));
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { values_mut(bytes, size) }?[..content.len()].copy_from_slice(&content);
     Ok(())
 }
@@ -103,7 +103,7 @@ pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, pl
     if place.is_null() {
         return refuse("a null pointer in the place of a state");
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         let state = instance.deserialize(values(bytes, size)?)?;
         keep(state, place);

@@ -1,4 +1,4 @@
-//! The statuses of the standards, and errors of calls.
+//! The status codes of the standards, and errors of calls.
 
 use caudal::error::Error;
 
@@ -10,11 +10,11 @@ pub enum Status {
     Ok = 0,
     /// Success, with a warning.
     Warning = 1,
-    /// Not done; the previous state is unchanged.
+    /// The call was not executed; the previous state is unchanged.
     Discard = 2,
-    /// The call is not allowed here.
+    /// The call is not allowed in this situation.
     Error = 3,
-    /// The instance is broken.
+    /// The instance is unusable.
     Fatal = 4,
 }
 
@@ -43,7 +43,7 @@ impl From<Error> for FmiError {
 }
 
 impl FmiError {
-    /// A step that fails.
+    /// The error of a step that fails.
     pub fn discard(error: Error) -> Self {
         Self { status: Status::Discard, message: error.to_string() }
     }

@@ -1,4 +1,4 @@
-//! A host that drives the head through the FMU, in both versions: what it says, steps that fail, and calls that are refused.
+//! A host that drives the head through the FMU, in both versions: given poses, failing steps, and rejected calls.
 #![allow(clippy::unwrap_used, clippy::undocumented_unsafe_blocks, missing_docs, reason = "the test is the host")]
 
 mod common;
@@ -14,7 +14,7 @@ use common::{Fmi2, Fmi3, Unpacked, document, reference, references2};
 const HEAD: [&str; 6] =
     ["head_y_m", "head_angle_rad", "head_vy_m_s", "head_spin_rad_s", "head_ay_m_s2", "head_spin_rate_rad_s2"];
 
-/// What it says of its head at time `t` (s).
+/// The pose and its derivatives that the host gives at time `t` (s).
 fn pose(t: f64) -> [f64; 6] {
     let (sin, cos) = (TAU * 0.7 * t).sin_cos();
     let omega = TAU * 0.7;
@@ -28,7 +28,8 @@ fn pose(t: f64) -> [f64; 6] {
     ]
 }
 
-/// Asserts that FMUs of both versions, told at every step what `said` makes of the time for each of `inputs`, give `outputs` as the stepper does.
+/// Asserts that FMUs of both versions compute the same `outputs` as the stepper, if at every step each of `inputs` is set to the
+/// value that `said` returns for the time.
 fn told_in_both_versions(document: &Document, inputs: &[&str], said: impl Fn(f64) -> Vec<f64>, outputs: &[&str]) {
     let (two, three) = (Unpacked::of(document, Standard::Fmi2), Unpacked::of(document, Standard::Fmi3));
     let (fmi2, fmi3) = (Fmi2::of(&two), Fmi3::of(&three));
@@ -77,7 +78,7 @@ fn a_host_raises_the_water_and_salts_it_in_both_versions() {
     }
 }
 
-/// Everything that can be read of an instance of FMI 3.0.
+/// All readable values of an instance of FMI 3.0.
 fn all(fmi: &Fmi3, instance: *mut c_void, stepper: &Stepper) -> Vec<u64> {
     let names = stepper.variables().iter().filter(|variable| variable.name != caudal::fmu::NODES);
     names
@@ -110,7 +111,7 @@ fn a_discarded_step_leaves_the_state_of_before_the_call_and_can_be_made_otherwis
     let before = all(&fmi, instance, &stepper);
     assert_eq!(fmi.advance(instance, t, 0.1), (2, false, t), "discarded, its last successful time is where it began");
     assert!(all(&fmi, instance, &stepper) == before);
-    // Without that force it goes on as an instance that never had it.
+    // Without that force it continues like an instance that never had it.
     for instance in [instance, other] {
         assert_eq!(fmi.write(instance, "force_y_n", &[0.0; 9]), 0);
         assert_eq!(fmi.advance(instance, t, 0.1).0, 0);
@@ -135,7 +136,7 @@ fn a_discarded_step_leaves_the_state_of_before_the_call_and_can_be_made_otherwis
         let mut last = f64::NAN;
         assert_eq!((fmi.real_status)(instance, 2, &mut last), 0);
         assert_eq!(last, 0.1);
-        // A failed step still has derivatives, and so has the end.
+        // Derivatives are available after a failed step, and at the end.
         let derivative = || {
             let [unknown, known] = ["head_force_y_n", "force_y_n"].map(|name| references2(name, 0..1));
             let mut out = f64::NAN;
@@ -270,11 +271,11 @@ fn stiffness_and_drag_change_between_steps_and_the_motion_goes_on() {
     let references =
         ["rod.youngs_modulus_pa", "drag.ratio"].map(|name| caudal::fmu::Catalogue::PARAMETERS + place(name) as u32);
     unsafe {
-        // All or none, and none that the scene's reader refuses.
+        // All values are set or none, and none that the scene would reject.
         assert_eq!((fmi.set)(instance, references.as_ptr(), 2, [1e6, -1.0].as_ptr(), 2), 3);
         assert_eq!((fmi.set)(instance, references.as_ptr(), 2, [1e6, 3.0].as_ptr(), 2), 0);
     }
-    // Nothing jumps but the forces.
+    // Only the forces jump.
     assert_eq!([positions, velocities], ["x_m", "vy_m_s"].map(|name| fmi.read(instance, name, 9)));
     assert!((fmi.read(instance, "numerical_dissipation_j", 1)[0] - defect).abs() < 1e-15);
     let tuned = document("driven-head", &["rod.nodes=9", "rod.youngs_modulus_pa=1e6", "drag.ratio=3.0"]);
@@ -292,7 +293,7 @@ fn stiffness_and_drag_change_between_steps_and_the_motion_goes_on() {
         assert_eq!(fmi.read(instance, "head_moment_n_m", 1), stepper.get("head_moment_n_m").unwrap());
         assert_eq!(unsafe { (fmi.restore)(instance, state) }, 0);
     }
-    // Back at the settings before, and again.
+    // Back to the previous settings, and again.
     unsafe {
         assert_eq!((fmi.set)(instance, references.as_ptr(), 2, [2e6, 2.0].as_ptr(), 2), 0);
         assert_eq!(fmi.advance(instance, 0.5, 0.1).0, 0);
@@ -331,7 +332,7 @@ fn a_plain_fmu_has_every_entry_as_a_variable_of_its_own_and_shows_what_was_chose
     unsafe { assert_eq!((fmi.get)(instance, [y, force].as_ptr(), 2, found.as_mut_ptr(), 2), 0) };
     assert_eq!(found, [stepper.get("y_m").unwrap()[8], 0.01]);
     unsafe { (fmi.free)(instance) };
-    // FMI 2.0 of the same choice; arrays of FMI 3.0 have all nodes.
+    // FMI 2.0 with the same selection; arrays of FMI 3.0 have all nodes.
     let two = Unpacked::with(&model, Standard::Fmi2, FmuOptions { plain: false, ..choice.clone() });
     assert_eq!(two.description.matches("<ScalarVariable").count(), 7);
     let folder = tempfile::tempdir().unwrap();
@@ -370,7 +371,7 @@ fn terminals_name_variables_that_are_there() {
 fn several_libraries_go_into_one_fmu_each_in_its_platform_s_folder() {
     let model = document("driven-head", &[]);
     let folder = tempfile::tempdir().unwrap();
-    // Headers alone: nothing more is looked at.
+    // Only the headers, because nothing else is read.
     let elf = |machine: u8| [b"\x7fELF\x02\x01".as_slice(), &[0; 12], &[machine, 0]].concat();
     let windows = [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0", &[0x64, 0x86]].concat();
     let mac = [0xcf, 0xfa, 0xed, 0xfe, 0x0c, 0, 0, 1].to_vec();

@@ -1,6 +1,6 @@
-//! Calls in any order with any arguments, null pointers among them, never take the host down.
+//! Calls in any order with any arguments, including null pointers, never crash the host.
 //!
-//! 60 000 calls each version; `CAUDAL_FUZZ_CALLS` asks for more, as continuous integration does with a million.
+//! 60 000 calls per version; `CAUDAL_FUZZ_CALLS` sets another number, such as a million in continuous integration.
 #![allow(clippy::unwrap_used, clippy::undocumented_unsafe_blocks, missing_docs, reason = "the test is the host")]
 
 mod common;
@@ -12,7 +12,7 @@ use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::variable::VARIABLES;
 use common::{Dice, Instantiate2, NO_CALLBACKS, Unpacked, document, log3};
 
-/// Entries of every buffer; no count is larger.
+/// Number of entries of every buffer; no count is larger.
 const ROOM: usize = 64;
 
 fn calls() -> usize {
@@ -100,7 +100,7 @@ impl Arguments {
         self.or_null(pointer)
     }
 
-    /// Steps that do not take for ever, and some that are none.
+    /// Step sizes that do not take too long, and some invalid ones.
     fn step(&mut self) -> f64 {
         match self.dice.below(8) {
             0 => self.number().clamp(-1.0, 0.01),
@@ -120,7 +120,7 @@ impl Arguments {
     }
 }
 
-/// Instances and states that are alive.
+/// Existing instances and states.
 struct Alive {
     instances: Vec<*mut c_void>,
     states: Vec<*mut c_void>,
@@ -151,7 +151,7 @@ type Size = unsafe extern "C" fn(*mut c_void, *mut c_void, *mut usize) -> c_int;
 type Bytes = unsafe extern "C" fn(*mut c_void, *mut c_void, *mut u8, usize) -> c_int;
 type FromBytes = unsafe extern "C" fn(*mut c_void, *const u8, usize, *mut *mut c_void) -> c_int;
 
-/// The functions that save, restore, free and serialise states, which both versions have.
+/// The functions that save, restore, free and serialise states, common to both versions.
 struct States {
     save: State,
     restore: Restore,
@@ -202,12 +202,12 @@ impl States {
     }
 }
 
-/// Counts statuses, and that every call answered with one.
+/// Counts statuses, and checks that each is valid.
 fn count(statuses: &mut [usize; 5], status: c_int) {
     statuses[usize::try_from(status).unwrap()] += 1;
 }
 
-/// Both good and refused calls have been tried, and nothing broke.
+/// Asserts that successful and rejected calls occurred, and that nothing broke.
 fn judge(statuses: [usize; 5], steps: usize) {
     println!("statuses {statuses:?}, {steps} steps");
     assert!(

@@ -1,5 +1,5 @@
-//! What a host relies on: the stepper's own trajectory to the bit, mistakes answered by a status, many instances
-//! in threads.
+//! Properties that a host relies on: trajectories bit-identical to the stepper, errors reported by a status, many instances in
+//! threads.
 #![allow(clippy::unwrap_used, clippy::undocumented_unsafe_blocks, missing_docs, reason = "the test is the host")]
 
 mod common;
@@ -39,7 +39,7 @@ fn the_trajectory_is_the_stepper_s_to_the_bit_in_both_versions() {
         let nodes = scene.nodes();
         let h = 3.0 * scene.solver.time_step_s.unwrap().get();
         for step in 0..30 {
-            // A host that steers.
+            // A host that controls the rod.
             let joints = stepper.get("natural_curvature_1_m").unwrap().len();
             let first = nodes - 1 - joints;
             let own: Vec<f64> = (0..joints).map(|k| 0.05 * (0.3 * f64::from(step) + k as f64).sin()).collect();
@@ -87,7 +87,7 @@ fn inputs_go_on_along_their_derivatives_in_fmi_2_and_slopes_of_outputs_are_their
     let time = reference("time_s") as usize;
     for step in 0..50 {
         let t = stepper.time();
-        // A force that rises linearly, told by its value and its slope.
+        // A force that grows linearly, given by its value and its slope.
         let now = [0.7 * t; 9];
         unsafe {
             assert_eq!((fmi.set)(a, force.as_ptr(), 9, now.as_ptr()), 0);
@@ -142,7 +142,7 @@ fn parameters_are_the_scene_s_keys_and_nodes_is_structural() {
     }
     assert_eq!(stepper.get("y_m").unwrap(), fmi.read(a, "y_m", 17));
     assert_eq!(stepper.get("curvature_1_m").unwrap(), fmi.read(a, "curvature_1_m", 17)[..16]);
-    // Reset brings back the FMU as it was written.
+    // Reset restores the FMU as it was written.
     unsafe { assert_eq!((fmi.reset)(a), 0) };
     fmi.initialize(a);
     let stepper = Stepper::of(&scene).unwrap();
@@ -170,7 +170,7 @@ fn the_number_of_nodes_counts_the_centre_of_a_head_body() {
     unsafe { (fmi.free)(a) };
 }
 
-/// What the host does in the middle of steps.
+/// A host's actions during steps.
 struct Middle {
     fmi: Fmi3,
     instance: *mut c_void,
@@ -197,7 +197,7 @@ unsafe extern "C" fn middle(
     if set == 1 {
         assert_eq!(host.fmi.write(host.instance, "actuation_amplitude", &[0.5 + t]), 0);
     }
-    // What is not allowed here is refused.
+    // Calls that are not allowed here are rejected.
     assert_eq!(host.fmi.advance(host.instance, t, 1e-3).0, 3);
     unsafe { (host.fmi.free)(host.instance) };
     if let Some(stop) = host.stop_at.filter(|_| can_return == 1) {
@@ -226,7 +226,7 @@ fn hosts_look_and_steer_in_the_middle_of_a_step_and_may_end_it_early() {
     fmi.initialize(instance);
     assert_eq!(fmi.advance(instance, 0.0, 1e-2), (0, false, 1e-2));
     assert_eq!(host.times.len(), 10);
-    // A host that steers between short steps does the same.
+    // A host that sets inputs between short steps gets the same result.
     let mut stepper = Stepper::of(&document.scene().unwrap()).unwrap();
     for (t, height) in host.times.iter().zip(&host.heights) {
         stepper.do_step(1e-3).unwrap();
@@ -277,7 +277,7 @@ fn mistakes_are_answered_and_failed_steps_leave_the_last_good_state() {
         assert_eq!(before, fmi.read(a, "x_m", 9));
     }
     assert!(fmi.read(a, "x_m", 9).iter().all(|x| x.is_finite()));
-    // With a force that it can bear it goes on from there.
+    // With a moderate force the run continues from there.
     assert_eq!(fmi.write(a, "force_y_n", &[0.0; 9]), 0);
     assert_eq!(fmi.advance(a, last, 1e-3).0, 0);
     unsafe { (fmi.free)(a) };
@@ -297,7 +297,7 @@ fn mistakes_are_answered_and_failed_steps_leave_the_last_good_state() {
         assert_eq!((fmi.reset)(a), 0);
         assert_eq!((fmi.enter)(a), 0);
         (fmi.free)(a);
-        // Other GUIDs and places.
+        // Other GUIDs and resource locations.
         let location = std::ffi::CString::new(format!("file://{}", two.resources.display())).unwrap();
         let new = |kind, guid: *const c_char, place: *const c_char| {
             (fmi.instantiate)(c"x".as_ptr(), kind, guid, place, &raw const NO_CALLBACKS, 0, 0)
@@ -378,7 +378,7 @@ fn directional_derivatives_are_the_changes_of_a_get_after_a_set_and_adjoints_the
     };
     let (mut dice, mut worst) = (Dice(7), 0.0_f64);
     for _ in 0..10 {
-        // In the units of each: viscosity 1 Pa s, curvature 1/m, force 0.01 N.
+        // In the unit of each input: viscosity 1 Pa s, curvature 1/m, force 0.01 N.
         let seed: Vec<f64> = (0..columns).map(|i| dice.between(-1.0, 1.0) * if i > 9 { 1e-2 } else { 1.0 }).collect();
         let weights: Vec<f64> = (0..rows).map(|_| dice.between(-1.0, 1.0)).collect();
         let change = call(directional, &seed, rows);

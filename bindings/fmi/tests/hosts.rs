@@ -1,7 +1,7 @@
-//! Today's hosts and checkers load the FMUs and see the stepper's own trajectory: FMPy, fmutool, ecos, libcosim, rust-fmi.
+//! Current hosts and checkers load the FMUs and compute the stepper's trajectory: FMPy, fmutool, ecos, libcosim, rust-fmi.
 //!
-//! Each is a test of its own. The first four are Python packages in `target/hosts`, which `tests/hosts.sh` makes; `rust-host` is
-//! built in `target/rust-host`. What cannot be had on this machine the tests say that they skipped, see `skip`.
+//! Each has a separate test. The first four are Python packages in `target/hosts`, which `tests/hosts.sh` creates; `rust-host` is
+//! built in `target/rust-host`. Tests of hosts that are not available on this machine are skipped with a message, see `skip`.
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a failure ends the test")]
 
 mod common;
@@ -25,7 +25,7 @@ fn text_of(output: Output) -> String {
     [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat()
 }
 
-/// The environment of Python with the hosts, made where it is not there yet; `what` is skipped where it cannot be made.
+/// The Python environment with the hosts, created if it does not exist yet; `what` is skipped if it cannot be created.
 fn environment(what: &str) -> Option<PathBuf> {
     let output = Command::new("sh").arg(root().join("tests/hosts.sh")).output().unwrap();
     if output.status.success() {
@@ -83,7 +83,7 @@ fn a_rust_host_sees_the_stepper_s_trajectory() {
 #[cfg(target_os = "linux")]
 fn the_library_needs_glibc_and_libgcc_s_alone() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("needs.py");
-    // Measured: 2.35, by hypot; glibc 2.38 has the latest functions that Rust asks for. For 2.28 see portable.sh.
+    // Measured: 2.35, because of hypot; glibc 2.38 has the latest functions that Rust requests. For 2.28 see portable.sh.
     let needs =
         Command::new("python3").arg(script).arg(common::library_path()).args(["2.38", "libgcc_s.so.1"]).output();
     let Ok(output) = needs else { return skip("the needs of the FMU's library", "install Python 3") };
@@ -93,7 +93,7 @@ fn the_library_needs_glibc_and_libgcc_s_alone() {
     assert!(good, "{text}");
 }
 
-/// FMUs and what they should give, driven by one host of `tests/hosts/run.py`.
+/// Drives FMUs with one host of `tests/hosts/run.py`, and compares with the expected values.
 fn drive(host: &str) {
     let Some(environment) = environment(host) else { return };
     let folder = tempfile::tempdir().unwrap();

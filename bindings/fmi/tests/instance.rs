@@ -1,4 +1,4 @@
-//! What an instance is, it is altogether: parameters, inputs and their derivatives, time and log after whatever a host does.
+//! The state of an instance is consistent after any calls of a host: parameters, inputs and their derivatives, time and log.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
@@ -52,7 +52,7 @@ fn a_parameter_that_was_tuned_and_set_back_leaves_states_that_can_be_restored() 
     let own = value(&fmi, instance, modulus);
     let [stiffness, tip] = ["bending_stiffness_n_m2", "tip_y_m"].map(|name| fmi.read(instance, name, 1)[0]);
     let state = saved(&fmi, instance);
-    // A difference by the parameter, as a host takes it.
+    // A finite difference with respect to the parameter, as a host computes it.
     assert_eq!(tune(&fmi, instance, modulus, 2.0 * own), 0);
     assert_eq!(fmi.advance(instance, 0.01, 0.01).0, 0);
     assert_eq!(fmi.read(instance, "bending_stiffness_n_m2", 1)[0], 2.0 * stiffness);
@@ -65,7 +65,7 @@ fn a_parameter_that_was_tuned_and_set_back_leaves_states_that_can_be_restored() 
         assert_eq!(fmi.read(instance, "tip_y_m", 1)[0], tip);
         assert_eq!(fmi.advance(instance, 0.01, 0.01).0, 0);
     }
-    // A state of tuned parameters with inputs that nothing has read yet comes back whole.
+    // A state with tuned parameters, and with inputs that have not been read yet, is restored completely.
     assert_eq!(tune(&fmi, instance, modulus, 3.0 * own), 0);
     assert_eq!(fmi.write(instance, "viscosity_pa_s", &[7.0]), 0);
     let tuned = saved(&fmi, instance);
@@ -113,7 +113,7 @@ fn every_entry_of_an_array_goes_on_by_its_own_derivatives_whatever_is_said_of_ot
         step(instance, 0.0);
         assert!((get(instance, one) - 1.0).abs() < 1e-12, "{derivative_first} {read}: {}", get(instance, one));
         assert_eq!(get(instance, other), 0.5);
-        // Another entry is set: this one goes on.
+        // Another entry is set: this one is still extrapolated.
         set(instance, other, 0.6);
         rate(instance, other, 2, 10.0);
         step(instance, 0.1);
@@ -155,7 +155,7 @@ fn a_wrong_communication_point_is_refused_however_late_it_is_and_a_host_s_own_su
     for wrong in [start + 1.0, start + h, start - h, start + 0.1 * h, f64::NAN] {
         assert_eq!(fmi.advance(instance, wrong, h).0, 3, "{wrong}");
     }
-    // The sum is off by a rounding error of 0.1 µs a step.
+    // The sum has a rounding error of 0.1 µs per step.
     let mut time = start;
     for _ in 0..50 {
         assert_eq!(fmi.advance(instance, time, h).0, 0);
@@ -170,14 +170,14 @@ fn a_host_whose_time_drifts_from_that_of_its_steps_is_told_so() {
     let fmu = Unpacked::of(&document("driven-head", &["rod.nodes=9"]), Standard::Fmi3);
     let fmi = Fmi3::of(&fmu);
     let h = 1e-3;
-    // Off by a thousandth of a step at most in all, not in each.
+    // At most a thousandth of a step in total, not in each step.
     for (off, made) in [(4e-4, 3), (1e-4, 11), (-4e-4, 3)] {
         let instance = fmi.start();
         let refused = (0..100).find(|k| fmi.advance(instance, f64::from(*k) * h * (1.0 + off), h).0 != 0);
         assert_eq!(refused, Some(made), "{off}");
         unsafe { (fmi.free)(instance) };
     }
-    // Products and sums are the same time.
+    // Products and sums count as the same time.
     for start in [0.0, 1e6] {
         let instance = fmi.instance(None, null_mut());
         assert_eq!(unsafe { (fmi.enter)(instance, 0, 0.0, start, 0, 0.0) }, 0);
@@ -194,7 +194,7 @@ fn a_host_whose_time_drifts_from_that_of_its_steps_is_told_so() {
 
 #[test]
 fn a_tolerance_holds_for_the_experiment_that_it_was_given_for() {
-    // The first step of all follows from it.
+    // The very first step depends on it.
     let changes = ["rod.nodes=9", "solver.integrator=esdirk3", "solver.tolerance=1e-3"];
     let document = document("glycerol", &changes);
     let (three, two) = (Unpacked::of(&document, Standard::Fmi3), Unpacked::of(&document, Standard::Fmi2));
@@ -204,7 +204,7 @@ fn a_tolerance_holds_for_the_experiment_that_it_was_given_for() {
     for (tolerance, shorter) in [(None, false), (Some(1e-6), true)] {
         let instance = fmi.instance(None, null_mut());
         let inner = value(&fmi, instance, radius);
-        // What cannot be leaves nothing behind.
+        // Rejected values leave nothing behind.
         assert_eq!(tune(&fmi, instance, radius, 1.0), 0);
         assert_eq!(unsafe { (fmi.enter)(instance, 1, 1e-5, 0.0, 0, 0.0) }, 3);
         assert_eq!(tune(&fmi, instance, radius, inner), 0);
@@ -227,7 +227,7 @@ fn a_tolerance_holds_for_the_experiment_that_it_was_given_for() {
     assert_eq!(first, own);
 }
 
-/// The element of a description that has this name.
+/// The element of a description with this name.
 fn described<'a>(description: &'a str, name: &str) -> &'a str {
     let at = description.find(&format!("name=\"{name}\"")).unwrap_or_else(|| panic!("{name}"));
     let start = description[..at].rfind('<').unwrap();
@@ -254,7 +254,7 @@ fn what_is_told_of_variables_is_what_the_model_that_was_built_does() {
         assert!(described(&chain, modulus).contains("variability=\"fixed\""));
         assert!(described(&chain, "bending_stiffness_n_m2").contains("variability=\"fixed\""));
     }
-    // What is told fixed is refused at once, not by the next step.
+    // Setting a variable described as fixed is rejected at once, not by the next step.
     let document = document("driven-head", &["rod.nodes=9", "solver.form=chain"]);
     let fmu = Unpacked::of(&document, Standard::Fmi3);
     let fmi = Fmi3::of(&fmu);
@@ -363,7 +363,7 @@ fn outputs_tell_the_parameters_and_the_time_that_they_follow_and_have_derivative
     let at = fmu.description.find(&output).unwrap() + output.len();
     let told = &fmu.description[at..at + fmu.description[at..].find('"').unwrap()];
     assert!(told.split(' ').any(|known| known == modulus.to_string()), "{told}");
-    // The energy in a bend is proportional to the stiffness.
+    // The bending energy is proportional to the stiffness.
     type Directional = unsafe extern "C" fn(
         *mut c_void,
         *const u32,
@@ -381,7 +381,7 @@ fn outputs_tell_the_parameters_and_the_time_that_they_follow_and_have_derivative
     assert_eq!(unsafe { directional(instance, &energy, 1, &modulus, 1, &1.0, 1, &mut slope, 1) }, 0);
     assert!((slope * stiffness / here - 1.0).abs() < 1e-8, "{slope} {here}");
     assert_eq!(value(&fmi, instance, modulus), stiffness);
-    // The head's own turning is all that its angle follows.
+    // The angle follows only the head's own rotation.
     let time = reference("time_s");
     assert_eq!(unsafe { directional(instance, &reference("pose_angle_rad"), 1, &time, 1, &2.0, 1, &mut slope, 1) }, 0);
     assert_eq!(slope, 2.0 * fmi.read(instance, "pose_spin_rad_s", 1)[0]);
@@ -465,14 +465,14 @@ fn messages_come_of_the_categories_that_are_on_and_no_others() {
         )
     };
     fmi.initialize(instance);
-    // Off: no step is told, nor one that is discarded; an error always is.
+    // Off: no step is logged, nor a discarded one; an error always is.
     assert_eq!(fmi.write(instance, "force_y_n", &[1e100; 9]), 0);
     let status = fmi.advance(instance, 0.0, 0.01).0;
     assert!(status != 0);
     assert_eq!(heard(), if status == 2 { vec![] } else { vec!["logStatusError".to_string()] });
     assert_eq!(fmi.write(instance, "force_y_n", &[0.0; 9]), 0);
     assert_eq!((fmi.advance(instance, 0.0, 0.01).0, heard()), (0, vec![]));
-    // Each call adds or takes away.
+    // Each call adds or removes categories.
     assert_eq!(unsafe { set_logging(instance, 1, 1, &discards) }, 0);
     assert_eq!(unsafe { set_logging(instance, 1, 1, &steps) }, 0);
     assert_eq!((fmi.advance(instance, 0.01, 0.01).0, heard()), (0, vec!["logSteps".to_string()]));
@@ -497,7 +497,7 @@ fn attribute(element: &str, name: &str) -> Option<String> {
     Some(element.split(&format!(" {name}=\"")).nth(1)?.split('"').next().unwrap().to_string())
 }
 
-/// What one of a unit is in SI units, by its prefixes.
+/// The size of a unit in SI units, from its prefixes.
 fn size_of(name: &str) -> f64 {
     let mut size = 1.0;
     for (sign, part) in [1, -1].into_iter().zip(name.split('/')) {
@@ -523,7 +523,7 @@ fn every_number_of_a_description_is_had_a_second_way() {
         let found: f64 = found.parse().unwrap();
         assert!((found - wanted).abs() <= 1e-12 * wanted.abs(), "{what}: {found}, a second way {wanted}");
     };
-    // By hand: length, bending stiffness, frequency, mass and viscosity.
+    // Computed by hand: length, bending stiffness, frequency, mass and viscosity.
     let pi = std::f64::consts::PI;
     let driven = [0.3, 2e6 * pi / 4.0 * 0.004_f64.powi(4), 1.0, 1100.0 * pi * 0.004 * 0.004 * 0.3, 1.0];
     let baseline = [1.0, 70e9 * pi / 4.0 * (0.013_f64.powi(4) - 0.011_f64.powi(4)), 2.0];
@@ -535,7 +535,7 @@ fn every_number_of_a_description_is_had_a_second_way() {
         let fmu = Fmu::of(&document).unwrap();
         let scene = document.scene().unwrap();
         let mut stepper = Stepper::of(&scene).unwrap();
-        // The number that the file has for a key.
+        // The number in the file for a key.
         let file = std::fs::read_to_string(common::models().join(format!("{model}.toml"))).unwrap();
         let in_file = |key: &str| -> Option<f64> {
             let (table, key) = key.split_once('.')?;
@@ -558,7 +558,7 @@ fn every_number_of_a_description_is_had_a_second_way() {
             near(&attribute(experiment, "stopTime").unwrap(), scene.solver.duration_s.get(), "stop");
             near(&attribute(experiment, "stepSize").unwrap(), in_file("solver.time_step_s").unwrap(), "step");
             near(&attribute(experiment, "startTime").unwrap(), 0.0, "start");
-            // Types have the nominal values of FMI 3.0, variables those of FMI 2.0.
+            // In FMI 3.0 types have the nominal values, in FMI 2.0 variables.
             let elements = text.split('<').filter(|part| part.contains(" nominal="));
             for element in elements {
                 let unit = attribute(element, "unit").unwrap();
@@ -586,14 +586,14 @@ fn every_number_of_a_description_is_had_a_second_way() {
             let start: Vec<f64> =
                 attribute(told, "start").unwrap().split(' ').map(|value| value.parse().unwrap()).collect();
             let own = stepper.get(variable.name).unwrap();
-            // An array has an entry for every node, zero where there is no joint.
+            // An array has an entry for every node, zero at nodes without a joint.
             let offset = variable.entries(stepper.model()).start;
             for (k, value) in start.iter().enumerate() {
                 let own = if start.len() == 1 { own[0] } else { *own.get(k.wrapping_sub(offset)).unwrap_or(&0.0) };
                 assert_eq!(*value, own, "{}[{k}]", variable.name);
             }
             starts += 1;
-            // What is below the least value is refused, and nothing is where there is none.
+            // A value below the minimum is rejected, and a variable without a minimum accepts it.
             let entries = own.len();
             let refused = stepper.set(variable.name, &vec![-1e-3; entries]).is_err();
             assert_eq!(attribute(told, "min").is_some(), refused, "{}", variable.name);

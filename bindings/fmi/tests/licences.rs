@@ -1,4 +1,4 @@
-//! What the library of FMUs is linked from is named in THIRD-PARTY.txt, with its licence, and that is in every FMU.
+//! The dependencies of the FMU library are listed in THIRD-PARTY.txt with their licences, and every FMU contains this file.
 #![allow(clippy::unwrap_used, missing_docs, reason = "a failure ends the test")]
 
 mod common;
@@ -9,7 +9,7 @@ use std::process::Command;
 
 use caudal::fmu::Standard;
 
-/// What to do where it is out of date.
+/// Advice if the file is out of date.
 const ADVICE: &str = "THIRD-PARTY.txt is out of date: python3 bindings/fmi/third_party.py writes it";
 
 #[test]
@@ -25,7 +25,7 @@ fn every_crate_that_is_linked_is_named_with_its_licence_and_no_other_version_of_
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut linked = 0;
     for line in String::from_utf8(output.stdout).unwrap().lines().filter(|line| !line.is_empty()) {
-        // Ours have a folder after the version.
+        // Our own packages have a folder after the version.
         if !line.contains(" (/") && !line.contains(":\\") {
             let named = line.replacen(" v", " ", 1);
             assert!(listed.contains(&named), "{named}: {ADVICE}");

@@ -1,5 +1,5 @@
-//! A host that calls what it likes: an instance that lives through it all is, at every question, the one that is built for that
-//! question and told only what led there.
+//! A host that makes random calls: after any sequence of them, an instance is equal to a new one that receives only the calls
+//! that led to its state.
 #![allow(clippy::unwrap_used, clippy::undocumented_unsafe_blocks, missing_docs, reason = "the test is the host")]
 
 mod common;
@@ -22,14 +22,14 @@ enum Call {
     Set(&'static str, usize, Vec<f64>),
     /// A derivative of an entry, with its order.
     Derivative(&'static str, usize, i32, f64),
-    /// A parameter by its place.
+    /// A parameter by its index.
     Tune(usize, f64),
     Step(f64, f64),
-    /// Everything that was set is handed over.
+    /// Passes everything that was set to the stepper.
     Read,
 }
 
-/// The functions of a version, by what is common to both.
+/// The functions of a version, with a common interface for both.
 enum Host {
     Two(Fmi2, Unpacked),
     Three(Fmi3),
@@ -40,7 +40,7 @@ impl Host {
         let fmu = Unpacked::of(document, standard);
         match standard {
             Standard::Fmi2 => Self::Two(Fmi2::of(&fmu), fmu),
-            // The library stays loaded by the instances' code: its folder must outlive the functions.
+            // The code of the library stays loaded while instances exist, so its folder must outlive the functions.
             Standard::Fmi3 => {
                 let functions = Fmi3::of(&fmu);
                 std::mem::forget(fmu);
@@ -94,7 +94,7 @@ impl Host {
                 }
                 (Self::Three(fmi), Call::Set(name, node, values)) if *node == 0 => fmi.write(instance, name, values),
                 (Self::Three(fmi), Call::Set(name, node, values)) => {
-                    // An entry by the reference that it has without arrays.
+                    // An entry with the reference that it has without arrays.
                     let references = references2(name, *node..*node + values.len());
                     (fmi.set)(instance, references.as_ptr(), values.len(), values.as_ptr(), values.len())
                 }
@@ -127,7 +127,7 @@ impl Host {
         (status, values)
     }
 
-    /// Everything that tells two instances apart, `None` where nothing can be read.
+    /// All values by which two instances may differ; `None` if nothing can be read.
     fn all(&self, instance: *mut c_void, nodes: usize, parameters: usize) -> Option<Vec<u64>> {
         let mut seen = Vec::new();
         for (name, size) in SEEN {
@@ -169,7 +169,7 @@ impl Host {
         state
     }
 
-    /// Goes back to a state, by way of its bytes where `far`.
+    /// Restores a state, by its serialised form if `far`.
     fn restore(&self, instance: *mut c_void, state: *mut c_void, far: bool) -> c_int {
         type Restore = unsafe extern "C" fn(*mut c_void, *mut c_void) -> c_int;
         match self {
@@ -216,22 +216,22 @@ const SEEN: &[(&str, Size)] = &[
     ("newton_iterations", Size::Scalar),
 ];
 
-/// What the host knows of an instance: the calls that led to it, and where it stands.
+/// The host's knowledge of an instance: the calls that led to it, and its current stage and time.
 #[derive(Debug, Clone, Default)]
 struct Story {
     calls: Vec<Call>,
-    /// Not yet initialised, initialising, stepping.
+    /// 0: not yet initialised, 1: initialising, 2: stepping.
     stage: usize,
     nodes: usize,
     start: f64,
     time: f64,
-    /// Something was set since it was last read.
+    /// True if something was set since the last read.
     pending: bool,
 }
 
 const NODES: usize = 7;
 
-/// Calls before a story is told anew, so that it stays short.
+/// Largest number of calls before the story starts again, so that it stays short.
 const LONGEST: usize = 40;
 
 fn play(changes: &[&str], standard: Standard, seed: u64, calls: usize) {
@@ -324,7 +324,7 @@ fn play(changes: &[&str], standard: Standard, seed: u64, calls: usize) {
                 continue;
             }
             15 if story.stage == 2 || standard == Standard::Fmi3 => {
-                // The question.
+                // Compares with a new instance.
                 asked += 1;
                 let other = host.instance();
                 for call in &story.calls {
@@ -351,7 +351,7 @@ fn play(changes: &[&str], standard: Standard, seed: u64, calls: usize) {
         let status = host.call(live, &call);
         if status == 0 {
             let sets = matches!(call, Call::Set(..) | Call::Derivative(..) | Call::Tune(..) | Call::Nodes(_));
-            after.pending = sets; // all others hand over what is set
+            after.pending = sets; // all other calls pass the set values on
             after.calls.push(call);
             story = after;
         }
@@ -365,7 +365,7 @@ fn play(changes: &[&str], standard: Standard, seed: u64, calls: usize) {
 
 #[test]
 fn an_instance_is_what_the_calls_that_led_to_it_make_of_a_new_one() {
-    // For a long walk: CAUDAL_RANDOM_CALLS=1000000.
+    // For a long run: CAUDAL_RANDOM_CALLS=1000000.
     let calls = std::env::var("CAUDAL_RANDOM_CALLS").ok().and_then(|calls| calls.parse().ok()).unwrap_or(4000);
     let kinds: [&[&str]; 4] = [
         &["solver.integrator=implicit-euler"],

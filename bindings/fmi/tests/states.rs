@@ -1,4 +1,4 @@
-//! States: rolled back, serialised, moved between instances and processes, everything goes on to the bit.
+//! Saved states: after rollback, serialisation, and transfer between instances and processes, runs continue bit-identically.
 #![allow(clippy::unwrap_used, clippy::undocumented_unsafe_blocks, missing_docs, reason = "the test is the host")]
 
 mod common;
@@ -6,7 +6,7 @@ mod common;
 use caudal::fmu::Standard;
 use common::{Dice, Fmi3, Unpacked, document};
 
-/// Drives an instance on by steps and inputs of `dice` until `end`; returns all that is seen.
+/// Drives an instance with steps and inputs of `dice` until `end`; returns all values read.
 fn drive(fmi: &Fmi3, instance: *mut std::ffi::c_void, dice: &mut Dice, mut t: f64, steps: usize) -> Vec<u64> {
     let mut seen = Vec::new();
     for _ in 0..steps {
@@ -49,7 +49,7 @@ fn rolled_back_at_any_time_an_instance_goes_on_to_the_bit() {
             let mut state = std::ptr::null_mut();
             assert_eq!(unsafe { (fmi.save)(instance, &mut state) }, 0);
             let first = drive(&fmi, instance, &mut Dice(round), now, 5);
-            // Back in the same instance, and on in another one, by memory and by bytes.
+            // Restored in the same instance, and in another one, from memory and from bytes.
             assert_eq!(unsafe { (fmi.restore)(instance, state) }, 0);
             assert_eq!(first, drive(&fmi, instance, &mut Dice(round), now, 5), "{changes:?}");
             let bytes = fmi.bytes(instance, state);
@@ -71,7 +71,7 @@ fn rolled_back_at_any_time_an_instance_goes_on_to_the_bit() {
     }
 }
 
-/// The child of the next test: loads the state in a file and writes what it sees.
+/// The child process of the next test: loads the state in a file and writes the values that it reads.
 #[test]
 fn continue_in_this_process() {
     let Ok(folder) = std::env::var("CAUDAL_TEST_STATE") else { return };

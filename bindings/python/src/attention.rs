@@ -1,4 +1,4 @@
-//! Long computations look up now and then: for Ctrl-C, and to tell how far they are.
+//! Periodic checks during long computations: for Ctrl-C, and to report progress.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -7,18 +7,18 @@ use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 
-/// Time between looks. Python's lock is taken for each, which may have to wait for other threads.
+/// Time between checks. Each takes Python's lock, which may have to wait for other threads.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Looks up every [`INTERVAL`], first after one, and remembers what made it end.
+/// Checks every [`INTERVAL`], the first time after one interval, and stores the exception that ended the computation.
 pub struct Attention {
     next: Instant,
-    /// The exception of a look.
+    /// The exception raised by a check.
     pub failure: Option<PyErr>,
 }
 
 impl Attention {
-    /// Begins now.
+    /// Starts the clock.
     pub fn new() -> Self {
         Self { next: Instant::now() + INTERVAL, failure: None }
     }
@@ -37,41 +37,41 @@ impl Attention {
     }
 }
 
-/// The progress of a computation, in finished parts of all, with a flag to stop it.
+/// The progress of a computation, as the number of finished parts, with a flag to stop it.
 #[derive(Default)]
 pub struct Progress {
-    /// Raised to stop it.
+    /// Set to stop the computation.
     pub interrupted: Arc<AtomicBool>,
     done: AtomicUsize,
     of: AtomicUsize,
 }
 
 impl Progress {
-    /// Of a computation that ends where this flag is raised; it is not yet.
+    /// The progress of a computation that stops when this flag is set; the flag is not set yet.
     pub fn ended_by(interrupted: Arc<AtomicBool>) -> Self {
         interrupted.store(false, Ordering::Relaxed);
         Self { interrupted, ..Self::default() }
     }
 
-    /// Says so.
+    /// Sets the number of finished parts and the total.
     pub fn reach(&self, done: usize, of: usize) {
         self.done.store(done, Ordering::Relaxed);
         self.of.store(of, Ordering::Relaxed);
     }
 
-    /// One more is done.
+    /// Counts one more finished part.
     pub fn advance(&self) {
         self.done.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Tells `callback`, where there is one.
+    /// Reports to `callback`, if there is one.
     pub fn tell(&self, py: Python<'_>, callback: Option<&Py<PyAny>>) -> PyResult<()> {
         let numbers = (self.done.load(Ordering::Relaxed), self.of.load(Ordering::Relaxed));
         callback.map_or(Ok(()), |callback| callback.call1(py, numbers).map(|_| ()))
     }
 
-    /// Computes in another thread, while this one, which belongs to Python, looks up for its signals and tells `callback`.
-    /// What fails there interrupts the computation and is raised when it has ended.
+    /// Computes in another thread, while this one, which holds Python's lock, checks for signals and reports to `callback`. An
+    /// exception raised here interrupts the computation and is raised when it has ended.
     pub fn watch<T: Send>(
         &self,
         py: Python<'_>,

@@ -13,7 +13,8 @@ use crate::error::{OrRaise, exception};
 use crate::scene::Scene;
 use crate::values::plain;
 
-/// A run in memory: its scene, its summary, its scalar variables by name, and the nodes with their positions x and y, row by row.
+/// A run in memory: its scene, its summary, its scalar variables by name, and the nodes with their positions x and y, in
+/// row-major order.
 type InMemory<'py> =
     (Bound<'py, Scene>, Bound<'py, PyDict>, Vec<(String, Vec<f64>)>, Option<(Vec<usize>, Vec<f64>, Vec<f64>)>);
 
@@ -38,7 +39,7 @@ impl Run<'_> {
     }
 }
 
-/// Compares runs and, with `out`, writes the files; returns the content, and the exception of what could not be written.
+/// Compares runs and, with `out`, writes the files. Returns the content, and the exception of a file that could not be written.
 #[pyfunction]
 #[pyo3(name = "_compare")]
 pub fn compare<'py>(

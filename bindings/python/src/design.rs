@@ -13,7 +13,7 @@ use crate::distributed::{JobHandle, lines};
 use crate::error::OrRaise;
 use crate::scene::Scene;
 
-/// Designs what a scene's `[design]` asks for and writes its files: the content of design.json with the folder.
+/// Runs the design problem in a scene's `[design]` and writes its files. Returns the content of design.json with the folder.
 #[pyfunction]
 #[pyo3(name = "_design")]
 pub fn design<'py>(
@@ -25,7 +25,7 @@ pub fn design<'py>(
 ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| Design::folder(scene));
-    drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
+    drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // removes results to be replaced
     let (mut failure, mut tell) = (None, progress_callback(progress));
     let designed = py.detach(|| {
         let design = Design::resumed(document, &folder, |iteration| tell(iteration, &mut failure))?;
@@ -38,12 +38,12 @@ pub fn design<'py>(
     Ok((numbers, failure))
 }
 
-/// What stopped a search that had nothing to return yet, instead of the `error` that says so.
+/// The exception that stopped a search before it had a result, in place of the `error` that reports this.
 fn raised_before(error: PyErr, failure: &mut Option<PyErr>) -> PyErr {
     failure.take().unwrap_or(error)
 }
 
-/// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
+/// The callback for iterations: it checks for signals and calls `progress`, and stops the search if either raises an exception.
 fn progress_callback(
     progress: Option<Py<PyAny>>,
 ) -> impl FnMut(Option<&SearchIteration>, &mut Option<PyErr>) -> ControlFlow<()> {
@@ -75,7 +75,7 @@ pub fn parts(
 ) -> PyResult<Option<JobHandle>> {
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| Design::folder(scene));
-    drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
+    drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // removes results to be replaced
     let (mut failure, mut tell) = (None, progress_callback(progress));
     let next = py.detach(|| DistributedDesign::next(document, &folder, |iteration| tell(iteration, &mut failure)));
     let next = next.or_raise(py).map_err(|error| raised_before(error, &mut failure))?;

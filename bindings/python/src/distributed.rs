@@ -1,4 +1,4 @@
-//! Jobs whose parts run on workers (Dask): the starts and checks of designs, the runs of studies.
+//! Jobs whose parts run on workers (Dask): the starts and checks of designs, and the runs of studies.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -26,12 +26,12 @@ pub struct JobHandle {
     /// Number of parts.
     #[pyo3(get)]
     size: usize,
-    /// `None` once it is closed.
+    /// `None` once the job is closed.
     parts: Mutex<Option<Box<dyn DistributableJob>>>,
 }
 
 impl JobHandle {
-    /// A job whose `parts`, each called `noun`, the function `worker` runs, with results in `folder`.
+    /// Creates a job with these `parts`, each called `noun` and run by the function `worker`, with results in `folder`.
     pub fn new(
         parts: impl DistributableJob + 'static,
         noun: &'static str,
@@ -62,7 +62,7 @@ impl JobHandle {
         self.with(|parts| Ok(parts.describe(index)), py)
     }
 
-    /// The bundle that a worker is sent, as bytes.
+    /// The bundle sent to a worker, as bytes.
     fn bundle<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         self.with(|parts| parts.bundle(), py).map(|bytes| PyBytes::new(py, &bytes))
     }

@@ -4,7 +4,7 @@ use caudal::Error;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 
-/// The exception of `error`; one that Python does not know by name is a `caudal.Error`.
+/// The exception for `error`; an error without a Python class of its own becomes `caudal.Error`.
 pub fn exception(py: Python<'_>, error: &Error) -> PyErr {
     raised(py, error).unwrap_or_else(|failure| failure)
 }
@@ -30,7 +30,7 @@ fn raised(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     Ok(PyErr::from_value(exception))
 }
 
-/// The exception to raise of two, the other of which is its cause.
+/// Of two exceptions the one to raise, with the other as its cause.
 pub fn first_of(py: Python<'_>, first: Option<PyErr>, other: Option<PyErr>) -> Option<PyErr> {
     match first {
         Some(failure) => {
@@ -43,9 +43,9 @@ pub fn first_of(py: Python<'_>, first: Option<PyErr>, other: Option<PyErr>) -> O
     }
 }
 
-/// Turns the library's results into Python's.
+/// Converts results of the library to Python.
 pub trait OrRaise<T> {
-    /// The value, or the exception.
+    /// The value, or the error as an exception.
     fn or_raise(self, py: Python<'_>) -> PyResult<T>;
 }
 

@@ -1,7 +1,6 @@
-//! caudal as a Python package: scenes, the stepper and whole runs, with NumPy arrays, as `caudal._caudal`.
-//!
-//! Thin: every call is one of the library's. What Python does better (plots, data frames, documentation pages) is in
-//! `python/caudal`. Python's lock is released while the library computes.
+//! caudal as a Python package: scenes, the stepper and whole runs, with NumPy arrays, as `caudal._caudal`.  A thin layer: every
+//! call is one call of the library. What is easier in Python (plots, data frames, documentation pages) is in `python/caudal`.
+//! Python's lock is released while the library computes.
 
 mod attention;
 mod comparison;

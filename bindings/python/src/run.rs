@@ -1,4 +1,4 @@
-//! Whole runs.
+//! Complete runs.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ use crate::error::{OrRaise, exception, first_of};
 use crate::scene::Scene;
 use crate::stepper::Variable;
 
-/// Runs a scene: what `caudal.run` makes a result from, and the exception that ended it before its time.
+/// Runs a scene. Returns the data from which `caudal.run` builds its result, and the exception that ended the run early, if any.
 #[pyfunction]
 #[pyo3(name = "_run")]
 pub fn run<'py>(
@@ -51,7 +51,7 @@ pub fn run<'py>(
     let duration = scene.solver.duration_s.get();
     let tell = |py: Python<'_>, time: f64| match &progress {
         None => Ok(ControlFlow::Continue(())),
-        // Only False itself ends the run: most callbacks return nothing.
+        // Only the value False ends the run, because most callbacks return nothing.
         Some(callback) => match callback.call1(py, (time, duration))?.extract::<bool>(py) {
             Ok(false) => Ok(ControlFlow::Break(())),
             _ => Ok(ControlFlow::Continue(())),
@@ -80,7 +80,7 @@ pub fn run<'py>(
         (outcome.ending, summary, player, written)
     });
     let (ending, summary, player, written) = finished;
-    // What cannot be written takes nothing from what was computed.
+    // A file that cannot be written does not discard the computed result.
     let unwritten = player.as_ref().err().cloned().or(written.err()).map(|error| exception(py, &error));
     if ending == Ending::Complete
         && let Err(failure) = tell(py, stepper.time())
@@ -91,7 +91,7 @@ pub fn run<'py>(
     for TrajectoryColumn { variable, nodes, values } in trajectory.into_columns() {
         variables.set_item(variable.name, Variable::of(py, variable, stepper.model())?)?;
         let rows = values.len() / nodes.len();
-        let array = PyArray1::from_vec(py, values); // takes the memory over
+        let array = PyArray1::from_vec(py, values); // takes ownership of the memory
         match variable.size {
             Size::Scalar => arrays.set_item(variable.name, array)?,
             Size::Nodes | Size::Joints => arrays.set_item(variable.name, array.reshape([rows, nodes.len()])?)?,
@@ -99,7 +99,7 @@ pub fn run<'py>(
     }
     let content = PyDict::new(py);
     content.set_item("notes", &summary.notes)?;
-    // By way of JSON: pairs are lists there, as summary.json has them.
+    // Converted by way of JSON, which turns pairs into lists, as in summary.json.
     let summary = serde_json::to_value(&summary).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     content.set_item("summary", pythonize::pythonize(py, &summary)?)?;
     content.set_item("variables", variables)?;
@@ -113,7 +113,7 @@ pub fn run<'py>(
     Ok((content, first_of(py, failure, unwritten)))
 }
 
-/// Writes what was recorded of a run as VTK files; their paths.
+/// Writes the recorded data of a run as VTK files; returns their paths.
 #[pyfunction]
 #[pyo3(name = "_vtk")]
 pub fn write_vtk(
@@ -142,7 +142,7 @@ pub fn write_vtk(
     written.or_raise(py)
 }
 
-/// Turns the figures of a folder into files of other formats; their paths.
+/// Converts the figures of a folder to other formats; returns the paths of the new files.
 #[pyfunction]
 #[pyo3(name = "_pictures")]
 pub fn pictures(
@@ -163,8 +163,8 @@ pub fn pictures(
     py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, claim)?.complete()).or_raise(py)
 }
 
-/// Writes a film of the rod of a scene whose nodes have these positions, a row per time; `look` is pictures per second, speed, pixels per px,
-/// and its first and last time.
+/// Writes a film of the rod of a scene with these positions of the nodes, a row per time; `look` holds pictures per second,
+/// speed, pixels per px, and the first and last time.
 #[pyfunction]
 #[pyo3(name = "_film")]
 pub fn write_film(

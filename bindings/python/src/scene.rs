@@ -14,10 +14,10 @@ use pyo3::types::{PyBytes, PyDict, PyTuple};
 use crate::error::OrRaise;
 use crate::values::{fields, shown, to_toml};
 
-/// A scene, read and checked: everything there is to say about a run.
+/// A scene, read and checked: the complete description of a run.
 ///
-/// It cannot be changed; :func:`caudal.load` makes another with other values. It has the contents of the tables that it names, and
-/// says the same whatever becomes of files and working directory; so does a pickled one.
+/// A scene is immutable; :func:`caudal.load` creates another one with other values. It holds the contents of the tables that it
+/// names, so later changes of files or of the working directory do not affect it. The same holds for a pickled scene.
 ///
 /// Parameters
 /// ----------
@@ -69,13 +69,13 @@ impl Scene {
         Self::of(py, path, document)
     }
 
-    /// Name of the scene, which names the folder of a run's files.
+    /// Name of the scene, which is also the name of the folder for a run's files.
     #[getter]
     fn name(&self) -> &str {
         &self.scene.name
     }
 
-    /// The file that it was read from; of one that was given as a dictionary ``"scene"``.
+    /// The file from which it was read; ``"scene"`` for a scene given as a dictionary.
     #[getter]
     fn file(&self) -> &PathBuf {
         &self.path
@@ -105,8 +105,8 @@ impl Scene {
         self.document.overrides().to_vec()
     }
 
-    /// The scalar values by key as overrides take it, such as ``rod.length_m``; of pairs ``key.0`` and ``key.1``, of tables in a list
-    /// ``tendons.0.offset_m``.
+    /// The scalar values by key, as written in overrides, such as ``rod.length_m``; for pairs ``key.0`` and ``key.1``, for tables
+    /// in a list ``tendons.0.offset_m``.
     #[getter]
     fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dictionary = PyDict::new(py);
@@ -116,17 +116,17 @@ impl Scene {
         fields(&dictionary)
     }
 
-    /// What a user should know before trusting a run: where the model, the mesh or the step leave their range.
+    /// Warnings to consider before trusting a run: where the model, the mesh or the step size is out of range.
     ///
     /// Returns
     /// -------
     /// list of str
-    ///     The warnings of ``caudal check``; empty where there is nothing to say.
+    ///     The warnings of ``caudal check``; empty without warnings.
     ///
     /// Raises
     /// ------
     /// caudal.errors.SceneError
-    ///     Where a run would be meaningless.
+    ///     If a run would be meaningless.
     fn check(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let assessment = py.detach(|| {
             let stepper = self.document.stepper(&self.scene)?;
@@ -144,12 +144,12 @@ impl Scene {
     /// fmi : {3, 2}
     ///     Version of the standard.
     /// library : str or os.PathLike, optional
-    ///     The shared library that goes into it; by default the package's own.
+    ///     The shared library to include; by default the package's own.
     ///
     /// Raises
     /// ------
     /// caudal.errors.FmuError, caudal.errors.ReadError, caudal.errors.WriteError
-    ///     Where there is no library, or the file cannot be written.
+    ///     If there is no library, or the file cannot be written.
     #[pyo3(signature = (path, fmi=3, library=None))]
     fn fmu(&self, py: Python<'_>, path: PathBuf, fmi: u32, library: Option<PathBuf>) -> PyResult<()> {
         let standard = match fmi {
@@ -181,14 +181,14 @@ impl Scene {
         Ok((rebuild, (&self.path, self.text(), self.document.override_lines(), tables).into_pyobject(py)?))
     }
 
-    /// Files of one scene without overrides that says the same from any folder, names and contents: its text in `name`, and the
-    /// tables that it names.
+    /// Names and contents of the files of an equivalent scene without overrides that can be moved to any folder: its text in
+    /// `name`, and its tables.
     fn _standalone<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Vec<(String, Bound<'py, PyBytes>)>> {
         let files = self.document.standalone(name).or_raise(py)?;
         Ok(files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content))).collect())
     }
 
-    /// The tables that it names, paths and contents.
+    /// The paths and contents of its tables.
     fn _tables<'py>(&self, py: Python<'py>) -> PyResult<Vec<(PathBuf, Bound<'py, PyBytes>)>> {
         let tables = self.document.tables(&self.scene).or_raise(py)?;
         Ok(tables.into_iter().map(|(path, content)| (path, PyBytes::new(py, &content))).collect())
@@ -212,7 +212,7 @@ impl Scene {
     }
 }
 
-/// A scene from what pickle keeps of it.
+/// A scene from its pickled data.
 #[pyfunction]
 #[pyo3(name = "_rebuild")]
 pub fn rebuild(

@@ -1,4 +1,4 @@
-//! Simulations that can be differentiated.
+//! Differentiable simulations.
 
 use std::sync::Mutex;
 
@@ -47,7 +47,7 @@ fn by_name<'py>(py: Python<'py>, names: &[String], arrays: Vec<Array>) -> PyResu
     Ok(found)
 }
 
-/// All that a simulation of `scene` can be differentiated by: (value, unit, meaning) by name.
+/// All parameters with respect to which a simulation of `scene` can be differentiated: (value, unit, description) by name.
 #[pyfunction]
 #[pyo3(name = "_parameters")]
 pub fn parameters<'py>(py: Python<'py>, scene: &Bound<'py, Scene>) -> PyResult<Bound<'py, PyDict>> {
@@ -60,13 +60,13 @@ pub fn parameters<'py>(py: Python<'py>, scene: &Bound<'py, Scene>) -> PyResult<B
     Ok(found)
 }
 
-/// A simulation, as it was.
+/// A differentiable simulation with named outputs.
 #[pyclass(module = "caudal._caudal", name = "_Simulation", frozen)]
 pub struct Simulation {
     inner: Mutex<Own>,
 }
 
-/// Computes in another thread, while this one looks up for Ctrl-C and ends the computation then.
+/// Computes in another thread, while this one checks for Ctrl-C, which ends the computation.
 fn ending<T: Send>(
     py: Python<'_>,
     own: &mut Own,
@@ -103,19 +103,20 @@ impl Simulation {
         Ok(found)
     }
 
-    /// What a run says of itself.
+    /// The notes on the run.
     fn notes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         ending(py, &mut lock(py, &self.inner), Own::notes)
     }
 
-    /// The derivatives of Σ w y over all outputs y and times, with `weights` w by output, by what is named.
+    /// The derivatives of Σ w y over all outputs y and times, with `weights` w by output, with respect to the named parameters.
     fn pull_back<'py>(&self, py: Python<'py>, weights: Given<'py>, names: Vec<String>) -> PyResult<Bound<'py, PyDict>> {
         let weights = arrays(&weights);
         let found = ending(py, &mut lock(py, &self.inner), |own| own.pull_back(&weights, &texts(&names)))?;
         by_name(py, &names, found)
     }
 
-    /// The value of an output at the end, or a mean over the last whole cycles, and its derivatives by what is named.
+    /// The value of an output at the end, or a mean over the last whole cycles, and its derivatives with respect to the named
+    /// parameters.
     fn value_and_grad<'py>(
         &self,
         py: Python<'py>,

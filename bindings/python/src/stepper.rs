@@ -21,18 +21,18 @@ use crate::locks::lock;
 use crate::scene::Scene;
 use crate::values::{Numbers, fields, names, shown};
 
-/// What is known of a variable of a scene.
+/// A variable of a scene.
 ///
 /// Attributes
 /// ----------
 /// name : str
 ///     Name, ending in its unit.
 /// unit : str
-///     SI unit; ``"1"`` where there is none.
+///     SI unit; ``"1"`` if dimensionless.
 /// causality : str
 ///     ``"independent"``, ``"output"``, ``"input"`` or ``"parameter"``.
 /// description : str
-///     What it is.
+///     Description.
 /// shape : tuple of int
 ///     ``()`` for a scalar, ``(n,)`` for an array.
 #[pyclass(frozen, get_all, module = "caudal")]
@@ -64,14 +64,14 @@ impl Variable {
         hasher.finish()
     }
 
-    /// For pickle: all but name and shape is the table's.
+    /// For pickle: everything except name and shape is taken from the table of variables.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let variable = py.import("caudal._caudal")?.getattr("_variable")?;
         Ok((variable, (self.name, &self.shape).into_pyobject(py)?))
     }
 }
 
-/// A variable from what pickle keeps of it.
+/// A variable from its pickled data.
 #[pyfunction]
 #[pyo3(name = "_variable")]
 pub fn variable(name: &str, shape: Py<PyTuple>) -> PyResult<Variable> {
@@ -80,7 +80,7 @@ pub fn variable(name: &str, shape: Py<PyTuple>) -> PyResult<Variable> {
     Ok(Variable::with(found, shape))
 }
 
-/// Unit and meaning of all variables by name.
+/// Unit and description of all variables by name.
 #[pyfunction]
 #[pyo3(name = "_units")]
 pub fn units(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
@@ -100,7 +100,7 @@ impl Variable {
         }
     }
 
-    /// What Python sees of `variable` in `model`.
+    /// The Python object for `variable` in `model`.
     pub fn of(
         py: Python<'_>,
         variable: &'static caudal::variable::Variable,
@@ -114,10 +114,10 @@ impl Variable {
     }
 }
 
-/// Everything of a :class:`Stepper` that changes, at the time of :meth:`Stepper.save`.
+/// Everything that changes in a :class:`Stepper`, at the time of :meth:`Stepper.save`.
 ///
-/// ``bytes(snapshot)`` can be kept in a file and restored by a stepper of the same scene in another process of the same
-/// version of caudal; so can its pickle.
+/// ``bytes(snapshot)``, or a pickle, can be stored in a file and restored by a stepper of the same scene in another process with
+/// the same version of caudal.
 #[pyclass(frozen, module = "caudal")]
 pub struct Snapshot {
     snapshot: caudal::stepper::Snapshot,
@@ -136,7 +136,7 @@ impl Snapshot {
         Ok(PyBytes::new(py, &self.snapshot.serialize().or_raise(py)?))
     }
 
-    /// For pickle, among programs of the same version.
+    /// For pickle, between programs of the same version.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let snapshot = py.import("caudal._caudal")?.getattr("_snapshot")?;
         Ok((snapshot, (self.__bytes__(py)?, &self.scene).into_pyobject(py)?))
@@ -151,16 +151,18 @@ impl Snapshot {
     }
 }
 
-/// The derivatives of a step: how the state at its end, and outputs there, follow from the state at its beginning and from inputs.
+/// The derivatives of a step: of the state at its end and of outputs there, with respect to the state at its beginning and to
+/// inputs.
 ///
 /// Attributes
 /// ----------
 /// a, b : numpy.ndarray
-///     Of the state at the end by the state at the beginning (a) and by the inputs (b): one row for each of `states`.
+///     Of the state at the end with respect to the state at the beginning (a) and to the inputs (b): one row for each of
+///     `states`.
 /// c, d : numpy.ndarray
-///     Of the outputs by the state (c) and by the inputs (d): one row for each of `outputs`.
+///     Of the outputs with respect to the state (c) and to the inputs (d): one row for each of `outputs`.
 /// states, inputs, outputs : list of str
-///     The names of rows and columns: of an array each entry, with the number of its node in brackets.
+///     The names of rows and columns: for an array one for each entry, with the number of its node in brackets.
 /// units : dict
 ///     Their units by name.
 #[pyclass(frozen, get_all, module = "caudal")]
@@ -212,7 +214,7 @@ impl StepDerivative {
     }
 }
 
-/// A snapshot from what pickle keeps of it.
+/// A snapshot from its pickled data.
 #[pyfunction]
 #[pyo3(name = "_snapshot")]
 pub fn snapshot(py: Python<'_>, bytes: &[u8], scene: String) -> PyResult<Snapshot> {
@@ -221,18 +223,18 @@ pub fn snapshot(py: Python<'_>, bytes: &[u8], scene: String) -> PyResult<Snapsho
 
 /// A simulation that a host drives: set inputs, step, get outputs.
 ///
-/// As a context manager it frees its memory at the end of the block. Several steppers run in parallel in several threads;
-/// one stepper belongs to one thread at a time.
+/// As a context manager it frees its memory at the end of the block. Several steppers can run in parallel in several threads;
+/// only one thread may use a stepper at a time.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene, str, os.PathLike or dict
-///     The scene, or what :func:`caudal.load` makes one from.
+///     The scene, or anything that :func:`caudal.load` accepts as a source.
 ///
 /// Warns
 /// -----
 /// RuntimeWarning
-///     Where ``auto`` chose the fluid for a rod at rest, because nothing of the scene moves it.
+///     If ``auto`` chose the fluid for a rod at rest, because nothing in the scene moves it.
 ///
 /// Examples
 /// --------
@@ -249,13 +251,13 @@ pub fn snapshot(py: Python<'_>, bytes: &[u8], scene: String) -> PyResult<Snapsho
 #[pyclass(frozen, module = "caudal")]
 pub struct Stepper {
     scene: Py<Scene>,
-    /// None once it is closed.
+    /// `None` once it is closed.
     stepper: Mutex<Option<Box<caudal::stepper::Stepper>>>,
-    /// Raised by another thread to end a step that is under way.
+    /// Set by another thread to end a step in progress.
     stopped: AtomicBool,
 }
 
-/// The error of an argument of another type.
+/// The error for an argument of a wrong type.
 fn wrong(argument: &str, found: &Bound<'_, PyAny>, allowed: &str) -> PyErr {
     let found = found.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string());
     PyTypeError::new_err(format!("{argument}: found {found}; allowed: {allowed}"))
@@ -272,7 +274,7 @@ fn warn(py: Python<'_>, text: String) -> PyResult<()> {
     PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &CString::new(text).unwrap_or_default(), 1)
 }
 
-/// The stepper of a locked place.
+/// A locked stepper.
 struct Open<'a>(MutexGuard<'a, Option<Box<caudal::stepper::Stepper>>>);
 
 impl Open<'_> {
@@ -285,7 +287,7 @@ impl Stepper {
     fn open(&self) -> PyResult<Open<'_>> {
         match self.stepper.try_lock() {
             Ok(guard) => Ok(Open(guard)),
-            // A step that panicked has left its last good state.
+            // A step that panicked has left its last valid state.
             Err(TryLockError::Poisoned(poisoned)) => Ok(Open(poisoned.into_inner())),
             Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
                 "this stepper is at work in another thread: give every thread a stepper of its own",
@@ -317,13 +319,13 @@ impl Stepper {
         self.scene.clone_ref(py)
     }
 
-    /// Time now, s.
+    /// Current time, s.
     #[getter]
     fn time_s(&self) -> PyResult<f64> {
         Ok(self.open()?.stepper()?.time())
     }
 
-    /// The variables that this scene has, by name: a dict of :class:`Variable`.
+    /// The variables of this scene by name: a dict of :class:`Variable`.
     #[getter]
     fn variables<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let mut open = self.open()?;
@@ -335,9 +337,9 @@ impl Stepper {
         fields(&dictionary)
     }
 
-    /// Move on by a time, in as many internal steps as the scene's solver wants.
+    /// Advance by a time, in as many internal steps as the solver needs.
     ///
-    /// Other Python threads run meanwhile. Ctrl-C ends it after an internal step, where it can be gone on from.
+    /// Other Python threads run meanwhile. Ctrl-C ends the step after an internal step, from which it can be continued.
     ///
     /// Parameters
     /// ----------
@@ -347,12 +349,12 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.Error
-    ///     What went wrong inside; everything is then as it was before the call.
+    ///     If the step fails. Everything is then as it was before the call.
     ///
     /// Warns
     /// -----
     /// RuntimeWarning
-    ///     Where the pose or the velocity that was given for the head jumps: the tail rings.
+    ///     If the pose or the velocity given for the head jumps, so that the tail oscillates.
     fn do_step(&self, py: Python<'_>, h: &Bound<'_, PyAny>) -> PyResult<()> {
         let h: f64 = h.extract().map_err(|_| wrong("h", h, "a time, s"))?;
         let mut open = self.open()?;
@@ -369,7 +371,8 @@ impl Stepper {
         warn(py, jump.to_string())
     }
 
-    /// Whether steps under way, in other threads, and further ones end soon after they begin: Python tells its main thread alone of Ctrl-C.
+    /// Sets whether steps in progress in other threads, and further ones, end soon after they begin, because Python reports
+    /// Ctrl-C only to its main thread.
     fn _stop(&self, stopped: bool) {
         self.stopped.store(stopped, Ordering::Relaxed);
     }
@@ -381,17 +384,17 @@ impl Stepper {
     /// name : str
     ///     Its name.
     /// out : numpy.ndarray, optional
-    ///     An array of doubles that takes the values, so that none is made.
+    ///     An array of doubles for the values, so that no new array is created.
     ///
     /// Returns
     /// -------
     /// float or numpy.ndarray
-    ///     A number for a scalar, else an array of ``variables[name].shape``; `out` where that is given.
+    ///     A number for a scalar, else an array of ``variables[name].shape``; `out` if that is given.
     ///
     /// Raises
     /// ------
     /// caudal.errors.UnknownVariableError
-    ///     Where this scene has no variable of that name.
+    ///     If this scene has no variable of that name.
     #[pyo3(signature = (name, out=None))]
     fn get<'py>(
         &self,
@@ -424,7 +427,7 @@ impl Stepper {
         Ok(array.into_any())
     }
 
-    /// Set an input; it holds until it is set again.
+    /// Set an input, which holds until it is set again.
     ///
     /// Parameters
     /// ----------
@@ -436,12 +439,12 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.errors.NotAnInputError, caudal.errors.WrongLengthError, caudal.errors.BadValueError
-    ///     Where it cannot be set so; nothing is changed then.
+    ///     If it cannot be set to this value. Nothing is changed then.
     fn set(&self, py: Python<'_>, name: &Bound<'_, PyAny>, value: &Bound<'_, PyAny>) -> PyResult<()> {
         self.change(py, name, 0, value)
     }
 
-    /// Set several inputs as one.
+    /// Set several inputs at once.
     ///
     /// Parameters
     /// ----------
@@ -462,8 +465,8 @@ impl Stepper {
         stepper.set_all(changes).or_raise(py)
     }
 
-    /// Set a time derivative of an input: from now on the input goes on as its value and derivatives say, until its value is
-    /// set again.
+    /// Set a time derivative of an input, which is then extrapolated from its value and derivatives, until its value is set
+    /// again.
     ///
     /// Parameters
     /// ----------
@@ -486,8 +489,8 @@ impl Stepper {
         self.change(py, name, order, value)
     }
 
-    /// Positions and velocities of all that nothing holds: x and y of each node, the angle of a hinge, and the same of their velocities, in the
-    /// order of the `states` of :meth:`linearize`.
+    /// Positions and velocities of everything that is not held: x and y of each node, the angle of a hinge, and the corresponding
+    /// velocities, in the order of the `states` of :meth:`linearize`.
     ///
     /// Returns
     /// -------
@@ -497,8 +500,9 @@ impl Stepper {
         Ok(PyArray1::from_vec(py, self.open()?.stepper()?.motion()))
     }
 
-    /// Set positions and velocities: those of an estimator, or where a prediction begins. A held head goes on as it moves. Accelerations follow
-    /// from the equation of motion, as after a jump of inputs; the energy that this brings counts as work of loads.
+    /// Set positions and velocities, for example from an estimator or as the start of a prediction. A held head continues its
+    /// motion. Accelerations follow from the equation of motion, as after a jump of inputs; the change of energy counts as work
+    /// of loads.
     ///
     /// Parameters
     /// ----------
@@ -508,7 +512,7 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.Error
-    ///     Where there is no such motion: another length, a number that is not finite, a reduced model. Nothing is changed then.
+    ///     For a wrong length, a number that is not finite, an invalid shape, or a reduced model. Nothing is changed then.
     fn set_motion(&self, py: Python<'_>, motion: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
@@ -518,27 +522,29 @@ impl Stepper {
         stepper.set_motion(&values).or_raise(py)
     }
 
-    /// Move on by a time as :meth:`do_step` does, to the bit, and find the derivatives of that step: how the state at its end, and outputs there,
-    /// follow from the state at its beginning and from inputs. They are exact, those of the internal steps that were made. To
-    /// stay, :meth:`save` before and :meth:`restore` after.
+    /// Advance by a time, bit-identical to :meth:`do_step`, and return the derivatives of that step: of the state at its end and
+    /// of outputs there, with respect to the state at its beginning and to inputs. They are exact, those of the internal steps
+    /// that were made. To keep the current state, :meth:`save` before and :meth:`restore` after.
     ///
     /// Parameters
     /// ----------
     /// h : float
     ///     The time, s; positive.
     /// inputs, outputs : str or list of str, optional
-    ///     Names of variables; none by default. An input acts as if it were set at the beginning of the step; a pose of a head at the time that
-    ///     ``head.input`` says, around the one that was set, or where the head goes anyway, for changes by about 1e-4 of the length. Outputs are those of one time: no totals, no
-    ///     averages of cycles.
+    ///     Names of variables; none by default. An input acts as if it were set at the beginning of the step. A pose of a head
+    ///     acts at the time that ``head.input`` defines; its derivative is taken at the given pose, or else at the extrapolated
+    ///     one, for changes of about 1e-4 of the length. Outputs must be values at one time, not totals or averages over cycles.
     /// coordinates : {"motion", "full"}, optional
-    ///     The state: positions and velocities, in the order of :meth:`motion`, from which the accelerations follow at the beginning of the
-    ///     step; or accelerations too, and what a method remembers of earlier ones.
+    ///     The state: positions and velocities, in the order of :meth:`motion`, from which the accelerations follow at the
+    ///     beginning of the step; or also accelerations, and the method's memory of earlier ones.
     /// jump : bool, optional
-    ///     False where the inputs had these values before the step. A change at its beginning (the default) moves the accelerations there,
-    ///     which are coordinates of their own with ``coordinates="full"``, and a flow the velocities of a rod that accelerates water. Of
-    ///     an input that is changed once and then stays, ``z2 = a2 @ b1 + b2`` with the jump in `b1` and without it in `b2`.
+    ///     False if the inputs had these values before the step. A change at its beginning (the default) moves the accelerations
+    ///     there, which are separate coordinates with ``coordinates="full"``, and a change of flow also moves the velocities of a
+    ///     rod that accelerates water. For an input that changes once and is then constant, ``z2 = a2 @ b1 + b2`` with `b1`
+    ///     computed with the jump and `b2` without.
     /// states : bool, optional
-    ///     False for `b` and `d` alone: `a` and `c` then have no columns, and of a fine mesh the step takes a small part of the time and memory.
+    ///     False to compute only `b` and `d`: `a` and `c` then have no columns, and on a fine mesh the step takes a small
+    ///     fraction of the time and memory.
     ///
     /// Returns
     /// -------
@@ -548,13 +554,14 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.Error
-    ///     Where the step fails or has no such derivative: of a reduced model, an explicit method, on a mesh that is too fine or takes more
-    ///     memory than there is. Everything is then as it was before the call.
+    ///     If the step fails or has no such derivative: for a reduced model or an explicit method, or on a mesh that is too fine
+    ///     or needs more memory than available. Everything is then as it was before the call.
     ///
     /// Notes
     /// -----
-    /// The `a` of successive steps multiply to that of all of them with ``coordinates="full"`` by every method, and with ``"motion"`` by Newmark's
-    /// method, implicit Euler and ESDIRK3. Generalized-alpha remembers accelerations that ``"motion"`` does not have.
+    /// The product of the `a` of successive steps is that of all of them together, with ``coordinates="full"`` for every method,
+    /// and with ``"motion"`` for Newmark's method, implicit Euler and ESDIRK3. Generalized-alpha has a memory of accelerations
+    /// that ``"motion"`` does not contain.
     ///
     /// Examples
     /// --------
@@ -610,7 +617,7 @@ impl Stepper {
         Ok(Snapshot { snapshot, scene: self.scene.get().scene.name.clone() })
     }
 
-    /// Go back to a snapshot; what follows is equal to the bit to what followed then.
+    /// Restore a snapshot. The run that follows is bit-identical to the run that followed the snapshot.
     ///
     /// Parameters
     /// ----------
@@ -620,7 +627,7 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.errors.SnapshotError
-    ///     Where it is damaged, or comes from another scene or version.
+    ///     If it is damaged, or comes from another scene or version.
     fn restore(&self, py: Python<'_>, snapshot: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
@@ -632,7 +639,7 @@ impl Stepper {
         stepper.restore(&snapshot.cast::<Snapshot>().map_err(wrong)?.get().snapshot).or_raise(py)
     }
 
-    /// Free its memory; it cannot be used any more.
+    /// Free its memory. It cannot be used afterwards.
     fn close(&self) -> PyResult<()> {
         *self.open()?.0 = None;
         Ok(())
@@ -663,11 +670,11 @@ impl Stepper {
     }
 }
 
-/// Several steppers that make their steps together, four alike in SIMD lanes, each with the bits it has alone.
+/// Several steppers that step together: similar ones four at a time in SIMD lanes, with results bit-identical to separate steps.
 #[pyclass(frozen, name = "_SteppersTogether", module = "caudal._caudal")]
 pub struct SteppersTogether {
     steppers: Vec<Py<Stepper>>,
-    /// Of every [`WIDTH`] of them.
+    /// The batch of each group of [`WIDTH`] steppers.
     batches: Mutex<Vec<Option<Batch>>>,
 }
 
@@ -682,8 +689,8 @@ impl SteppersTogether {
         Ok(Self { steppers, batches })
     }
 
-    /// `do_step` of the steppers that are `moving`, by their places. Returns for each of these the exception that it would raise alone, or
-    /// None.
+    /// Steps those steppers whose indices are in `moving`, as `do_step` does. Returns for each of them the exception that it
+    /// would raise alone, or None.
     fn do_step(&self, py: Python<'_>, moving: Vec<usize>, h: f64) -> PyResult<Vec<Option<PyErr>>> {
         let mut open: Vec<Option<Open<'_>>> = self.steppers.iter().map(|_| None).collect();
         for place in &moving {
@@ -709,7 +716,7 @@ impl SteppersTogether {
                     if attention.failure.is_some() {
                         return ControlFlow::Break(());
                     }
-                    // The clock is read for one in so many steps.
+                    // Only every `WIDTH`-th call reads the clock.
                     looks += 1;
                     if looks % WIDTH != 0 {
                         return ControlFlow::Continue(());
@@ -742,7 +749,7 @@ impl SteppersTogether {
     }
 }
 
-/// Goes on unless another thread has asked to stop.
+/// Continues unless another thread has requested a stop.
 fn go_on_unless(stopped: &AtomicBool) -> PyResult<ControlFlow<()>> {
     match stopped.load(Ordering::Relaxed) {
         true => Err(PyKeyboardInterrupt::new_err("stopped by another thread")),

@@ -23,7 +23,7 @@ fn asked(kind: &str, options: &Bound<'_, PyDict>) -> PyResult<Study> {
     Study::named(kind, &options).or_raise(py)
 }
 
-/// The next runs of a study for workers; `None` if none is missing.
+/// The next runs of a study for workers; `None` if no run is missing.
 #[pyfunction]
 #[pyo3(name = "_runs_of")]
 pub fn runs_of(
@@ -37,7 +37,7 @@ pub fn runs_of(
     let Scene { scene, document, .. } = scene.get();
     let study = asked(kind, options)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
-    drop(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
+    drop(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // removes results to be replaced
     let runs = py.detach(|| DistributedStudy::of(&study, document, &folder)).or_raise(py)?;
     Ok(runs.map(|runs| JobHandle::new(runs, "run", "_runs", folder)))
 }
@@ -53,7 +53,7 @@ pub fn runs<'py>(
     Ok(lines(py, py.detach(|| make_runs(bundle, &indices)).or_raise(py)?))
 }
 
-/// Runs a study of this kind and writes its files; returns its findings, and the exception of what could not be written.
+/// Runs a study of this kind and writes its files. Returns its findings, and the exception of a file that could not be written.
 #[pyfunction]
 #[pyo3(name = "_study")]
 pub fn study<'py>(

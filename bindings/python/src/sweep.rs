@@ -1,4 +1,4 @@
-//! Sweeps: on this machine's threads, or case by case wherever they are run.
+//! Sweeps: on the threads of this machine, or case by case on workers.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -30,7 +30,7 @@ pub struct SweepAtWork {
     threads: usize,
     /// `None` once the results are written.
     journal: Mutex<Option<Journal>>,
-    /// Results of cases that ran here.
+    /// Results of cases that ran in this process.
     fresh: Mutex<RecentResults>,
 }
 
@@ -46,10 +46,10 @@ impl SweepAtWork {
 
 #[pymethods]
 impl SweepAtWork {
-    /// Reads and checks a sweep and opens its journal. Where `sources` are given, it is read of these contents of files, which are
-    /// written into its folder.
+    /// Reads and checks a sweep and opens its journal. If `sources` are given, the sweep is read from these file contents, which
+    /// are written to its folder.
     #[new]
-    #[allow(clippy::too_many_arguments)] // as Python calls it
+    #[allow(clippy::too_many_arguments)] // called so from Python
     fn new(
         py: Python<'_>,
         path: PathBuf,
@@ -111,7 +111,7 @@ impl SweepAtWork {
         &self.folder
     }
 
-    /// Its axes: name, what its column shows at each level, and whether it goes with the sample.
+    /// Its axes: name, values of its column at each level, and whether it varies with the sample.
     #[getter]
     fn axes<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>, bool)>> {
         let axes = self.sweep.axes.iter();
@@ -128,13 +128,13 @@ impl SweepAtWork {
         Ok(self.sweep.describe(&self.sweep.case(index).or_raise(py)?))
     }
 
-    /// The bundle that a worker is sent, as bytes.
+    /// The bundle sent to a worker, as bytes.
     fn bundle<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.sweep.bundle().and_then(|bundle| bundle.bytes()).or_raise(py)?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Stores the lines of cases that workers ran; returns the number of new ones.
+    /// Stores the result lines of cases that workers ran; returns the number of new ones.
     fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
         let add = |journal: &mut Journal| {
             let mut new = 0;
@@ -171,9 +171,8 @@ impl SweepAtWork {
         py.detach(|| drop(journal));
     }
 
-    /// Writes table, figures and report of the cases that are there, and closes the journal: the rows as dictionaries, none of
-    /// them unless `wanted`, the numbers of cases and of those that did not reach their end, and the exception of what could not be
-    /// written.
+    /// Writes table, figures and report of the finished cases, and closes the journal. Returns the rows as dictionaries (none
+    /// unless `wanted`), the numbers of cases and of incomplete ones, and the exception of a file that could not be written.
     fn finish<'py>(&self, py: Python<'py>, wanted: bool) -> PyResult<(Bound<'py, PyList>, [usize; 2], Option<PyErr>)> {
         let journal = lock(py, &self.journal).take();
         let mut journal = journal.ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
@@ -212,7 +211,7 @@ impl SweepAtWork {
     }
 }
 
-/// The `error` of a sweep of objects, which is in none of these files: they may not be there yet.
+/// Replaces the locations in `error` for a sweep of objects, which was not read from these files; they may not exist yet.
 fn without_file(error: Error, files: &[PathBuf]) -> Error {
     match error {
         Error::Scene { place, key, problem }
@@ -235,7 +234,7 @@ pub fn held_descriptors() -> Vec<i32> {
     return Vec::new();
 }
 
-/// The sweep of which this process ran cases last, and its bundle.
+/// The sweep whose cases this process ran last, and its bundle.
 static UNPACKED: Mutex<Option<(Vec<u8>, Arc<SweepWorker>)>> = Mutex::new(None);
 
 /// On a worker: runs cases of the sweep in a bundle; returns their lines and the wall-clock time of each (s).

@@ -5,13 +5,13 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyTuple};
 
-/// The same as a `caudal.fields.Fields`, which says what is there where something else is asked for.
+/// Converts a dictionary to a `caudal.fields.Fields`, which lists the existing keys if an unknown one is requested.
 pub fn fields<'py>(dictionary: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDict>> {
     let class = dictionary.py().import("caudal.fields")?.getattr("Fields")?;
     Ok(class.call1((dictionary,))?.cast_into()?)
 }
 
-/// Names from Python: one, or a list of them; none by default. Errors name the `argument`.
+/// Names from Python: one, or a list of them; none by default. Errors mention the `argument`.
 pub fn names(names: Option<&Bound<'_, PyAny>>, argument: &str) -> PyResult<Vec<String>> {
     let Some(names) = names else { return Ok(Vec::new()) };
     names.py().import("caudal.arguments")?.call_method1("names_of", (names, argument))?.extract()
@@ -19,14 +19,14 @@ pub fn names(names: Option<&Bound<'_, PyAny>>, argument: &str) -> PyResult<Vec<S
 
 /// Numbers from Python: an array of contiguous, aligned doubles is used in place, others are converted.
 pub enum Numbers<'py> {
-    /// One for all entries.
+    /// One number for all entries.
     One(f64),
-    /// One each.
+    /// One number per entry.
     Borrowed(PyReadonlyArray1<'py, f64>),
 }
 
 impl<'py> Numbers<'py> {
-    /// Those of a number or of anything that NumPy makes an array of one dimension from; errors name the `argument`.
+    /// Converts a number, or anything from which NumPy makes a one-dimensional array; errors mention the `argument`.
     pub fn of(values: &Bound<'py, PyAny>, argument: &str) -> PyResult<Self> {
         if let Ok(number) = values.cast::<PyFloat>() {
             return Ok(Self::One(number.value()));
@@ -50,7 +50,7 @@ impl<'py> Numbers<'py> {
         Ok(Self::Borrowed(array.try_readonly()?))
     }
 
-    /// As many as a variable of `count` entries wants, where that can be told; `buffer` holds one repeated.
+    /// As many numbers as a variable of `count` entries needs, if possible; `buffer` holds a repeated one.
     pub fn spread<'a>(&'a self, count: usize, buffer: &'a mut Vec<f64>) -> PyResult<&'a [f64]> {
         Ok(match self {
             Self::One(number) => {
@@ -63,7 +63,7 @@ impl<'py> Numbers<'py> {
     }
 }
 
-/// `value` with NumPy's scalars and arrays, itself or anywhere inside, as Python's.
+/// Converts NumPy scalars and arrays in `value`, itself or nested at any depth, to plain Python values.
 pub fn plain<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     if let Some(tolist) = value.getattr_opt("tolist")? {
         return tolist.call0();
@@ -85,7 +85,7 @@ pub fn plain<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     Ok(value.clone())
 }
 
-/// A Python value as TOML.
+/// Converts a Python value to TOML.
 pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<::toml::Value> {
     let plain = plain(value)?;
     pythonize::depythonize(&plain).map_err(|_| {
@@ -96,14 +96,14 @@ pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<::toml::Value> {
     })
 }
 
-/// A Python value as the right side of a key of a TOML file.
+/// Formats a Python value as the right-hand side of a key in a TOML file.
 #[pyfunction]
 #[pyo3(name = "_toml")]
 pub fn toml(value: &Bound<'_, PyAny>) -> PyResult<String> {
     to_toml(value).map(|value| value.to_string())
 }
 
-/// An object as a notebook shows it, HTML.
+/// HTML representation of an object for notebooks.
 pub fn shown(object: &Bound<'_, PyAny>) -> PyResult<String> {
     object.py().import("caudal.showing")?.call_method1("shown", (object,))?.extract()
 }

@@ -1,5 +1,5 @@
-//! Derivatives of the means over cycles by the motion: the quadrature weights of values and rates at the steps in the integrals of a
-//! cycle, and the derivatives of each measure by these integrals.
+//! Derivatives of the means over cycles with respect to the motion: the quadrature weights of values and rates at the steps in
+//! the integrals of a cycle, and the derivatives of each measure with respect to these integrals.
 
 use nalgebra::Vector2;
 
@@ -12,38 +12,39 @@ use crate::fluid::force::{self, StateDerivatives};
 use crate::fluid::{Key, PowerKind};
 use crate::model::Dynamics;
 
-/// Relative step of the finite difference by the period.
+/// Relative step of the finite difference with respect to the period.
 const PERIOD_STEP: f64 = 1e-3;
 
 /// Quadrature weights of the values and rates at each time in an integral over a cycle.
 #[derive(Debug, Clone)]
 pub struct IntegralWeights {
-    /// Of values, for integrals that are known at every time, such as positions and work.
+    /// Weights of values, for integrals that are known at every time, such as positions and work.
     pub value: Vec<f64>,
-    /// Of the rates of these.
+    /// Weights of the rates of these integrals.
     pub rate: Vec<f64>,
-    /// Of rates, for integrals that are summed from them.
+    /// Weights of rates, for integrals that are summed from their rates.
     pub summed: Vec<f64>,
 }
 
-/// The derivatives of a measure by the integrals over a cycle.
+/// The derivatives of a measure with respect to the integrals over a cycle.
 #[derive(Debug, Clone)]
 pub struct IntegralDerivatives {
-    /// By the increment of position, x and y.
+    /// With respect to the increment of position, x and y.
     pub position: [f64; 2],
-    /// By the integral of the flow velocity.
+    /// With respect to the integral of the flow velocity.
     pub flow: [f64; 2],
-    /// By the integral of the head's axis.
+    /// With respect to the integral of the head's axis.
     pub axis: [f64; 2],
-    /// By the integral of the force on a held head.
+    /// With respect to the integral of the force on a held head.
     pub force: [f64; 2],
-    /// By the integral of the moment on a held head.
+    /// With respect to the integral of the moment on a held head.
     pub moment: f64,
-    /// By the integrals of the square of the torque of the motor of a hinge, of its power, of the angle, and of the square of the tracking error.
+    /// With respect to the integrals of the square of the torque of the motor of a hinge, of its power, of the angle, and of the
+    /// square of the tracking error.
     pub hinge: [f64; 4],
-    /// By the work of actuation, drag, loads, held head, flow, wake, other forces, spray and the material.
+    /// With respect to the work of actuation, drag, loads, held head, flow, wake, other forces, spray and the material.
     pub work: [f64; index::ALL - index::WORK],
-    /// By parameters of the forces themselves.
+    /// With respect to parameters of the forces themselves.
     pub by_key: Vec<(Key, f64)>,
 }
 
@@ -53,7 +54,7 @@ fn cubic(z: f64, h: f64) -> [f64; 4] {
     [1.0 - 3.0 * square + 2.0 * cube, 3.0 * square - 2.0 * cube, h * (z - 2.0 * square + cube), h * (cube - square)]
 }
 
-/// The end of a cycle: its time (s), and the rates of all integrals there.
+/// The end of a cycle: its time (s), and the rates of all integrals at that time.
 #[derive(Debug, Clone, Copy)]
 pub struct CycleEnd {
     time: f64,
@@ -89,13 +90,13 @@ impl Cycles {
         }
     }
 
-    /// True if the frequency of the actuation is that of the cycles.
+    /// True if the actuation defines the cycles.
     pub(crate) fn follow_actuation(&self) -> bool {
         self.source == CycleSource::Actuation
     }
 
-    /// The derivative of the mean of `measure` by the logarithm of the frequency f of what drives the cycles that comes from the motion of
-    /// their ends t = n/f, the last of `ends`, in `dynamics`.
+    /// The derivative of the mean of `measure` with respect to the logarithm of the frequency f that defines the cycles, as far
+    /// as it results from the motion of their ends t = n/f, the last of `ends`, in `dynamics`.
     pub(crate) fn by_log_frequency(
         &self,
         measure: &CycleMeasure,
@@ -105,7 +106,8 @@ impl Cycles {
         let cycles = self.whole(f64::INFINITY);
         let ends = &ends[ends.len().checked_sub(1 + cycles.len())?..];
         let of = |(cycle, ends): (&Cycle, &[CycleEnd])| {
-            // By the integrals between ends that move by -t, and by the period alone, which no distance or power feels.
+            // Through the integrals between ends that move by -t, and through the period alone, which does not affect distances
+            // and powers.
             let change = ends[0].rates * ends[0].time - ends[1].rates * ends[1].time;
             let (slopes, _) = slopes(measure, cycle, dynamics)?;
             let lasting =
@@ -149,7 +151,7 @@ impl Cycles {
                 rate[n - 1] += rate_first;
                 rate[n] += rate_last;
             }
-            // A step counts in all values after it.
+            // The rate at a step contributes to all later values.
             let mut summed = rate.clone();
             let mut after = 0.0;
             for n in (1..count).rev() {
@@ -170,7 +172,8 @@ impl Cycles {
         self.ends(dynamics, times).into_iter().map(of).collect()
     }
 
-    /// The derivatives of the mean of `measure` by the integrals of each of the last whole cycles, or None if there is no such mean.
+    /// The derivatives of the mean of `measure` with respect to the integrals of each of the last whole cycles, or `None` if the
+    /// mean is undefined.
     pub(crate) fn integral_derivatives(
         &self,
         measure: &CycleMeasure,
@@ -196,7 +199,7 @@ impl Cycles {
     }
 }
 
-/// True if a measure has derivatives: all but durations, directions, extremes, and contributions to the thrust.
+/// True if a measure has derivatives: all measures except durations, directions, extremes, and contributions to the thrust.
 pub fn is_differentiable(measure: &CycleMeasure) -> bool {
     let others = [PERIOD, DIRECTION, TIP_EXCURSION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST, HINGE_AMPLITUDE];
     others.iter().all(|other| other.key != measure.key)
@@ -207,17 +210,18 @@ pub fn differentiable() -> impl Iterator<Item = CycleMeasure> {
     MEASURES.into_iter().filter(is_differentiable)
 }
 
-/// The derivatives of a measure of `cycle` by its integrals, and by parameters of the forces themselves.
+/// The derivatives of a measure of `cycle` with respect to its integrals, and with respect to parameters of the forces
+/// themselves.
 fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Integrals, Vec<(Key, f64)>)> {
     (measure.of)(cycle, dynamics)?; // only if it is defined
     let mut by = Integrals::zeros();
     let mut keys = Vec::new();
     let period = cycle.period();
     let velocity = cycle.velocity();
-    // At rest there is no direction.
+    // At rest the direction is undefined.
     let direction = velocity.try_normalize(cycle.least_speed(dynamics)).unwrap_or_default();
     let per = 1.0 / period;
-    // The part of a mean vector along the axis.
+    // The component of a mean vector along the axis.
     let mut along = |at: usize, mean: Vector2<f64>, size: f64| {
         let axis = cycle.axis()?;
         set_vector(&mut by, at, axis * (size * per));
@@ -277,18 +281,20 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
         }
         _ => return None,
     }
-    // U is that against the flow.
+    // U is relative to the flow.
     let against = -vector(&by, index::POSITION);
     set_vector(&mut by, index::FLOW, against);
     Some((by, keys))
 }
 
-/// The derivative of a root mean square by the integral of the square, over the time of which `per` is the inverse; none at zero.
+/// The derivative of a root mean square with respect to the integral of the square over a time of 1/`per`; zero if the root is
+/// zero.
 fn by_square(root: f64, per: f64) -> f64 {
     if root > 0.0 { 0.5 * per / root } else { 0.0 }
 }
 
-/// The drag (N) of the straight rod at `speed` (m/s), and its derivatives by the speed and by parameters of the forces.
+/// The drag (N) of the straight rod at `speed` (m/s), and its derivatives with respect to the speed and to parameters of the
+/// forces.
 fn towing(dynamics: &Dynamics, speed: f64) -> (f64, f64, Vec<(Key, f64)>) {
     let model = &dynamics.model;
     force::straight(&model.rod, dynamics.inputs.fluid, [-speed, 0.0], |towed| {

@@ -1,10 +1,10 @@
 //! Iterative refinement of solutions on fine meshes.
 //!
-//! A solution of J x = b in positions is rounded by up to 16ε(λ/ΔL)⁴ of itself ([`chain::rounding`]): the band has entries EI/ΔL³
-//! of which all but m cancels for a motion of the whole rod. Newton's method meets the same matrix, and its next iteration takes the error
-//! away, because residuals are those of the rod, not of the matrix. Here the residual b − J x is summed over differences of x
-//! between nodes, whose terms cancel before they are multiplied. x is corrected by J⁻¹ of it until a correction no longer counts
-//! (N. J. Higham, Accuracy and Stability of Numerical Algorithms, chapter 12).
+//! A solution of J x = b in positions has a relative rounding error of up to 16ε(λ/ΔL)⁴ ([`chain::rounding`]): for a motion of
+//! the whole rod, the entries EI/ΔL³ of the band cancel, and only m remains. Newton's method uses the same matrix, and its next
+//! iteration removes the error, because its residuals are evaluated on the rod, not with the matrix. Here the residual b − J x is
+//! summed over differences of x between nodes, which cancel before they are multiplied. x is corrected by J⁻¹ times the residual
+//! until the correction is negligible (N. J. Higham, Accuracy and Stability of Numerical Algorithms, chapter 12).
 
 use super::{Equations, largest};
 use crate::error::{Error, Result};
@@ -12,21 +12,22 @@ use crate::linear::Direction;
 use crate::model::chain;
 use crate::rod::Rod;
 
-/// Solutions are refined where one solve may be rounded by more than this.
+/// Solutions are refined if the relative rounding error of one solve may exceed this.
 pub(super) const FROM: f64 = 1e-10;
 
-/// A correction that is smaller than this part of the solution is the last one.
+/// Refinement ends with a correction smaller than this fraction of the solution.
 const ENOUGH: f64 = 1e-11;
 
-/// Corrections, at most.
+/// The largest number of corrections.
 const MOST: usize = 12;
 
-/// Where the corrections do not become smaller than this part of the solution, there is none.
+/// If the corrections stay above this fraction of the solution, refinement fails.
 const LARGEST_REST: f64 = 1e-4;
 
-/// True where one solve along `direction` may be rounded by more than [`FROM`].
+/// True if the relative rounding error of one solve along `direction` may exceed [`FROM`].
 pub(super) fn is_needed(rod: &Rod, direction: Direction) -> bool {
-    // c_q is at least a quarter of the square of the step in every method, and here as large as that of implicit Euler.
+    // c_q is at least a quarter of the square of the step in every method. Here it is assumed to be as large as for implicit
+    // Euler.
     direction.a != 0.0 && chain::rounding(rod, 2.0 * direction.q.max(0.0).sqrt()) > FROM
 }
 
@@ -34,7 +35,7 @@ impl Equations {
     /// Corrects the solution `x` for the right-hand side `given`.
     ///
     /// # Errors
-    /// [`Error::Derivative`] where corrections do not shrink.
+    /// [`Error::Derivative`] if corrections do not shrink.
     pub(super) fn refine(&mut self, given: &[f64], x: &mut [f64], transposed: bool) -> Result<()> {
         if !self.refines {
             return Ok(());
@@ -52,7 +53,7 @@ impl Equations {
         self.judge(&progress)
     }
 
-    /// The same for `width` vectors side by side.
+    /// The same for `width` vectors stored side by side.
     pub(super) fn refine_many(&mut self, given: &[f64], x: &mut [f64], width: usize) -> Result<()> {
         let mut progress = Progress::default();
         let mut rest = vec![0.0; x.len()];
@@ -60,7 +61,7 @@ impl Equations {
             rest.copy_from_slice(given);
             self.subtract_product_of_many(x, &mut rest, width)?;
             self.solve_many_alone(&mut rest, width)?;
-            // Columns by positions, velocities and inputs have their own units.
+            // Columns with respect to positions, velocities and inputs have their own units.
             let mut sizes = vec![[0.0_f64; 2]; width];
             for (x, by) in x.chunks_exact(width).zip(rest.chunks_exact(width)) {
                 for ((size, x), by) in sizes.iter_mut().zip(x).zip(by) {
@@ -75,7 +76,7 @@ impl Equations {
         self.judge(&progress)
     }
 
-    /// Subtracts J x, or Jᵀ x, from `rest`, over differences of x; rows of what is held are zero.
+    /// Subtracts J x, or Jᵀ x, from `rest`, summed over differences of x; rows of held nodes are zero.
     fn subtract_product(&mut self, x: &[f64], rest: &mut [f64], transposed: bool) {
         let Direction { v, a, .. } = self.direction;
         let mut x = x.to_vec();
@@ -96,7 +97,7 @@ impl Equations {
 
     fn subtract_product_of_many(&mut self, x: &[f64], rest: &mut [f64], width: usize) -> Result<()> {
         let Direction { v, a, .. } = self.direction;
-        // That of what is held is given, and none of the other rows meets it.
+        // Held entries are given, and do not appear in the other rows.
         let mut x = x.to_vec();
         if self.held.is_some() {
             x[..2 * width].fill(0.0);
@@ -129,7 +130,7 @@ impl Equations {
 /// The corrections so far.
 #[derive(Debug)]
 struct Progress {
-    /// The last one that was made, as a part of the solution.
+    /// The last correction, relative to the solution.
     last: f64,
     count: usize,
     ended: bool,
@@ -146,10 +147,10 @@ impl Progress {
         !self.ended && self.count < MOST
     }
 
-    /// Takes in a correction of this `size`, a part of the solution; false where it is not to be made.
+    /// Accepts a correction of this relative `size`; returns false if it should not be applied.
     fn takes(&mut self, size: f64) -> bool {
         self.count += 1;
-        let shrinks = size < 0.5 * self.last; // and is a number
+        let shrinks = size < 0.5 * self.last; // false for NaN
         self.ended = !shrinks || size <= ENOUGH;
         if shrinks {
             self.last = size;

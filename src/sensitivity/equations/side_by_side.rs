@@ -1,5 +1,5 @@
-//! The products and solves of many vectors at once, side by side: entry `i` of vector `c` of `width` vectors is at `i·width + c`, so that each
-//! block of a matrix is read once for all of them.
+//! Products and solves for many vectors stored side by side: entry `i` of vector `c` of `width` vectors is at `i·width + c`, so
+//! each block of a matrix is read once for all of them.
 
 use super::{Equations, neighbours};
 use crate::error::Result;
@@ -11,7 +11,7 @@ fn node(x: &[f64], k: usize, width: usize) -> [&[f64]; 2] {
     [first, second]
 }
 
-/// The same, to be written.
+/// The same, mutable.
 fn node_mut(x: &mut [f64], k: usize, width: usize) -> [&mut [f64]; 2] {
     let (first, second) = x[2 * k * width..2 * (k + 1) * width].split_at_mut(width);
     [first, second]
@@ -54,12 +54,12 @@ fn add_band_of_many(matrix: &BandMatrix, factor: f64, x: &[f64], y: &mut [f64], 
 }
 
 impl Equations {
-    /// True where the matrices are bands alone.
+    /// True if the matrices are purely banded.
     fn is_banded(&self) -> bool {
         self.hinge.is_none() && self.winches.is_empty() && self.global.is_none()
     }
 
-    /// Calls `work` with each of `width` vectors of `x` and the same one of `y`, which is written back.
+    /// Calls `work` with each of `width` vectors of `x` and the corresponding one of `y`, which is written back.
     fn one_by_one(
         &mut self,
         x: &[f64],
@@ -111,7 +111,7 @@ impl Equations {
         }
         let nodes = self.matrix.rows().len();
         let columns = self.columns.as_ref().filter(|_| self.held.is_none()).map(|[columns, _]| columns);
-        // Sums over the nodes, less those of the forces from outside, and those of one node; see `balance`.
+        // Sums over the nodes minus those of the external forces, and the values of one node; see `balance`.
         let [mut excess, mut own] = [0, 1].map(|_| if columns.is_some() { vec![0.0; 2 * width] } else { Vec::new() });
         for (i, row) in self.matrix.rows().iter().enumerate() {
             own.fill(0.0);
@@ -177,7 +177,7 @@ impl Equations {
         Ok(())
     }
 
-    /// Adds f_a x of `width` vectors to y, of nodes of these `masses`.
+    /// Adds f_a x of `width` vectors to y, for nodes with these `masses`.
     pub(in crate::sensitivity) fn add_inertia_of_many(
         &mut self,
         masses: &[f64],
@@ -203,7 +203,7 @@ impl Equations {
         Ok(())
     }
 
-    /// Replaces `width` right-hand sides by A⁻¹ times them, and factors for the first of them.
+    /// Factors for the first of `width` right-hand sides, and replaces all of them by A⁻¹ times them.
     pub(in crate::sensitivity) fn factor_and_solve_many(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
         let unknowns = rhs.len() / width.max(1);
         let mut first: Vec<f64> = (0..unknowns).map(|i| rhs.iter().skip(i * width).take(width).sum()).collect();
@@ -213,7 +213,7 @@ impl Equations {
         if self.refines { self.refine_many(&given, rhs, width) } else { Ok(()) }
     }
 
-    /// Replaces `width` right-hand sides by A⁻¹ times them, with the factors there are.
+    /// Replaces `width` right-hand sides by A⁻¹ times them, with the existing factors.
     pub(super) fn solve_many_alone(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
         if self.is_banded() && !self.pivoted {
             self.band.solve_many(rhs, width);

@@ -21,12 +21,12 @@ use crate::model::Model;
 use crate::rod::Edge;
 use crate::rod::edge_force::EdgeForce;
 
-/// All forces on the rods other than a drag that is linear in velocity.
+/// All forces on the rods except drag that is linear in velocity.
 #[derive(Debug)]
 pub struct BatchedForces {
-    /// The forces on edges, with their indices.
+    /// Forces on edges, with their indices.
     forces: Vec<(usize, Box<dyn BatchedForce>)>,
-    /// The indices of forces on the tip.
+    /// Indices of forces on the tip.
     tips: Vec<usize>,
 }
 
@@ -35,34 +35,34 @@ pub struct BatchedForces {
 pub struct LaneMotion<'a> {
     /// Edges.
     pub edges: &'a [Edge<Lanes>],
-    /// Positions, velocities and accelerations.
+    /// Positions, velocities and accelerations of the nodes.
     pub q: &'a [[Lanes; 2]],
     pub v: &'a [[Lanes; 2]],
     pub a: &'a [[Lanes; 2]],
-    /// Velocity of the flow, which does not accelerate.
+    /// Velocity of the steady flow.
     pub flow: PairLanes,
 }
 
 /// A force on edges, in lanes.
 trait BatchedForce: Debug + Send {
-    /// Adds its opposing forces to `sums`, or sets `sums` if it is the `first` force.
+    /// Adds its opposing forces to `sums`, or overwrites `sums` if it is the `first` force.
     fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [EdgeForce<Lanes>]);
 
     /// Its totals over the rods.
     fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals;
 
-    /// Takes the case in `lane`, whose force is `own`, to another `fluid`.
+    /// Moves the case in `lane`, whose force is `own`, to another `fluid`.
     fn enter(&mut self, lane: usize, own: &dyn Force, fluid: Fluid);
 }
 
 /// Totals of a force over the rods.
 #[derive(Debug, Clone, Copy)]
 pub struct ForceTotals {
-    /// Sums from which its powers follow.
+    /// Sums from which the powers of the force follow.
     pub sums: PowerSums<Lanes>,
-    /// Energy (J) and momentum (N s) that it stores.
+    /// Energy (J) and momentum (N s) that the force stores.
     pub stored: (Lanes, [Lanes; 2]),
-    /// Its opposing force on the first node, N.
+    /// Opposing force on the first node, N.
     pub first: PairLanes,
 }
 
@@ -73,7 +73,7 @@ impl ForceTotals {
         Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: PairLanes::new([zero; 2]) }
     }
 
-    /// Powers of a case in a `flow`, and stored energy and momentum.
+    /// Powers of one case in a `flow`, with its stored energy and momentum.
     fn of_case(&self, lane: usize, flow: Vector2<f64>) -> (Powers, (f64, Vector2<f64>)) {
         let one = |x: Lanes| x.get(lane);
         let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
@@ -90,7 +90,7 @@ impl BatchedForces {
         for i in (0..models[0].forces.0.len()).filter(|i| but != Some(*i)) {
             let cases = each(|lane| models[lane].forces.0.get(i).map(|force| &**force))?;
             if all::<FroudeKrylov>(cases).is_some() {
-                // It pushes where the flow accelerates, which it does not.
+                // This force acts only in an accelerating flow, and the flow is steady here.
             } else if all::<Wake>(cases).is_some() {
                 others.tips.push(i);
             } else {
@@ -105,7 +105,7 @@ impl BatchedForces {
         Some(others)
     }
 
-    /// True if there are none.
+    /// True if there are no other forces.
     pub fn are_none(&self) -> bool {
         self.forces.is_empty() && self.tips.is_empty()
     }
@@ -115,7 +115,7 @@ impl BatchedForces {
         self.tips.len()
     }
 
-    /// True if any act on edges.
+    /// True if any force acts on edges.
     pub fn are_on_edges(&self) -> bool {
         !self.forces.is_empty()
     }
@@ -144,7 +144,7 @@ impl BatchedForces {
         }
     }
 
-    /// Takes the case in `lane`, which has these `forces`, to another `fluid`.
+    /// Moves the case in `lane`, which has these `forces`, to another `fluid`.
     pub fn enter(&mut self, lane: usize, forces: &Forces, fluid: Fluid) {
         for (i, force) in &mut self.forces {
             if let Some(own) = forces.0.get(*i) {
@@ -153,15 +153,15 @@ impl BatchedForces {
         }
     }
 
-    /// Writes the totals of each force on edges to its place in `all`.
+    /// Writes the totals of each force on edges to its entry in `all`.
     pub fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>, all: &mut [ForceTotals]) {
         for (i, force) in &self.forces {
             all[*i] = force.measure(simd, rods);
         }
     }
 
-    /// Powers of force `i` on the case in `lane`, which is in `fluid`, and the energy (J) and momentum (N s) that it stores; `all` are
-    /// the [measured](Self::measure) totals.
+    /// Powers of force `i` on the case in `lane`, which is in `fluid`, with the energy (J) and momentum (N s) that the force
+    /// stores; `all` are the [measured](Self::measure) totals.
     pub fn of_case(
         &self,
         (i, force): (usize, &dyn Force),
@@ -179,7 +179,7 @@ impl BatchedForces {
 }
 
 impl LaneMotion<'_> {
-    /// Evaluates `look` on the last edge of a case: a force on the tip depends on nothing else.
+    /// Evaluates `look` on the last edge of a case, since a force on the tip depends on nothing else.
     fn at_end<R>(&self, lane: usize, fluid: Fluid, look: impl FnOnce(&Kinematics<'_>) -> R) -> Option<R> {
         let LaneMotion {
             edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
@@ -220,7 +220,7 @@ fn all<F: Force>(cases: [&dyn Force; WIDTH]) -> Option<[&F; WIDTH]> {
     each(|lane| (cases[lane] as &dyn Any).downcast_ref())
 }
 
-/// A local law in lanes.
+/// A local drag law that can be evaluated in lanes.
 trait BatchedLaw: Law<Fluids = [f64x2; 3]> {
     /// Its coefficients on both halves of an edge.
     type Numbers: Debug + Copy + Send;
@@ -273,15 +273,15 @@ impl BatchedLaw for WeakInertia {
     }
 }
 
-/// A local drag law, evaluated on both halves of each edge.
+/// A local drag law, evaluated on both halves of each edge of all cases.
 #[derive(Debug)]
 struct BatchedDrag<L: BatchedLaw> {
-    /// Lengths of the halves, and the law's coefficients.
+    /// Lengths of the halves with the coefficients of the law.
     halves: Vec<(PairLanes, L::Numbers)>,
     fluids: [PairLanes; 3],
 }
 
-/// Drag by the law `L`, if all of the forces are that.
+/// Drag by the law `L`, if all of the forces have it.
 fn drag<L: BatchedLaw>(
     simd: Avx2,
     cases: [&dyn Force; WIDTH],
@@ -340,14 +340,14 @@ impl<L: BatchedLaw> BatchedForce for BatchedDrag<L> {
     }
 }
 
-/// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
+/// The velocities (m/s) `v` of the ends of `edge` relative to the `flow`, along and across the edge.
 #[inline(always)]
 pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: PairLanes) -> [PairLanes; 2] {
     edge.components([PairLanes::new(v[0]) - flow, PairLanes::new(v[1]) - flow])
 }
 
-/// The totals of drag over the rods. `of` returns the traction on `halves` of given lengths, from their coefficients and the velocities
-/// along and across.
+/// The totals of drag over the rods. `of` returns the traction on `halves`, given their coefficients and the velocities along and
+/// across.
 #[inline(always)]
 pub fn measure_drag<K>(
     rods: &LaneMotion<'_>,
@@ -430,7 +430,7 @@ impl BatchedForce for BatchedReactive {
     }
 }
 
-/// The acceleration of the water around `edge`, whose ends have these velocities and accelerations.
+/// The acceleration of the water around `edge`, given the velocities and accelerations of its ends.
 #[inline(always)]
 fn accelerating(
     edge: &Edge<Lanes>,
@@ -448,7 +448,7 @@ fn accelerating(
     }
 }
 
-/// Sets `sum` to the `first` force, or adds to it.
+/// Sets `sum` if the force is the `first`, and otherwise adds to it.
 #[inline(always)]
 fn put(sum: &mut EdgeForce<Lanes>, first: bool, on: EdgeForce<Lanes>) {
     if first { *sum = on } else { sum.add(&on) }

@@ -29,7 +29,7 @@ use crate::stepper::Stepper;
 use crate::stepper::presolved_step::PresolvedStep;
 use crate::system::State;
 
-/// One vector per node, of each case.
+/// One vector per node of each case.
 type NodalVectors = Vec<[Lanes; 2]>;
 
 /// Four rods in SIMD lanes, with a workspace. Lanes without a case repeat another case.
@@ -39,7 +39,7 @@ pub struct Kernel {
     models: [Arc<Model>; WIDTH],
     rods: BatchedRods,
     others: BatchedForces,
-    /// Viscosity and density of the fluids that the coefficients of drag and of `others` are in.
+    /// Viscosity and density of the fluids for which the coefficients of drag and of `others` were computed.
     fluids: [[f64; 2]; WIDTH],
     at: TimeDependent,
     before: StepStart,
@@ -56,15 +56,16 @@ struct BatchedRods {
     mass: Vec<Lanes>,
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
-    /// Damping of the materials; `None` of elastic ones.
+    /// Damping of the materials; `None` for elastic ones.
     damping: Option<Damping<Lanes>>,
     /// The nodes with a joint.
     joints: Range<usize>,
     /// Lengths of the halves of each edge, and drag coefficients along and across them, see
-    /// [`coefficients`](crate::fluid::force::FusedForce::coefficients); empty without drag. `in_pass` is the index of that drag among the forces.
+    /// [`coefficients`](crate::fluid::force::FusedForce::coefficients); empty without drag. `in_pass` is the index of this drag
+    /// among the forces.
     drag: Vec<[PairLanes; 3]>,
     in_pass: Option<usize>,
-    /// Least and largest length of an edge.
+    /// Smallest and largest length of an edge.
     lengths: [Lanes; 2],
     total_mass: Lanes,
 }
@@ -74,16 +75,16 @@ struct BatchedRods {
 struct TimeDependent {
     natural: Vec<Lanes>,
     natural_rate: Vec<Lanes>,
-    /// The tangent before the first joint of a held head.
+    /// Tangent before the first joint of a held head.
     clamp_tangent: Option<Vector2<Lanes>>,
-    /// The same at the start of the step.
+    /// The same tangent at the start of the step.
     clamp_tangent_before: Option<Vector2<Lanes>>,
     /// Angular velocity of a held head, rad/s.
     clamp_spin: Lanes,
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
-    /// The loads of each [source](Dynamics::loads_by_source), and whether any case has one of it.
+    /// The loads of each [source](Dynamics::loads_by_source), and whether any case has loads of that source.
     loads: [NodalVectors; 3],
     loaded: [bool; 3],
     /// Position, velocity and acceleration of a held head.
@@ -97,7 +98,7 @@ struct NodalMotion {
     a: NodalVectors,
 }
 
-/// The state at the start of a step, and the accelerations that the integrator remembers.
+/// The state at the start of a step, and the method's memory of earlier accelerations.
 #[derive(Debug)]
 struct StepStart {
     motion: NodalMotion,
@@ -107,13 +108,13 @@ struct StepStart {
 #[derive(Debug)]
 struct Workspace {
     edges: Vec<Edge<Lanes>>,
-    /// The other forces on each edge; empty if there are none.
+    /// The other forces on each edge; empty without other forces.
     around: Vec<EdgeForce<Lanes>>,
     /// Totals of each force.
     wholes: Vec<ForceTotals>,
     tips: Vec<BatchedTipForce>,
     joints: Vec<Joint<Lanes>>,
-    /// Rates of strain, of damped materials.
+    /// Rates of strain of damped materials.
     rates: Option<StrainRates<Lanes>>,
     kappa: Vec<Lanes>,
     /// Moments conjugate to the curvatures.
@@ -124,7 +125,7 @@ struct Workspace {
     band: BlockBand<Lanes>,
 }
 
-/// A force on the last node, with what it adds to the first three blocks of the last row.
+/// A force on the last node, with its contributions to the first three blocks of the last row.
 #[derive(Debug, Clone, Copy)]
 struct BatchedTipForce {
     force: [Lanes; 2],
@@ -235,8 +236,8 @@ impl Kernel {
         })
     }
 
-    /// See [`Batch::presolve`](super::Batch::presolve). `prepare` returns the next step of the stepper in a lane. Returns the number of
-    /// steps solved.
+    /// See [`Batch::presolve`](super::Batch::presolve). `prepare` returns the next step of the stepper in a lane. Returns the
+    /// number of solved steps.
     pub fn presolve(
         &mut self,
         steppers: &mut [Option<&mut Stepper>],
@@ -249,7 +250,7 @@ impl Kernel {
             *step = prepared.filter(|(_, fluid)| self.enter(lane, *fluid)).map(|(step, _)| step);
         }
         let Some(kind) = steps.iter().flatten().map(PresolvedStep::kind).next() else { return 0 };
-        // A stepper whose step differs takes it alone.
+        // Steps of another kind are left to their steppers.
         for step in &mut steps {
             step.take_if(|step| step.kind() != kind);
         }
@@ -260,7 +261,7 @@ impl Kernel {
             let sources = dynamics(case).loads_by_source();
             self.at.loaded.iter_mut().zip(sources).for_each(|(loaded, load)| *loaded |= load.is_some());
         }
-        let mut progress: [Option<SolveProgress>; WIDTH] = [None; WIDTH]; // of those that go on
+        let mut progress: [Option<SolveProgress>; WIDTH] = [None; WIDTH]; // cases still iterating
         for lane in 0..WIDTH {
             let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| steps[lane].is_some());
             let Some(case) = own.or(steppers[first].as_deref()) else { continue };
@@ -270,7 +271,7 @@ impl Kernel {
         }
         self.guess(kind);
         let direction = kind.1.direction();
-        let mut solved = [0; WIDTH]; // in so many iterations, if it is
+        let mut solved = [0; WIDTH]; // number of iterations of each converged case
         for iterations in 1..=MAX_ITERATIONS {
             let going = progress.each_ref().map(Option::is_some);
             if going == [false; WIDTH] {
@@ -283,7 +284,7 @@ impl Kernel {
                     continue;
                 }
                 progress[lane] = None;
-                // Who does not converge at once, or only to the floor of rounding, goes on alone.
+                // A case that does not converge at once, or only to the rounding floor, is solved by its own stepper.
                 if verdict == Some(Convergence::Converged) {
                     solved[lane] = iterations;
                 }
@@ -292,7 +293,7 @@ impl Kernel {
         let (ended, measured) = (self.end(), self.measure());
         for ((lane, stepper), step) in steppers.iter_mut().enumerate().zip(&steps) {
             if let (Some(stepper), Some(step), iterations @ 1..) = (stepper, step, solved[lane]) {
-                // What is wrong with a rod without meaning is found alone.
+                // An invalid rod is diagnosed by its own stepper.
                 let [meaningful, checked] = ended.of(lane);
                 stepper.store_presolved(step, iterations, checked, |state| self.unload(lane, state));
                 if meaningful {
@@ -308,7 +309,7 @@ impl Kernel {
         solved.iter().filter(|iterations| **iterations > 0).count() as u64
     }
 
-    /// Takes the case in `lane` to another `fluid`, with its coefficients. False if they cannot be batched.
+    /// Moves the case in `lane` to another `fluid` and recomputes its coefficients. Returns false if they cannot be batched.
     fn enter(&mut self, lane: usize, fluid: Fluid) -> bool {
         let other = viscosity_and_density(fluid);
         if self.fluids[lane] == other {
@@ -324,7 +325,7 @@ impl Kernel {
         true
     }
 
-    /// The initial guess of steps of this [kind](PresolvedStep::kind).
+    /// Writes the initial guess of steps of this [kind](PresolvedStep::kind).
     fn guess(&mut self, kind: (f64, StepWeights, bool)) {
         let Self { simd, rods, at, before, motion, .. } = self;
         simd.vectorize(
@@ -364,14 +365,14 @@ impl Kernel {
         BatchedMeasurements { sums, held }
     }
 
-    /// Powers of force `i` on the case in `lane`, and the energy (J) and momentum (N s) that it stores.
+    /// Powers of force `i` on the case in `lane`, with the energy (J) and momentum (N s) that the force stores.
     fn of_force(&self, lane: usize, i: usize, force: &dyn Force) -> (Powers, (f64, Vector2<f64>)) {
         let Self { others, at, motion, workspace, .. } = self;
         let motions = motions(motion, &workspace.edges, at);
         others.of_case((i, force), lane, &motions, at.fluids[lane], &workspace.wholes)
     }
 
-    /// Loads the start of a case's step, and what depends on the time of its end.
+    /// Loads the start of a case's step, and the quantities that depend on the time of its end.
     fn load(&mut self, lane: usize, dynamics: &Dynamics, [from, to]: [&State; 2]) {
         let Self { at, before: StepStart { motion: NodalMotion { q, v, a }, memory }, .. } = self;
         for (to, from) in [(q, &from.q), (v, &from.v), (a, &from.a), (memory, &from.memory)] {
@@ -411,7 +412,7 @@ impl Kernel {
         }
     }
 
-    /// Writes the rates of strain of a case of a damped material.
+    /// Writes the rates of strain of a case with a damped material.
     fn unload_rates(&self, lane: usize, to: &mut StrainRates) {
         let Some(from) = &self.workspace.rates else { return };
         for (to, from) in to.edges.iter_mut().zip(&from.edges) {
@@ -433,8 +434,8 @@ impl Kernel {
         }
     }
 
-    /// One Newton iteration, applied to the cases that are `going`. `None` for a case whose rod is invalid (folded, or an edge without
-    /// length) or whose linear system is not solved to rounding.
+    /// Makes one Newton iteration for the cases that are `going`. Returns `None` for a case whose rod is invalid (folded, or with
+    /// an edge of zero length) or whose linear system is not solved to rounding.
     fn iterate(&mut self, direction: Direction, going: [bool; WIDTH]) -> [Option<Iteration>; WIDTH] {
         let Self { simd, models, rods, others, at, motion, workspace, .. } = self;
         let least = simd.vectorize(
@@ -488,36 +489,36 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
 }
 
 impl TimeDependent {
-    /// The loads of all sources that there are.
+    /// The nodal loads of all sources that occur.
     #[inline(always)]
     fn loads(&self) -> impl Iterator<Item = &NodalVectors> {
         self.loads.iter().zip(self.loaded).filter(|(_, loaded)| *loaded).map(|(load, _)| load)
     }
 }
 
-/// The lengths of the halves of edge `e`, and the coefficients along and across them in `fluid` of the drag that is linear in velocity.
+/// The lengths of the halves of edge `e`, and the coefficients of the drag linear in velocity along and across them in `fluid`.
 fn drag_coefficients(model: &Model, fluid: Fluid, e: usize) -> Option<[f64x2; 3]> {
     let (i, drag) = model.forces.in_pass()?;
-    // Its powers are those of a drag.
+    // Only a force of the fluid whose powers are counted.
     let takes = model.forces.0[i].power_kind().is_some() && model.forces.0[i].is_of_fluid();
     drag.coefficients(fluid, e).filter(|_| takes)
 }
 
-/// What coefficients depend on.
+/// The properties of a fluid that coefficients depend on.
 fn viscosity_and_density(fluid: Fluid) -> [f64; 2] {
     [fluid.viscosity, fluid.density]
 }
 
 /// Validity of the rods at the ends of steps.
 struct StepChecks {
-    /// Distances of edges and joints from invalid states.
+    /// Smallest distances of edges and joints from invalid states.
     least: [Lanes; 3],
     /// See [`lengths::least_turn`].
     least_turn: Lanes,
 }
 
 impl StepChecks {
-    /// For one case: is its rod valid, and was it valid throughout the step?
+    /// Returns for one case whether its rod is valid, and whether it was valid throughout the step.
     fn of(&self, lane: usize) -> [bool; 2] {
         [self.least.iter().all(|least| least.get(lane) > 0.0), self.least_turn.get(lane) >= 0.0]
     }
@@ -544,8 +545,8 @@ impl BatchedMeasurements<Lanes> {
     }
 }
 
-/// Evaluates the geometry of the rods, and how damped materials are strained; returns the distances of edges and joints from invalid
-/// states.
+/// Evaluates the geometry of the rods, and the rates of strain of damped materials; returns the distances of edges and joints
+/// from invalid states.
 #[inline(always)]
 fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, workspace: &mut Workspace) -> [Lanes; 3] {
     let (NodalMotion { q, v, .. }, Workspace { edges, joints, kappa, rates, .. }) = (motion, workspace);
@@ -575,7 +576,7 @@ fn bend(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, workspace:
     [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)]
 }
 
-/// The initial guess of a step, see [`Stage::guess`](crate::integrator).
+/// Writes the initial guess of a step, see [`Stage::guess`](crate::integrator).
 #[inline(always)]
 fn guess(
     rods: &BatchedRods,
@@ -680,7 +681,7 @@ fn held(
     Vector2::new(push(0), push(1))
 }
 
-/// Assembles the linear system of rods of a `material`: inertia, elasticity, damping, and forces on edges.
+/// Assembles the linear system of rods of a `material`: inertia, elasticity, damping and forces on edges.
 #[inline(always)]
 fn assemble(
     material: impl MaterialLaw<Lanes>,

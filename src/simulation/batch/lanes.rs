@@ -8,12 +8,12 @@ use fearless_simd::{Avx2, f64x4, mask64x4};
 use super::WIDTH;
 use crate::linear::{Number, Pair, Real};
 
-/// A number of each case.
+/// One number of each case.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes(f64x4<Avx2>);
 
 impl Lanes {
-    /// The lanes with the number of each case.
+    /// Packs the number of each case into lanes.
     #[inline(always)]
     pub fn new(simd: Avx2, cases: [f64; WIDTH]) -> Self {
         Self(f64x4::simd_from(simd, cases))
@@ -31,7 +31,7 @@ impl Lanes {
         self.0[case]
     }
 
-    /// Sets the number of a case in memory, since inserting into a register would serialise them.
+    /// Sets the number of a case in memory, since inserting into a register would serialise the writes.
     #[inline(always)]
     pub fn set(&mut self, case: usize, x: f64) {
         self.0[case] = x;
@@ -50,7 +50,7 @@ impl PartialEq for Lanes {
     }
 }
 
-/// The operators of a number with one field, or of one with two that are reckoned with one by one.
+/// The operators of a number type with one field, or of one with two fields that are computed separately.
 macro_rules! operators {
     ($number:ident, $($operator:ident $function:ident $sign:tt),*) => {
         $(impl $operator for $number {
@@ -111,7 +111,7 @@ impl Number for Lanes {
         Self(self.0.sqrt())
     }
 
-    /// Case by case, that of one number.
+    /// Evaluated case by case with the scalar function.
     #[inline(always)]
     fn ln(self) -> Self {
         let [a, b, c, d] = *self.0;

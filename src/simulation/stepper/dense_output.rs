@@ -1,7 +1,7 @@
-//! Dense output: state and measurements at any time within the last internal step, at no cost to the steps.
+//! Dense output: state and measurements at any time within the last internal step, without affecting the steps.
 //!
-//! Either the [`ModelStepper`](crate::reduced::ModelStepper) knows the state in between, or it follows from the ends of the step
-//! ([`StepInterpolation`]).
+//! The intermediate state is provided by the [`ModelStepper`](crate::reduced::ModelStepper), or is interpolated from the ends of
+//! the step ([`StepInterpolation`]).
 
 use super::Stepper;
 use super::interpolation::StepInterpolation;
@@ -36,7 +36,7 @@ impl DenseOutput {
 }
 
 impl Stepper {
-    /// Reads the middle of the step from the state to the next, into the room of [`DenseOutput`].
+    /// Evaluates the middle between the state and the next one, into the work arrays of [`DenseOutput`].
     pub(super) fn middle(&mut self) -> Result<()> {
         let (from, to) = (&self.now.state, &self.next);
         let t = 0.5 * (from.t + to.t);
@@ -75,7 +75,7 @@ impl Stepper {
         let outcome = measurements.map(|()| {
             let (last, ends) = (&self.now.metrics, [&self.measurements, &self.now.metrics.now]);
             metrics.totals = totals.until(&last.totals, ends, &metrics.now);
-            // What steps have lost is known at their ends; in between it is on the line.
+            // The numerical losses of a step are known at its end; in between they are interpolated linearly.
             let part = (t - from.t) / (self.now.state.t - from.t);
             let before = totals.work.net() - (self.measurements.energy.total() - last.first_energy);
             let defect = before + part * (last.numerical_dissipation() - before);

@@ -1,10 +1,10 @@
 //! Derivatives of variables at the current time: with respect to time, and directional derivatives with respect to inputs.
 //!
-//! An input acts on the motion only through the steps that follow, so its derivatives are those of what
-//! [`get`](Stepper::get) returns right after [`set`](Stepper::set): positions and velocities stay, moments, energies, powers and
-//! the reaction of a held head follow at once. They are exact: every measurement is differentiated by hand, along the same
-//! derivatives of drag, bending and stretching that Newton's matrix is made of. The rate of a measurement follows the
-//! motion; only the head's pose, and what inputs bring that change by a rate, are differenced once more.
+//! An input acts on the motion only through the steps that follow. Its derivatives are therefore those of the values that
+//! [`get`](Stepper::get) returns right after [`set`](Stepper::set): positions and velocities stay; moments, energies, powers and
+//! the reaction of a held head follow at once. They are exact: every measurement is differentiated by hand, with the same
+//! derivatives of drag, bending and stretching as in the Newton matrix. The rate of a measurement follows the motion; only the
+//! pose of the head, and effects of inputs that change at a rate, are differentiated by finite differences.
 
 mod step_inputs;
 
@@ -33,15 +33,16 @@ const TIME_DIFFERENCE: f64 = 1e-3;
 /// The longest internal step (s) for that difference.
 const MAX_DIFFERENCED_STEP: f64 = 0.1;
 
-/// Step of the difference by fluid properties, relative to densities, speeds and thicknesses, for inputs with a rate.
+/// Relative step of the finite difference with respect to fluid properties (densities, speeds and thicknesses), for inputs with a
+/// rate.
 const FLUID_DIFFERENCE: f64 = 1e-4;
 
-/// What changes along a direction.
+/// The kind of direction to differentiate along.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Along {
-    /// Inputs that change at once, where positions and velocities stay.
+    /// Inputs that change at once, while positions and velocities stay.
     Inputs,
-    /// The time, with the state that moves on or stays.
+    /// The time, while the state moves on or stays.
     Time,
     /// The state at the end of a step, with the inputs given for it.
     Step,
@@ -54,18 +55,18 @@ pub(crate) struct StateTangent {
     metrics: RunMetrics,
     natural: Vec<f64>,
     natural_rate: Vec<f64>,
-    /// Of the active moments in them.
+    /// Differential of the active moments.
     active: ActiveMoments,
     force: Vec<f64>,
-    /// Of the tension of each tendon, N.
+    /// Differential of the tension of each tendon, N.
     tensions: [f64; MAX_TENDONS],
-    /// Of what the motor of a hinge is asked for.
+    /// Differential of the motor command of a hinge.
     command: MotorCommand,
     fluid: Fluid,
     layers: Option<Layers>,
     /// Differential of the force that opposes the motion.
     opposing: Vec<f64>,
-    /// The same for all forces, minus the differential of loads.
+    /// The same for all forces, minus the differential of the loads.
     applied: Vec<f64>,
     /// Differential of the head's angle and angular velocity.
     angle: [f64; 2],
@@ -116,7 +117,7 @@ impl StateTangent {
         self.inputs.clear();
     }
 
-    /// The changes of natural curvature, forces and fluid that `self.inputs` cause in `dynamics` at time `t` (s).
+    /// Computes the changes of natural curvature, forces and fluid that `self.inputs` cause in `dynamics` at its current time.
     fn follow_inputs(&mut self, bent: &DeformedRod<'_>) {
         let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
@@ -128,26 +129,27 @@ impl StateTangent {
         }
         (self.fluid, self.layers) = (self.inputs.fluid, self.inputs.layers);
         if dynamics.mechanics == Mechanics::Shape {
-            // The shape follows with the next step; what it is strained by beside active moments changes at once.
+            // The shape follows with the next step; the strain that it has in addition to active moments changes at once.
             self.natural.fill(0.0);
             self.active.moment.fill(0.0);
             if !dynamics.model.active_moments {
                 self.active.clear();
             }
         }
-        // The work of a change of the natural curvature at once; one of active moments does none.
+        // The work that a change of the natural curvature does at once; a change of active moments does none.
         let actuation = -rod.joints().map(|k| bent.elastic_moment(k) * self.active.natural[k]).sum::<f64>();
         self.metrics.totals.work = Power { actuation, ..Power::default() };
     }
 
-    /// Fills the change of the `measurements` from the changes of everything that it is read from, along the inputs, the time or the state.
+    /// Computes the change of the `measurements` from the changes of all quantities that they depend on, along the inputs, the
+    /// time or the state.
     fn read(&mut self, bent: &DeformedRod<'_>, measurements: &Measurements, kind: Along) {
         let DeformedRod { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
         let Self { state: d, metrics, natural, natural_rate, active, force, tensions, fluid, layers, .. } = self;
         let (opposing, applied, angle) = (&mut self.opposing, &mut self.applied, &self.angle);
-        // Of a rod that takes its natural curvature the moments follow from balance, further down.
+        // In the shape model, moments follow from balance, see below.
         let shape = dynamics.mechanics == Mechanics::Shape;
         for (applied, force) in applied.iter_mut().zip(&*force) {
             *applied = -force;
@@ -166,7 +168,7 @@ impl StateTangent {
             let vector = node(&d.q, e + 1) - node(&d.q, e);
             [edges[e].t.dot(&vector), edges[e].n().dot(&vector) * edges[e].per_length]
         };
-        // The changes of the rates of strain: of an edge's length and angular velocity, and of the turning at its first node.
+        // Changes of the rates of strain: of an edge's length and angular velocity, and of the turning angle at its first node.
         let [angle, angular_velocity] = *angle;
         let rate_change = |e: usize| {
             let rate = bent.edge_rate(e);
@@ -181,7 +183,7 @@ impl StateTangent {
         let activated = dynamics.active.is_some() || self.inputs.moment.is_some();
         let drives_all = dynamics.damped().is_none_or(|damped| damped.damping.rate == DampedRate::Elastic);
         let spinning = |e: usize| rate_change(e)[1] - if e == 0 { angular_velocity } else { rate_change(e - 1)[1] };
-        // The change of the moment that resists the rate of a joint whose curvature changes by so much.
+        // The change of the moment that resists the rate of the joint at node `e`, if its curvature changes by `kappa_change`.
         let resisting = |e: usize, kappa_change: f64| {
             let Some(KelvinVoigt { damping, .. }) = dynamics.damped() else { return 0.0 };
             let rate =
@@ -201,7 +203,7 @@ impl StateTangent {
                 reading.length -= tendon.offset * turned;
                 reading.length_rate -= tendon.offset * (0.5 * kappa[k] * bent.spin(k) * turned + s * spinning(k));
             }
-            // That of a winch follows the length.
+            // The tension of a winch follows the length of its cable.
             let followed = dynamics.tension_slope(i) * reading.length;
             tensions[i] += followed;
             reading.tension = tensions[i];
@@ -281,7 +283,7 @@ impl StateTangent {
                 (fluid, layers.as_ref(), &tensions[..]),
                 opposing,
             );
-            // The flow at a node changes by itself and as the node moves through it.
+            // The flow at a node changes in time, and as the node moves through it.
             let drift = |k: usize| match (own.is_of_fluid(), moving.layers) {
                 (false, _) => Vector2::zeros(),
                 (true, None) => fluid.flow,
@@ -320,7 +322,7 @@ impl StateTangent {
                 Some(PowerKind::Drive) => power.actuation -= taken,
                 Some(PowerKind::Other) => power.other -= taken,
                 None => {
-                    // The energy depends on velocities against the flow.
+                    // The energy depends on velocities relative to the flow.
                     let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
                     let [q, v, a] = &mut by;
                     own.energy(&moving, 1.0, Some(StateDerivatives { q, v, a }));
@@ -367,7 +369,8 @@ impl StateTangent {
                 if rod.joints().contains(&k) {
                     let more = measurements.moment[k] * 0.5 * kappa[k] * now.kappa[k];
                     now.moment[k] = -(turning + more) / bend::curvature_per_turning(kappa[k]);
-                    // Of the moments by balance, what resists the rate of the whole curvature is not the drive's.
+                    // Of the moments by balance, the part that resists the rate of the total curvature is not applied by the
+                    // drive.
                     let apart =
                         if drives_all { [0.0; 2] } else { [resisting(k, now.kappa[k]), bent.damping_moment(k)] };
                     power.actuation -= (now.moment[k] - apart[0]) * dynamics.natural_rate[k]
@@ -408,7 +411,7 @@ impl StateTangent {
             let shear = (bent.joint(0).couple - bent.joint(1).couple) * edge.per_length;
             let couples = [couple(0, now.kappa[0]), couple(1, now.kappa[1])];
             let mut after = Vector2::zeros();
-            // In the chain form the force of an edge is an unknown, which an input changes with the next step only.
+            // In the chain form the force of an edge is an unknown, which an input changes only with the next step.
             if state.links.is_empty() || kind != Along::Inputs {
                 after += t * tension_change + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
@@ -431,9 +434,9 @@ impl StateTangent {
     }
 }
 
-/// Adds the change of the force `own`, which opposes the motion of the rod that moves as `moving`, to `opposing` where the state changes
-/// by `motion`, and fluid, layers and the tensions of tendons change too. Returns the changes of its energy and of the rate of that by the
-/// fluid alone.
+/// Adds the change of the force `own` to `opposing`; the force opposes the motion `moving` of the rod. The state changes by
+/// `motion`, and fluid, layers and the tensions of tendons change too. Returns the changes of the force's energy, and of the rate
+/// of that energy due to the fluid alone.
 fn opposing_change(
     own: &dyn Force,
     moving: &Kinematics<'_>,
@@ -472,7 +475,7 @@ pub struct VariableDerivatives<'a> {
 }
 
 impl VariableDerivatives<'_> {
-    /// The derivative of `variable` at node `k`, or None if that is not one of its [`entries`](Variable::entries).
+    /// The derivative of `variable` at node `k`, or `None` if that is not one of its [`entries`](Variable::entries).
     pub fn of(&self, variable: &Variable, k: usize) -> Option<f64> {
         let there = variable.entries(&self.now.dynamics.model).contains(&k);
         there.then(|| variable.change(&self.now, &self.change, k))
@@ -483,7 +486,7 @@ impl Stepper {
     /// The total time derivatives d/dt of all variables.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`].
+    /// Errors of [`Dynamics::shape`].
     pub fn rates(&mut self) -> Result<VariableDerivatives<'_>> {
         self.rates_of(true)
     }
@@ -491,7 +494,7 @@ impl Stepper {
     /// The partial time derivatives ∂/∂t of all variables at the current state.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`].
+    /// Errors of [`Dynamics::shape`].
     pub fn explicit_rates(&mut self) -> Result<VariableDerivatives<'_>> {
         self.rates_of(false)
     }
@@ -504,7 +507,7 @@ impl Stepper {
             d.q.copy_from_slice(&self.now.state.v);
             d.v.copy_from_slice(&self.now.state.a);
         }
-        // What depends on time alone: κ̄' and its rate, and the head's third derivative.
+        // The quantities that depend on time alone: κ̄' and its rate, and the head's third derivative.
         let longest = self.dynamics.longest_step(t, self.now.time_step);
         let half = TIME_DIFFERENCE * self.now.time_step.min(longest).min(MAX_DIFFERENCED_STEP);
         let accelerations = |dynamics: &Dynamics| dynamics.held.map(|pose| pose.map(|sample| sample.acceleration));
@@ -535,12 +538,12 @@ impl Stepper {
             for i in 0..if shape { 0 } else { 2 } {
                 d.a[i] = (later[i] - sooner[i]) / (2.0 * half);
             }
-            // That of a hinge is a part of the state.
+            // The angle of a hinge is part of the state.
             let turns = moving || self.dynamics.model.hinge.is_none();
             tangent.angle = if turns { [angle.rate, angle.acceleration] } else { [0.0; 2] };
         }
-        // Moments follow from accelerations in a prescribed shape, and these from the shape; without inertia velocities follow from
-        // positions. What has the inertia of the water follows from accelerations, and these from the equation of motion.
+        // In a prescribed shape, moments follow from accelerations, and these from the shape; without inertia, velocities follow
+        // from positions. Forces with the inertia of the water follow from accelerations, and these from the equation of motion.
         let follows: Option<fn(&mut State) -> &mut Vec<f64>> = match self.dynamics.mechanics {
             _ if !moving => None,
             Mechanics::Overdamped => Some(|state| &mut state.v),
@@ -593,7 +596,7 @@ impl Stepper {
         Ok(self.put_tangent(tangent))
     }
 
-    /// Moves the dynamics to the current time, with winches that pull as the rod is.
+    /// Moves the dynamics to the current time, with the tensions of winches for the current shape of the rod.
     pub(super) fn move_to_now(&mut self) -> Result<()> {
         self.dynamics.move_to(self.now.state.t, &mut self.now.state);
         if self.dynamics.has_winches() {
@@ -620,7 +623,7 @@ impl Stepper {
     /// the head have no effect before the next step.
     ///
     /// # Errors
-    /// Those of `seed` and of [`Dynamics::shape`].
+    /// Errors of `seed` and of [`Dynamics::shape`].
     pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>) -> Result<()>) -> Result<VariableDerivatives<'_>> {
         let mut tangent = self.take_tangent();
         seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs })?;
@@ -637,9 +640,9 @@ impl Stepper {
         Ok(self.put_tangent(tangent))
     }
 
-    /// The change of the power and force of inputs that change at a rate, see `Dynamics::medium_change_rates`, when the
-    /// inputs change by `change` at constant rates. It is linear in densities and quadratic in the flow, so that
-    /// central differences are exact there.
+    /// The change of the power and force of inputs that change at a rate, see `Dynamics::medium_change_rates`, when the inputs
+    /// change by `change` at constant rates. It is linear in densities and quadratic in the flow, so central differences are
+    /// exact.
     fn medium_change_rates_derivative(&mut self, change: &Inputs) -> Result<(f64, Vector2<f64>)> {
         let nothing = (0.0, Vector2::zeros());
         let Inputs { fluid, layers, .. } = &self.dynamics.inputs;
@@ -711,7 +714,7 @@ impl Stepper {
     }
 }
 
-/// The direction of inputs of a directional derivative.
+/// The direction in the space of inputs for a directional derivative.
 #[derive(Debug)]
 pub struct Seed<'a> {
     dynamics: &'a mut Dynamics,

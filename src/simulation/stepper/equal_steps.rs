@@ -1,18 +1,19 @@
-//! A communication step in equal internal steps, taken one by one: by its stepper, or by a batch for several steppers in turn.
+//! A communication step in equal internal steps, taken one by one: by its stepper, or by a batch that alternates between several
+//! steppers.
 
 use std::ops::ControlFlow;
 
 use super::{Clock, STEP_ROUNDING, Stepper};
 use crate::error::{Error, Result};
 
-/// The internal steps of a communication step, and how many of them have been taken.
+/// The internal steps of a communication step, and the number of steps taken.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct EqualSteps {
-    /// Where it starts, s.
+    /// Start of the communication step, s.
     start: f64,
-    /// Its size, s.
+    /// Size of the communication step, s.
     h: f64,
-    /// The clock at its start.
+    /// The clock at the start.
     clock: Clock,
     /// Size of each internal step, s.
     part: f64,
@@ -20,12 +21,12 @@ pub(crate) struct EqualSteps {
     parts: u64,
     /// Number of internal steps taken.
     taken: u64,
-    /// The parts are whole steps of the clock.
+    /// True if each internal step is a whole step of the clock.
     multiple: bool,
 }
 
 impl EqualSteps {
-    /// The internal steps of at most `time_step` (s) in a step of `h` (s) from `start` (s).
+    /// The internal steps of at most `time_step` (s) that make up a step of `h` (s) from `start` (s).
     fn of(start: f64, h: f64, time_step: f64, clock: Clock) -> Result<Self> {
         let (nearest, most) = ((h / time_step).round(), 9e15);
         let off = (h - nearest * time_step).abs();
@@ -34,7 +35,8 @@ impl EqualSteps {
         if parts >= most {
             return Err(Error::Step(h));
         }
-        // The clock counts whole steps; what differs from them by more than the rounding of the time itself ends at t + h.
+        // The clock counts whole steps; a step whose size differs from them by more than the rounding of the time itself ends at
+        // t + h.
         let multiple = near && off <= 2.0 * f64::EPSILON * (start + h).abs();
         let part = if multiple { time_step } else { h / parts };
         Ok(Self { start, h, clock, part, parts: parts as u64, taken: 0, multiple })
@@ -57,7 +59,7 @@ impl EqualSteps {
         [self.end_of(self.taken + 1), self.part]
     }
 
-    /// True once all have been taken.
+    /// True once all internal steps have been taken.
     pub fn are_taken(&self) -> bool {
         self.taken == self.parts
     }
@@ -74,11 +76,11 @@ impl Stepper {
         Ok(steps)
     }
 
-    /// Takes the next of `steps`, in halves if it fails, and calls `look` after each. It breaks if `look` has ended the communication step
-    /// before its end.
+    /// Takes the next of `steps`, in halves if it fails, and calls `look` after each. It breaks if `look` has ended the
+    /// communication step early.
     ///
     /// # Errors
-    /// Those of the internal step.
+    /// Errors of the internal step.
     pub(crate) fn take_equal_step(
         &mut self,
         steps: &mut EqualSteps,

@@ -3,28 +3,28 @@
 use super::Stepper;
 use crate::model::Mechanics;
 
-/// A pose is a jump if it is at least this fraction of the length, or this angle (rad), from the extrapolated one. A velocity is a jump
-/// if it makes a clamped rod oscillate in its first mode with this amplitude.
+/// A pose is a jump if it differs from the extrapolated one by at least this fraction of the length, or by this angle (rad). A
+/// velocity is a jump if it makes a clamped rod oscillate in its first mode with this amplitude.
 const MIN_RELATIVE_JUMP: f64 = 0.05;
 
 /// βL² of the first mode of a clamped rod: ω₁ = (βL)² √(EI/(m L³)).
 const FIRST_MODE_COEFFICIENT: f64 = 3.516;
 
-/// A jump of the pose or of the velocity that a host gives, from one step to the next.
+/// A jump of the pose or of the velocity that a host gives from one step to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadJump {
-    /// When, s.
+    /// Time of the jump, s.
     pub time: f64,
     /// Coordinate: x, y or angle.
     pub coordinate: usize,
     /// Order of the derivative that jumps: 0 for the pose, 1 for the velocity.
     pub order: usize,
-    /// How far: m or rad, of a velocity per s.
+    /// Size of the jump: m or rad for a pose, m/s or rad/s for a velocity.
     pub distance: f64,
 }
 
 impl std::fmt::Display for HeadJump {
-    /// The message about it, the same in every interface.
+    /// The warning message, identical in every interface.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { time, coordinate, order, distance } = *self;
         let (what, unit) = [
@@ -46,18 +46,19 @@ impl std::fmt::Display for HeadJump {
 }
 
 impl Stepper {
-    /// The largest jump of the head since this was last asked for. Every face says it after a step: the FMU in its log, Python as a
-    /// warning, C by `caudal_note`.
+    /// Returns the largest jump of the head since the last call and clears it. Every interface reports it after a step: the FMU
+    /// in its log, Python as a warning, C by `caudal_note`.
     pub fn take_head_jump(&mut self) -> Option<HeadJump> {
         self.head_jump.take()
     }
 
-    /// Puts back what [`take_head_jump`](Self::take_head_jump) has returned, in place of what was noted since.
+    /// Restores the value that [`take_head_jump`](Self::take_head_jump) returned, in place of what was recorded since.
     pub(crate) fn put_head_jump(&mut self, jump: Option<HeadJump>) {
         self.head_jump = jump;
     }
 
-    /// Notes how far (m, m, rad) the pose given at time `t` (s) is from where the head was going, and the velocity from the one it had.
+    /// Records the distances (m, m, rad) of the pose given at time `t` (s) from the extrapolated pose, and of the velocity from
+    /// the previous one.
     pub(super) fn note_jump(&mut self, time: f64, distances: [[f64; 2]; 3]) {
         if distances == [[0.0; 2]; 3] {
             return;
@@ -65,7 +66,7 @@ impl Stepper {
         let rod = &self.dynamics.model.rod;
         let length = rod.length;
         let omega = match self.dynamics.mechanics {
-            Mechanics::Overdamped => f64::INFINITY, // without inertia nothing rings
+            Mechanics::Overdamped => f64::INFINITY, // without inertia nothing oscillates
             _ => FIRST_MODE_COEFFICIENT * (rod.ei / (rod.total_mass() * length.powi(3))).sqrt(),
         };
         let units = [1.0, omega].map(|per_time| [length, length, 1.0].map(|unit| unit * per_time));

@@ -1,11 +1,12 @@
-//! Interpolation of the state within a step from the states at its ends, as accurate as those whatever the stiffness of the rod.
+//! Interpolation of the state within a step from the states at its ends, as accurate as those states for any stiffness of the
+//! rod.
 //!
-//! Motions are smooth, so cubics of values and rates say where the rod is. Forces are not read from such positions: the
-//! error of a cubic, however small, stretches and bends a stiff rod by far more than the forces that act on it. They are
-//! the line between the forces at the ends and what balance adds to it, from inertia, drag and loads alone: N and M of the
-//! edges and joints at which M a − F vanishes on all nodes beyond them. What a joint's own directions add to the line of its
-//! moment is as good where the rod is so soft that moments are small differences of large ones; the smaller is taken. The
-//! links of the state hold these forces, and its edges have the lengths that their tensions give them.
+//! Motions are smooth, so cubics of values and rates give the positions. Forces are not computed from such positions: the error
+//! of a cubic, however small, stretches and bends a stiff rod by far more than the forces that act on it. Instead, forces are
+//! interpolated linearly between the ends and corrected by balance, from inertia, drag and loads alone: N and M of the edges and
+//! joints for which M a − F vanishes on all nodes beyond them. If the rod is so soft that moments are small differences of large
+//! ones, the correction of the linear moment from the directions at the joint itself is as accurate; the smaller of the two is
+//! used. The links of the state hold these forces, and its edges have the lengths that follow from their tensions.
 
 use nalgebra::Vector2;
 
@@ -17,22 +18,23 @@ use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
 use crate::tendons::MAX_TENDONS;
 
-/// The most that the rates at the ends of a step may differ from the mean one, as rotations (rad) and lengths over L over
-/// the step: beyond it they say nothing of the step. Where a step resolves the motion it is about (ωh)²/2.
+/// Largest deviation of the rates at the ends of a step from the mean rate, as rotations (rad) and lengths over L over the step;
+/// larger rates are not representative of the step. Where a step resolves the motion the deviation is about (ωh)²/2.
 const MAX_RATE_DEVIATION: f64 = 0.5;
 
-/// The same for velocities, over the largest at the ends; a rod that sets out from rest with v ∝ tⁿ has n − 1.
+/// The same for accelerations, as changes of velocity relative to the largest velocity at the ends; for a rod that starts from
+/// rest with v ∝ tⁿ the deviation is n − 1.
 const MAX_ACCELERATION_DEVIATION: f64 = 4.0;
 
-/// Part of an edge's EA beyond which a compression is not taken from balance.
+/// Fraction of an edge's EA above which a compression is not computed from balance.
 const MAX_COMPRESSION: f64 = 0.5;
 
-/// A time within a step, with cubic Hermite interpolation between its ends.
+/// A time within a step, for cubic Hermite interpolation between its ends.
 #[derive(Debug, Clone, Copy)]
 struct StepFraction {
-    /// Fraction of the step before it.
+    /// Fraction of the step before this time.
     z: f64,
-    /// The step, s.
+    /// Size of the step, s.
     h: f64,
 }
 
@@ -42,8 +44,8 @@ impl StepFraction {
         from + self.z * (to - from)
     }
 
-    /// The cubic with these values and rates at the ends, and its rate; the rates times h differ from the change by `limit`
-    /// at most.
+    /// The cubic with these values and rates at the ends, and its rate; the rates times h are limited to within `limit` of the
+    /// change.
     fn cubic(self, [from, to]: [f64; 2], rates: [f64; 2], limit: f64) -> [f64; 2] {
         let Self { z, h } = self;
         let change = to - from;
@@ -65,7 +67,8 @@ struct InternalForces {
 }
 
 impl InternalForces {
-    /// Those that hold a rod of these `edges` and curvatures `bent` as it moves in `state`: from balance, whatever EA and EI.
+    /// Computes the forces of a rod with these `edges` and curvatures `bent` that moves as in `state`: from balance, independent
+    /// of EA and EI.
     fn balance(&mut self, dynamics: &Dynamics, edges: &[Edge], bent: &[f64], state: &State, applied: &mut Vec<f64>) {
         let rod = &dynamics.model.rod;
         applied.resize(state.q.len(), 0.0);
@@ -87,17 +90,17 @@ impl InternalForces {
     }
 }
 
-/// A rod at one time.
+/// The geometry of a rod at one time.
 #[derive(Debug, Default)]
 struct InterpolatedRod {
     edges: Vec<Edge>,
     /// Natural curvature κ̄_k.
     natural: Vec<f64>,
-    /// Curvature κ_k by the directions of the edges.
+    /// Curvature κ_k from the directions of the edges.
     bent: Vec<f64>,
-    /// Rates of strain, of a damped rod.
+    /// Rates of strain of a damped rod.
     rates: Option<StrainRates>,
-    /// By balance alone.
+    /// Internal forces by balance alone.
     balance: InternalForces,
 }
 
@@ -114,13 +117,13 @@ impl InterpolatedRod {
     }
 }
 
-/// An end of a step, with the forces that its state has.
+/// An end of a step, with the internal forces of its state.
 #[derive(Debug, Default)]
 struct StepEnd {
     rod: InterpolatedRod,
-    /// Of its state.
+    /// Internal forces of its state.
     forces: InternalForces,
-    /// Of the tendons, N.
+    /// Tensions of the tendons, N.
     tensions: [f64; MAX_TENDONS],
 }
 
@@ -164,14 +167,14 @@ impl StepEnd {
 #[derive(Debug, Default)]
 pub(super) struct StepInterpolation {
     ends: [StepEnd; 2],
-    /// The ends are those of the last step.
+    /// True if the ends are those of the last step.
     known: bool,
     now: InterpolatedRod,
     applied: Vec<f64>,
 }
 
 impl StepInterpolation {
-    /// Forgets the step, as another one is made.
+    /// Discards the step, because another one is made.
     pub(super) fn forget(&mut self) {
         self.known = false;
     }
@@ -179,7 +182,7 @@ impl StepInterpolation {
     /// Writes the state at time `t` (s) of the step from `from` to `to`, with links, to `out`; leaves `dynamics` at `t`.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`], but never for an accepted step.
+    /// Errors of [`Dynamics::shape`], but never for an accepted step.
     pub(super) fn write(
         &mut self,
         dynamics: &mut Dynamics,
@@ -263,8 +266,8 @@ impl StepInterpolation {
     }
 }
 
-/// Writes the nodes of these `edges` to `out`: from a held head, or about the centre of mass of a free rod, the cubic of its
-/// positions and velocities at the ends.
+/// Writes the nodes of these `edges` to `out`. The position of a held head, or of the centre of mass of a free rod, is the cubic
+/// of its positions and velocities at the ends.
 fn place_nodes(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], fraction: StepFraction, out: &mut State) {
     let rod = &dynamics.model.rod;
     let mut here = node(&out.q, 0);
@@ -285,8 +288,8 @@ fn place_nodes(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], fraction:
     }
 }
 
-/// Writes velocities and accelerations, and the arc of a hinge, to `out`: the cubic of velocities and accelerations and its rate; without
-/// inertia, where velocities are those of the positions, the rate of the cubic of positions and velocities, and zero.
+/// Writes velocities and accelerations, and the arc of a hinge, to `out`: the cubic of velocities and accelerations, and its
+/// rate. Without inertia, where velocities follow from positions: the rate of the cubic of positions and velocities, and zero.
 fn interpolate_motion(dynamics: &Dynamics, [from, to]: [&State; 2], fraction: StepFraction, out: &mut State) {
     let inertia = dynamics.mechanics != Mechanics::Overdamped;
     let limit = if inertia {
@@ -302,7 +305,7 @@ fn interpolate_motion(dynamics: &Dynamics, [from, to]: [&State; 2], fraction: St
         };
         (out.v[i], out.a[i]) = (v, a);
     }
-    // The arc of a hinge is none of the nodes' places, which follow from their edges.
+    // The arc of a hinge is not a position of a node, which would follow from the edges.
     for i in 2 * dynamics.model.rod.nodes..from.q.len() {
         let limit = MAX_RATE_DEVIATION * dynamics.model.rod.length;
         out.q[i] = fraction.cubic([from.q[i], to.q[i]], [from.v[i], to.v[i]], limit)[0];

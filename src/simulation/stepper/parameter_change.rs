@@ -6,19 +6,20 @@ use crate::scene::Scene;
 use crate::system::Form;
 
 impl Stepper {
-    /// True if [`change_parameters`](Self::change_parameters) is possible: for a scene's own model, but not in the chain form, whose state
-    /// has moments in place of curvatures.
+    /// True if [`change_parameters`](Self::change_parameters) is possible: for a scene's own model, except in the chain form,
+    /// whose state has moments in place of curvatures.
     pub fn can_change_parameters(&self) -> bool {
         self.source_scene.is_some() && self.form() != Form::Chain
     }
 
-    /// Goes on as `scene`, whose tunable parameters alone differ from this one's
-    /// ([`Parameter::is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable)): state, inputs and totals stay, accelerations
-    /// follow with the next step. The energy that a stiffness gives or takes at once is no defect of the balance.
+    /// Continues as `scene`, which may differ from this scene in tunable parameters only
+    /// ([`Parameter::is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable)). State, inputs and totals stay;
+    /// accelerations follow with the next step. The energy that a change of stiffness adds or removes at once does not count as
+    /// an error of the energy balance.
     ///
     /// # Errors
-    /// Those of the scene; [`Error::Scene`] where anything else differs, and for a stepper of another model than a scene's own;
-    /// [`Error::Fmu`] in the chain form. Nothing is changed then.
+    /// Errors of the scene; [`Error::Scene`] if anything else differs, and for a stepper of a model other than the scene's own;
+    /// [`Error::Fmu`] in the chain form. On error nothing is changed.
     pub fn change_parameters(&mut self, scene: &Scene) -> Result<()> {
         let Some(own) = &self.source_scene else {
             let problem = "the stepper was made with its own model, which no scene describes; allowed: another stepper";

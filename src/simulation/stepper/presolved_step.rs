@@ -1,4 +1,4 @@
-//! Time steps that a batch has solved in SIMD lanes together with those of other cases, before their steppers accept them.
+//! Time steps that a batch has solved in SIMD lanes together with steps of other cases, before their steppers accept them.
 
 use std::ops::ControlFlow;
 
@@ -22,28 +22,28 @@ pub(crate) struct PresolvedStep {
     end: f64,
     h: f64,
     rule: StepWeights,
-    /// Its initial guess keeps the lengths of edges.
+    /// True if the initial guess keeps the lengths of edges.
     keeps_lengths: bool,
-    /// Newton iterations that solved it; 0 before.
+    /// Newton iterations of the solution; 0 before it is solved.
     iterations: u32,
-    /// Its states were checked for folds and collapsed edges.
+    /// True if its states were checked for folds and collapsed edges.
     checked: bool,
-    /// The measurements at its end are stored in the stepper.
+    /// True if the measurements at its end are stored in the stepper.
     measured: bool,
 }
 
 impl PresolvedStep {
-    /// Its size (s) and rule, and whether its initial guess keeps the lengths of edges.
+    /// Its size (s) and weights, and whether its initial guess keeps the lengths of edges.
     pub fn kind(&self) -> (f64, StepWeights, bool) {
         (self.h, self.rule, self.keeps_lengths)
     }
 }
 
-/// A communication step that is taken in turn with those of other steppers.
+/// A communication step that is taken in turn with steps of other steppers.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SharedStep {
     steps: EqualSteps,
-    /// The time of the host (s) and the jump of the head before it.
+    /// The time of the host (s) and the jump of the head before this step.
     before: (Option<f64>, Option<HeadJump>),
 }
 
@@ -75,11 +75,11 @@ impl Stepper {
         same.then_some(shape)
     }
 
-    /// Begins a communication step of `h` (s) that is taken in turn with those of others. `None` if there is nothing to solve, because it
-    /// is deferred.
+    /// Begins a communication step of `h` (s) that is taken in turn with steps of other steppers. Returns `None` if there is
+    /// nothing to solve, because the step is deferred.
     ///
     /// # Errors
-    /// Those of [`do_step`](Self::do_step); the stepper is then as it was before.
+    /// Errors of [`do_step`](Self::do_step). The stepper is then as it was before.
     pub(crate) fn begin_shared_step(&mut self, h: f64) -> Result<Option<SharedStep>> {
         let before = (self.now.pending_time, self.head_jump);
         let begun = self.begin_step(h).and_then(|step| match (step, self.step_control) {
@@ -92,11 +92,11 @@ impl Stepper {
         Ok(begun?.map(|steps| SharedStep { steps, before }))
     }
 
-    /// Takes the next internal step of `step`, and calls `look` after it and after each part of a halved one. Returns `None` if more steps
-    /// are left, and otherwise whether the end was reached.
+    /// Takes the next internal step of `step`, and calls `look` after it and after each part of a halved one. Returns `None` if
+    /// more steps are left, and otherwise whether the end was reached.
     ///
     /// # Errors
-    /// Those of [`do_step`](Self::do_step); the stepper is then as it was before the communication step.
+    /// Errors of [`do_step`](Self::do_step). The stepper is then as it was before the communication step.
     pub(crate) fn take_shared_step(
         &mut self,
         step: &mut SharedStep,
@@ -116,21 +116,21 @@ impl Stepper {
         self.presolve_to(end, h)
     }
 
-    /// Prepares the next internal step, if nothing but the time has changed since the last one. Quantities that depend on time alone are
+    /// Prepares the next internal step, if only the time has changed since the last one. Quantities that depend on time alone are
     /// evaluated at its end.
     pub(crate) fn presolve_next(&mut self) -> Option<PresolvedStep> {
         let StepControl::Fixed(h) = self.step_control else { return None };
         let told = self.now.pending_time.is_some() || self.dynamics.extrapolation.is_some();
-        // The motion of a head that a host moves is known when the communication step begins.
+        // The motion of a head that a host drives is known only when the communication step begins.
         if told || self.dynamics.inputs.head.is_some() || self.now.state.t != self.now.clock.at(0, h) {
             return None;
         }
         self.presolve_to(self.now.clock.at(1, h), h)
     }
 
-    /// Prepares the internal step of `h` (s) to time `end` (s), unless it is one that is taken alone.
+    /// Prepares the internal step of `h` (s) to time `end` (s), unless it has to be taken alone.
     fn presolve_to(&mut self, end: f64, h: f64) -> Option<PresolvedStep> {
-        // Inputs that go on by themselves change the water around, which lanes leave out.
+        // Extrapolated inputs change the fluid, which lanes do not support.
         let alone = self.now.needs_reinitialisation
             || self.now.inputs_changed
             || self.dynamics.extrapolation.is_some() && self.model().forces.are_inertial()
@@ -143,14 +143,14 @@ impl Stepper {
         Some(PresolvedStep { end, h, rule, keeps_lengths, iterations: 0, checked: false, measured: false })
     }
 
-    /// The states at the start and at the end of the prepared step, the latter known only where it depends on time alone, and the initial
-    /// progress of Newton's method.
+    /// The states at the start and at the end of the prepared step, and the initial progress of Newton's method. Of the end, only
+    /// what depends on time alone is known.
     pub(crate) fn presolve_inputs(&self) -> ([&State; 2], SolveProgress) {
         ([&self.now.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
-    /// Stores the solution of a step that took so many `iterations`, which `write` writes. If `checked`, its states were checked for folds
-    /// and collapsed edges.
+    /// Stores the solution of a step that took that many `iterations`; `write` writes it. If `checked`, its states were checked
+    /// for folds and collapsed edges.
     pub(crate) fn store_presolved(
         &mut self,
         step: &PresolvedStep,

@@ -13,16 +13,16 @@ use crate::system::State;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct RunState {
     pub clock: Clock,
-    /// The time (s) of the host, if it is ahead of the state's by deferred steps.
+    /// The time (s) of the host, if it is ahead of the state's time because of deferred steps.
     pub pending_time: Option<f64>,
-    /// The size of the next internal step by the step control, s.
+    /// The size of the next internal step chosen by the step control, s.
     pub time_step: f64,
     pub state: State,
     /// An input has changed since the last internal step was prepared.
     pub inputs_changed: bool,
     /// Inputs have jumped since the state was last reinitialised.
     pub needs_reinitialisation: bool,
-    /// Jump of the flow since then, m/s.
+    /// Jump of the flow since the last reinitialisation, m/s.
     pub flow_jump: [f64; 2],
     pub metrics: RunMetrics,
     pub cycles: Cycles,
@@ -51,7 +51,7 @@ impl RunState {
     }
 }
 
-/// Time, state, inputs with their extrapolation, totals and counts. The model is not part of it, nor are matrices and factors, which
+/// Time, state, inputs with their extrapolation, totals and counts. It contains neither the model nor matrices and factors, which
 /// every step recomputes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct SavedRun {
@@ -73,7 +73,7 @@ impl Stepper {
         }
     }
 
-    /// The same into `saved`, without allocating if capacities suffice.
+    /// Copies the same into `saved`, without allocating if capacities suffice.
     pub(super) fn copy_to(&self, saved: &mut SavedRun) {
         let SavedRun { now, inputs, extrapolation, work } = saved;
         now.copy_from(&self.now);
@@ -82,7 +82,7 @@ impl Stepper {
         *work = self.newton.work;
     }
 
-    /// Goes back to `saved`.
+    /// Restores `saved`.
     pub(super) fn restore_saved(&mut self, saved: &SavedRun) {
         let SavedRun { now, inputs, extrapolation, work } = saved;
         self.forget_last_step();

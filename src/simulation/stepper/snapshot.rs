@@ -10,19 +10,20 @@ use crate::error::{Error, Result};
 use crate::model::Inputs;
 use crate::system::{State, System};
 
-/// Begins every serialised snapshot.
+/// The first bytes of every serialised snapshot.
 const FILE_SIGNATURE: [u8; 8] = *b"caudal\x00\x01";
 
-/// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
-/// matrices and factors, which every step makes anew.
+/// Everything that changes in a [`Stepper`]: time, state, inputs, totals and counts. It contains neither the model nor matrices
+/// and factors, which every step recomputes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint), or the model of a stepper that was made without one.
+    /// The fingerprint of the scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint), or of the model of a stepper
+    /// built without a scene.
     pub(super) scene: u128,
     saved: SavedRun,
 }
 
-/// The error of a snapshot of another scene.
+/// The error for a snapshot of another scene.
 const WRONG_SCENE: &str = "it was saved from another scene or model, or from this one with other parameters";
 
 /// The header of a serialised snapshot.
@@ -31,7 +32,7 @@ struct Header {
     magic: [u8; 8],
     version: String,
     scene: u128,
-    /// Of the bytes that follow.
+    /// Checksum of the bytes that follow.
     checksum: u128,
 }
 
@@ -49,7 +50,7 @@ impl Header {
         refuse(&format!("it was saved by caudal {}; this is {here}", self.version))
     }
 
-    /// Deserialises the content that follows it, after checking version and checksum.
+    /// Deserialises the content that follows the header, after checking version and checksum.
     fn read<T: DeserializeOwned>(&self, content: &[u8]) -> Result<T> {
         self.check_version()?;
         if self.checksum != XxHash3_128::oneshot(content) {
@@ -66,15 +67,15 @@ impl Snapshot {
         now.pending_time.unwrap_or(now.state.t)
     }
 
-    /// Serialises it, for a stepper of the same scene in any process of this version.
+    /// Serialises the snapshot for a stepper of the same scene, in any process of the same program version.
     ///
     /// # Errors
-    /// Those of [`seal`].
+    /// Errors of [`seal`].
     pub fn serialize(&self) -> Result<Vec<u8>> {
         seal(self.scene, self)
     }
 
-    /// Deserialises a snapshot of any scene. [`Stepper::restore`] returns an error for that of another scene.
+    /// Deserialises a snapshot of any scene. [`Stepper::restore`] returns an error for a snapshot of another scene.
     ///
     /// # Errors
     /// [`Error::Snapshot`] for bytes that are damaged, or come from another version or kind of file.
@@ -91,10 +92,10 @@ impl Stepper {
         Snapshot { scene: self.scene, saved: self.saved() }
     }
 
-    /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
+    /// Restores a snapshot of this scene. The run that follows is bit-identical to the run that followed the snapshot.
     ///
     /// # Errors
-    /// [`Error::Snapshot`] for a snapshot of another scene or model; [`Error::WrongLength`] where its arrays do not fit.
+    /// [`Error::Snapshot`] for a snapshot of another scene or model; [`Error::WrongLength`] if its arrays do not fit.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
         if snapshot.scene != self.scene {
             return refuse(WRONG_SCENE);
@@ -108,16 +109,16 @@ impl Stepper {
         Ok(())
     }
 
-    /// The snapshot in `bytes`.
+    /// Deserialises a snapshot of this scene from `bytes`.
     ///
     /// # Errors
-    /// Those of [`open`].
+    /// Errors of [`open`].
     pub fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot> {
         let snapshot = open(self.scene, bytes)?;
         if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes are not this scene's") }
     }
 
-    /// True if every array of `snapshot` has the length it has here.
+    /// True if every array of `other` has the same length as here.
     fn fits(&self, other: &Snapshot) -> bool {
         let SavedRun { now, inputs: given, extrapolation, .. } = &other.saved;
         let (nodes, unknowns, here) = (self.dynamics.nodes(), self.now.state.q.len(), &self.now.state);
@@ -137,8 +138,8 @@ impl Stepper {
     }
 }
 
-/// `content` as bytes for whoever has the same scene, by its [fingerprint](crate::scene::Scene::fingerprint), and the
-/// same version of the program.
+/// Serialises `content` for readers with the same scene, identified by its [fingerprint](crate::scene::Scene::fingerprint), and
+/// the same version of the program.
 ///
 /// # Errors
 /// [`Error::Snapshot`].
@@ -150,7 +151,7 @@ pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Deserialises what [`seal`] has turned into `bytes`.
+/// Deserialises what [`seal`] has serialised to `bytes`.
 ///
 /// # Errors
 /// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
@@ -163,7 +164,7 @@ pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
     header.read(content)
 }
 
-/// The label that `bytes` begin with, and what follows it.
+/// Splits `bytes` into the header and the content that follows.
 fn header_of(bytes: &[u8]) -> Result<(Header, &[u8])> {
     let header = postcard::take_from_bytes::<Header>(bytes).ok().filter(|(header, _)| header.magic == FILE_SIGNATURE);
     header.map_or_else(|| refuse("these bytes are no state of caudal, or are damaged"), Ok)

@@ -1,40 +1,40 @@
-//! The state as one vector: for estimators, controllers and the derivatives of a step.
+//! The state as one vector, for estimators, controllers and the derivatives of a step.
 
 use super::Stepper;
 use crate::error::{Error, Result};
 use crate::metrics::WorkSource;
 use crate::system::{State, System};
 
-/// The coordinates of the state that the derivatives of a step are taken by.
+/// The coordinates of the state with respect to which a step is differentiated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StateCoordinates {
-    /// Positions and velocities. Accelerations follow from them by the equation of motion, and what a method remembers of earlier
-    /// accelerations changes as they do.
+    /// Positions and velocities. Accelerations follow from them by the equation of motion, and a method's memory of earlier
+    /// accelerations changes with them.
     #[default]
     Motion,
-    /// All that a snapshot has of the motion: accelerations too, and what a method remembers of earlier ones.
+    /// All quantities of the motion in a snapshot: also accelerations, and a method's memory of earlier ones.
     Full,
 }
 
-/// A number of a state, an input or an output: an entry of a variable.
+/// One number of a state, an input or an output: an entry of a variable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
-    /// Name of the variable, with the number of the node in brackets where it has several entries.
+    /// Name of the variable, with the number of the node in brackets if it has several entries.
     pub name: String,
     /// Unit.
     pub unit: &'static str,
 }
 
-/// One number of a state: of which of its vectors, and where in that.
+/// One number of a state: which of its vectors, and the index in that vector.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Coordinate {
     part: usize,
     index: usize,
-    /// What it is to be multiplied by: the length of the rod for the angle of a hinge, whose unknown is an arc.
+    /// Scale factor: the length of the rod for the angle of a hinge, whose unknown is an arc length.
     scale: f64,
 }
 
-/// For each vector of a state: the names of a node's entries and their unit, and those of a hinge.
+/// For each vector of a state: the names of a node's entries, their unit, and the names of the entries of a hinge.
 const PARTS: [([&str; 2], &str, [&str; 2]); 4] = [
     (["x_m", "y_m"], "m", ["hinge_angle_rad", "rad"]),
     (["vx_m_s", "vy_m_s"], "m/s", ["hinge_spin_rad_s", "rad/s"]),
@@ -48,12 +48,12 @@ impl Coordinate {
         [q, v, a, memory][self.part][self.index] / self.scale
     }
 
-    /// The same of column `j` of `width` states side by side.
+    /// The same in column `j` of `width` states stored side by side.
     pub(crate) fn of_many(self, states: &State, j: usize, width: usize) -> f64 {
         Self { index: self.index * width + j, ..self }.of(states)
     }
 
-    /// Sets it in column `j` of `width` states side by side.
+    /// Sets it in column `j` of `width` states stored side by side.
     pub(crate) fn set_of_many(self, states: &mut State, j: usize, width: usize, value: f64) {
         Self { index: self.index * width + j, ..self }.set(states, value);
     }
@@ -65,7 +65,7 @@ impl Coordinate {
 }
 
 impl Stepper {
-    /// The coordinates of a state, without those of a node that is held.
+    /// The coordinates of a state, without those of a held node.
     pub(crate) fn coordinates(&self, coordinates: StateCoordinates) -> Vec<Coordinate> {
         let State { q, memory, .. } = self.state();
         let (rod, first) = (&self.model().rod, if self.model().head.is_some() { 2 } else { 0 });
@@ -79,8 +79,8 @@ impl Stepper {
         (0..parts).flat_map(part).collect()
     }
 
-    /// The names of the numbers of the state, in the order of [`motion`](Self::motion): first all positions, node by node, then all
-    /// velocities.
+    /// The names of the numbers in the state, in the order of [`motion`](Self::motion): first all positions, node by node, then
+    /// all velocities.
     pub fn state_entries(&self, coordinates: StateCoordinates) -> Vec<Entry> {
         let nodes = self.model().rod.nodes;
         let entry = |Coordinate { part, index, .. }: Coordinate| {
@@ -93,19 +93,20 @@ impl Stepper {
         self.coordinates(coordinates).into_iter().map(entry).collect()
     }
 
-    /// Positions and velocities of the nodes that nothing holds, and of a hinge, as
-    /// [`state_entries`](Self::state_entries) names them.
+    /// Positions and velocities of the nodes that are not held, and of a hinge, in the order of
+    /// [`state_entries`](Self::state_entries).
     pub fn motion(&self) -> Vec<f64> {
         self.coordinates(StateCoordinates::Motion).into_iter().map(|coordinate| coordinate.of(self.state())).collect()
     }
 
-    /// Sets positions and velocities in the order of [`motion`](Self::motion): those of an estimator, or where a prediction begins. A held
-    /// head goes on as it moves. Accelerations follow from the equation of motion, as after a jump of inputs; the energy and the momentum
-    /// that the change brings count as those of loads. A jump of the flow that was set before acts with the next step, on this motion.
+    /// Sets positions and velocities in the order of [`motion`](Self::motion), for example from an estimator or as the start of a
+    /// prediction. A held head continues its motion. Accelerations follow from the equation of motion, as after a jump of inputs;
+    /// the change of energy and momentum counts as work and impulse of loads. A jump of the flow that was set before acts with
+    /// the next step, on this motion.
     ///
     /// # Errors
-    /// [`Error::Derivative`] for a reduced model; [`Error::WrongLength`], [`Error::BadValue`]; errors of a shape without meaning, as
-    /// an edge without length. Nothing has changed then.
+    /// [`Error::Derivative`] for a reduced model; [`Error::WrongLength`], [`Error::BadValue`]; errors of an invalid shape, such
+    /// as an edge of zero length. On error nothing is changed.
     pub fn set_motion(&mut self, motion: &[f64]) -> Result<()> {
         if self.model_stepper.integrator().is_none() {
             let problem = "a reduced model finds its own motion; allowed: solver.model = \"full\"".to_string();

@@ -1,6 +1,6 @@
 //! The rule for the next adaptive step.
 
-/// The bounds of the factor between successive adaptive steps, and the safety factor of the step size.
+/// Bounds of the factor between successive adaptive steps.
 pub(super) const STEP_FACTORS: [f64; 2] = [0.2, 5.0];
 const SAFETY: f64 = 0.9;
 

@@ -7,24 +7,24 @@ use super::run_state::SavedRun;
 /// before a halved one, or before inputs jump.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
-    /// `saved` holds the state before this step.
+    /// True if `saved` holds the state before this step.
     kept: bool,
     /// Allocated by the first step that needs it.
     saved: Option<Box<SavedRun>>,
 }
 
 impl Undo {
-    /// A step begins.
+    /// Begins a step.
     pub(super) fn begin(&mut self) {
         self.kept = false;
     }
 
-    /// The state before the step that was made last, if it was saved, to be [given back](Self::give_back).
+    /// Returns the state before the last step, if it was saved, to be [returned](Self::give_back) later.
     pub(super) fn saved_in_step(&mut self) -> Option<Box<SavedRun>> {
         self.saved.take_if(|_| self.kept)
     }
 
-    /// Puts `saved` back.
+    /// Restores `saved` as the saved state.
     pub(super) fn give_back(&mut self, saved: Box<SavedRun>) {
         self.saved = Some(saved);
     }

@@ -20,7 +20,7 @@ impl Instance {
         }
     }
 
-    /// The variables of outputs with their nodes, or None if a variable has no entry at its node and is always zero.
+    /// The variables of outputs with their nodes, or `None` if a variable has no entry at its node and is always zero.
     fn outputs(&self, unknowns: &[(Target, usize)]) -> FmiResult<Vec<Option<(&'static Variable, usize)>>> {
         let output = |(target, k): &(Target, usize)| {
             let place = self.output(*target)?;
@@ -39,8 +39,9 @@ impl Instance {
         Ok(())
     }
 
-    /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes, tunable parameters, time) change by `seed`: of poses that
-    /// are given for the end of a step the change through the step that led here, of all others direct feedthrough.
+    /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes, tunable parameters, time) change by
+    /// `seed`: for poses that are given for the end of a step, the change through the last step; for all others, direct
+    /// feedthrough.
     pub fn directional(
         &mut self,
         unknowns: &[(Target, usize)],
@@ -91,7 +92,7 @@ impl Instance {
         if !through_step.is_empty() {
             self.ready()?.add_through_last_step(&through_step, &outputs, out)?;
         }
-        // A look at other values of parameters leaves what is known of the last step.
+        // Keeps the data of the last step, while other values of parameters are evaluated.
         let last = if parameters.is_empty() { None } else { Some(self.ready()?.take_last_step()) };
         let added =
             parameters.into_iter().try_for_each(|(place, seed)| self.add_by_parameter(place, seed, &outputs, out));
@@ -102,7 +103,8 @@ impl Instance {
         Ok(())
     }
 
-    /// Adds `seed` times the derivatives of outputs by a parameter, by central differences of instances with other values of it.
+    /// Adds `seed` times the derivatives of outputs with respect to a parameter, by central differences between instances with
+    /// different values of it.
     fn add_by_parameter(
         &mut self,
         place: usize,
@@ -117,7 +119,7 @@ impl Instance {
         let step = if value == 0.0 { STEP } else { STEP * value.abs() };
         let (mut read, mut ends) = (Vec::new(), Vec::new());
         for end in [value + step, value - step] {
-            // At an end of its range the difference is to one side.
+            // At an end of its range the difference is one-sided.
             let end = if self.check(target, &[end]).is_ok() { end } else { value };
             let made = self.check(target, &[end]).and_then(|()| self.set(target, &[end]));
             let view = made.and_then(|()| self.ready()).map(|stepper| {
@@ -143,7 +145,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Writes the sum over `unknowns` of `seed` times their change by each of `knowns`: one direction for each of these.
+    /// Writes the sum over `unknowns` of `seed` times their change with each of `knowns`: one direction for each of these.
     pub fn adjoint(
         &mut self,
         unknowns: &[(Target, usize)],
@@ -159,8 +161,8 @@ impl Instance {
         Ok(())
     }
 
-    /// The dependencies of a variable of FMI 3.0: node of the dependent, and value reference and node of the variable that it depends on
-    /// immediately. Calculated parameters depend on all parameters.
+    /// The dependencies of a variable of FMI 3.0: the node of the dependent, and value reference and node of the variable on
+    /// which it immediately depends. Calculated parameters depend on all parameters.
     pub fn dependencies(&mut self, target: Target) -> FmiResult<Vec<(usize, u32, usize)>> {
         let Ok(place) = self.output(target) else { return Ok(Vec::new()) };
         self.ready()?;

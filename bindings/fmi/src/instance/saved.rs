@@ -9,7 +9,7 @@ use super::values::SetInputs;
 use super::{Experiment, Instance, InstanceMode, Settings};
 use crate::status::{FmiResult, refuse};
 
-/// A saved state of an instance: all that changes during a run.
+/// A saved state of an instance: everything that changes during a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SavedState {
     mode: InstanceMode,
@@ -25,7 +25,7 @@ pub struct SavedState {
 }
 
 impl Instance {
-    /// A copy of all that changes during a run.
+    /// A copy of everything that changes during a run.
     pub fn save(&self) -> FmiResult<SavedState> {
         let Some(stepper) = self.stepper.get() else { return refuse("there is no model") };
         Ok(SavedState {

@@ -8,10 +8,10 @@ use caudal::stepper::{HeadJump, Stepper};
 use super::{Instance, InstanceMode};
 use crate::status::{FmiError, FmiResult, Status, refuse};
 
-/// A host's time may differ from that of the instance by this fraction of its step, in total, …
+/// The host's time may differ from that of the instance by this fraction of its step, in total, …
 const TIME_TOLERANCE: f64 = 1e-3;
 
-/// … and from the end of its own last step by this fraction of the time, by the rounding of a sum.
+/// … and from the end of its own last step by this fraction of the time, the rounding error of a sum.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// The outcome of a step.
@@ -28,8 +28,8 @@ impl Instance {
         if !(h.is_finite() && h > 0.0) {
             return refuse(format!("a step of {h} s cannot be made: it must be positive and finite"));
         }
-        // Hosts count their steps, or add them up, which goes astray by a rounding error a step. Whatever else they are off by
-        // adds up too, and is no step of this instance.
+        // Hosts count their steps, or add them up with a rounding error in each step. Any other deviation accumulates too, and
+        // does not lead to a step of this instance.
         let rounding = |time: f64| ROUNDING * time.abs();
         let slack = |time: f64| TIME_TOLERANCE * h + rounding(time);
         let goes_on = |time: f64| (current - time).abs() <= rounding(time);
@@ -46,35 +46,35 @@ impl Instance {
         }
     }
 
-    /// Steps from `current` by `h` (s). `look` is called after each internal step with its time and whether it is the last, and may break
-    /// with the time at which to end.
+    /// Steps from `current` by `h` (s). `look` is called after each internal step with its time and whether it is the last, and
+    /// may break with the time at which to end.
     ///
     /// # Safety
-    /// `this` is an instance. No reference to it lives while `look` runs, so a host may call with it.
+    /// `this` is an instance. No reference to it exists while `look` runs, so a host may call with it.
     pub unsafe fn do_step(
         this: *mut Self,
         current: f64,
         h: f64,
         look: Option<&mut dyn FnMut(f64, bool) -> ControlFlow<f64>>,
     ) -> FmiResult<StepOutcome> {
-        // SAFETY: the caller's promise; this reference ends before `look` runs.
+        // SAFETY: guaranteed by the caller; this reference ends before `look` runs.
         let instance = unsafe { &mut *this };
         instance.check_step(current, h)?;
         instance.ready()?;
         let Some(mut stepper) = instance.stepper.own.take() else { return refuse("there is no model") };
         let (start, from) = (instance.experiment.start, stepper.time());
-        // What was set before the step is of an earlier time for whoever looks in the middle of it.
+        // Inputs set before the step belong to an earlier time for a host that reads values during the step.
         let set = std::mem::take(&mut instance.inputs);
         let before = (stepper.work().newton_iterations, stepper.metrics().totals.steps);
         let outcome = match look {
             None => stepper.do_step(h).map(|()| true).map_err(FmiError::discard),
-            // SAFETY: the same promise.
+            // SAFETY: as above.
             Some(look) => unsafe { Self::do_step_watched(this, &mut stepper, h, look) },
         };
         let jump = stepper.take_head_jump();
         let (time, iterations, steps) =
             (stepper.time(), stepper.work().newton_iterations - before.0, stepper.metrics().totals.steps - before.1);
-        // SAFETY: the same promise.
+        // SAFETY: as above.
         let instance = unsafe { &mut *this };
         instance.stepper.own = Some(stepper);
         if time == from {
@@ -97,7 +97,7 @@ impl Instance {
     }
 
     /// # Safety
-    /// Those of [`do_step`](Self::do_step).
+    /// As for [`do_step`](Self::do_step).
     unsafe fn do_step_watched(
         this: *mut Self,
         stepper: &mut Stepper,
@@ -107,10 +107,10 @@ impl Instance {
         let goal = stepper.time() + h;
         let (mut wish, mut refusal) = (None, None);
         let mut watch = |stepper: &mut Stepper| {
-            // SAFETY: the caller's promise; each reference ends with its statement.
+            // SAFETY: guaranteed by the caller; each reference ends with its statement.
             let start = unsafe { &mut *this }.begin_intermediate_update(stepper);
             let answer = look(start + stepper.time(), stepper.time() >= goal);
-            // SAFETY: the same.
+            // SAFETY: as above.
             refusal = unsafe { &mut *this }.end_intermediate_update().err();
             match answer {
                 ControlFlow::Continue(()) if refusal.is_none() => ControlFlow::Continue(()),
@@ -125,12 +125,12 @@ impl Instance {
         if let Some(refusal) = refusal {
             return Err(refusal);
         }
-        // On to the time at which the host wants to end.
+        // Continues to the time at which the host wants to end.
         let left = wish.map_or(0.0, |wish: f64| wish.min(goal) - stepper.time());
         if whole || left <= 1e-9 * h {
             return Ok(whole);
         }
-        // Where that fails, the step ends where it was.
+        // If that fails, the step ends at the current time.
         Ok(stepper.do_step(left).is_ok() && stepper.time() >= goal)
     }
 

@@ -1,4 +1,4 @@
-//! Getting and setting values. Inputs that a host sets are kept until the stepper needs them.
+//! Getting and setting values. Inputs that a host sets are stored until the stepper needs them.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{Instance, InstanceMode};
 use crate::status::{FmiResult, refuse};
 
-/// Values of one input and of its derivatives by order, an entry a node each: NaN where the host has set none; empty where it
+/// Values of one input and of its derivatives by order, one entry per node: NaN if the host has not set the entry, empty if it
 /// has set none of that order.
 type Orders = [Vec<f64>; HIGHEST_ORDER + 1];
 
@@ -21,7 +21,7 @@ type Orders = [Vec<f64>; HIGHEST_ORDER + 1];
 struct SetInput {
     place: usize,
     orders: Orders,
-    /// The stepper has not got it yet.
+    /// True if it has not been passed to the stepper yet.
     pending: bool,
 }
 
@@ -34,28 +34,28 @@ impl SetInput {
     }
 }
 
-/// What the host has set since the last step set out, or before the first one: a value and the derivatives given beside it
-/// belong together, whichever comes first.
+/// The inputs that the host has set since the start of the last step, or before the first one. A value and the derivatives given
+/// with it belong together, in either order.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct SetInputs(Vec<SetInput>);
 
 impl SetInputs {
-    /// True where the stepper lacks some.
+    /// True if some inputs have not been passed to the stepper.
     pub(super) fn is_pending(&self) -> bool {
         self.0.iter().any(|input| input.pending)
     }
 
-    /// Marks all as passed to the stepper.
+    /// Marks all inputs as passed to the stepper.
     pub(super) fn mark_applied(&mut self) {
         self.0.iter_mut().for_each(|input| input.pending = false);
     }
 
-    /// Forgets them: they are of an earlier time.
+    /// Discards all inputs, which belong to an earlier time.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// Forgets arrays, whose size changes.
+    /// Discards arrays, whose size changes.
     pub(super) fn forget_arrays(&mut self) {
         self.0.retain(|input| VARIABLES[input.place].size == Size::Scalar);
     }
@@ -68,7 +68,7 @@ impl SetInputs {
         &mut self.0[at]
     }
 
-    /// True if every array has `len` entries, as its place says, and values that a host may set.
+    /// True if every array has the number of entries that `len` returns for its variable, and values that a host may set.
     pub(super) fn fits(&self, len: impl Fn(usize) -> Option<usize>) -> bool {
         let sound = |input: &SetInput| {
             let len = len(input.place);
@@ -79,7 +79,7 @@ impl SetInputs {
         self.0.is_sorted_by(|a, b| a.place < b.place) && self.0.iter().all(sound)
     }
 
-    /// The changes of `model` that they are, those that the stepper has left out unless `all` are meant: runs of entries.
+    /// The inputs as changes of `model`, in runs of consecutive entries: those not yet passed to the stepper, or `all`.
     pub(super) fn changes(&self, model: &Model, all: bool) -> Vec<(InputChange<'_>, usize)> {
         let mut changes = Vec::new();
         for input in self.0.iter().filter(|input| all || input.pending) {
@@ -96,7 +96,7 @@ impl SetInputs {
     }
 }
 
-/// The ranges of `values` that are no NaN.
+/// The ranges of `values` without NaN.
 fn runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> + '_ {
     let mut at = 0;
     std::iter::from_fn(move || {
@@ -107,7 +107,7 @@ fn runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> + '_ {
 }
 
 impl Instance {
-    /// Reads a value; what the host has set was handed over before.
+    /// Reads a value. Inputs of the host must have been passed to the stepper before.
     #[inline]
     pub fn value(&self, target: Target) -> f64 {
         match (target, self.stepper.get()) {
@@ -145,7 +145,7 @@ impl Instance {
         }
     }
 
-    /// Refuses what cannot be set: entries of a variable from its node on, or a parameter.
+    /// Returns an error for values that cannot be set: entries of a variable from its node on, or a parameter.
     pub fn check(&self, target: Target, values: &[f64]) -> FmiResult {
         let Target::Parameter(place) = target else { return self.check_input(target, 0, values) };
         let (parameter, value) = (&self.catalogue.parameters[place], values[0]);
@@ -159,12 +159,12 @@ impl Instance {
         refuse(format!("{}: found {value}; allowed: {:?}", parameter.name(), parameter.range))
     }
 
-    /// The same, as a step of a set.
+    /// The same with a mutable receiver, for use in place of [`set`](Self::set).
     pub fn check_mut(&mut self, target: Target, values: &[f64]) -> FmiResult {
         self.check(target, values)
     }
 
-    /// Sets what [`check`](Self::check) has let pass.
+    /// Sets values that [`check`](Self::check) has accepted.
     pub fn set(&mut self, target: Target, values: &[f64]) -> FmiResult {
         match target {
             Target::Parameter(place) => {
@@ -179,7 +179,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Refuses a derivative of an input that cannot be set.
+    /// Returns an error for a derivative of an input that cannot be set.
     pub fn check_derivative(&self, target: Target, order: i32, value: f64) -> FmiResult {
         match (target, usize::try_from(order)) {
             (Target::Variable(..), Ok(order @ 1..=HIGHEST_ORDER)) => self.check_input(target, order, &[value]),
@@ -190,7 +190,7 @@ impl Instance {
         }
     }
 
-    /// Sets what [`check_derivative`](Self::check_derivative) has let pass.
+    /// Sets a derivative that [`check_derivative`](Self::check_derivative) has accepted.
     pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> FmiResult {
         if let Target::Variable(place, node) = target {
             self.inputs.of(place).set(order as usize, node, &[value], self.lengths[place]);
@@ -217,7 +217,7 @@ impl Instance {
         }
     }
 
-    /// Gives the stepper the inputs that are pending. Where it refuses them they stay so: the host may set others in their place.
+    /// Passes pending inputs to the stepper. If the stepper rejects them they stay pending, and the host may replace them.
     pub(super) fn pass_inputs(&mut self) -> FmiResult {
         let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
         let changes = self.inputs.changes(stepper.model(), false);

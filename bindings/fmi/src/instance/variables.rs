@@ -8,7 +8,7 @@ use super::Instance;
 use crate::status::{FmiResult, refuse};
 
 impl Instance {
-    /// Entries of a variable of FMI 3.0.
+    /// Number of entries of a variable of FMI 3.0.
     #[inline]
     pub fn len3(&self, reference: u32) -> Option<usize> {
         match self.catalogue.target(reference) {
@@ -44,7 +44,7 @@ impl Instance {
     /// The target of a variable of FMI 3.0.
     #[inline]
     pub fn target(&self, reference: u32) -> FmiResult<Target> {
-        // Plain FMI 3.0 has entries of arrays as variables of their own, like FMI 2.0.
+        // FMI 3.0 without arrays has separate variables for entries of arrays, like FMI 2.0.
         self.catalogue.target(reference).map_or_else(|| self.scalar(reference), Ok)
     }
 
@@ -67,7 +67,7 @@ impl Instance {
         }
     }
 
-    /// The value of an integer; there is one, the number of nodes.
+    /// The value of an integer. The only one is the number of nodes.
     pub fn integer(&self, target: Target) -> FmiResult<u64> {
         match target {
             Target::Variable(place, _) if place == self.nodes_place => Ok(self.settings.nodes),
@@ -75,7 +75,7 @@ impl Instance {
         }
     }
 
-    /// Refuses a number of nodes that cannot be.
+    /// Returns an error for a number of nodes that is not allowed.
     pub fn check_nodes(&self, nodes: u64) -> FmiResult {
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
         if (least..=most).contains(&nodes) {
@@ -84,7 +84,7 @@ impl Instance {
         refuse(format!("nodes: found {nodes}; allowed: {least} to {most}"))
     }
 
-    /// Sets the structural parameter, which [`check_nodes`](Self::check_nodes) has let pass.
+    /// Sets the structural parameter, which [`check_nodes`](Self::check_nodes) has accepted.
     pub fn set_nodes(&mut self, nodes: u64) {
         if nodes != self.settings.nodes {
             self.settings.nodes = nodes;

@@ -1,4 +1,4 @@
-//! What the tests share: FMUs of scenes, unpacked, and their library's functions by name.
+//! Shared helpers of the tests: unpacked FMUs of scenes, and access to the functions of their library by name.
 #![allow(
     dead_code,
     missing_docs,
@@ -31,7 +31,7 @@ pub fn library_path() -> PathBuf {
     executable.parent().unwrap().join(caudal::fmu::library_name())
 }
 
-/// A change of the driven head to one on a hinge with a servo.
+/// An override that replaces the driven head by one on a hinge with a servo.
 pub const HINGE: &str =
     "head={kind=\"hinged\",inertia_kg_m2=1e-4,stiffness_n_m=0.5,damping_n_m_s=1e-3,largest_torque_n_m=1.0}";
 
@@ -66,7 +66,7 @@ impl Unpacked {
         Self::with(document, standard, FmuOptions::default())
     }
 
-    /// One that shows what `choice` takes.
+    /// An FMU that exposes the variables of `choice`.
     pub fn with(document: &Document, standard: Standard, choice: FmuOptions) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("chosen.fmu");
@@ -83,7 +83,7 @@ impl Unpacked {
         Self { library, token: CString::new(fmu.token()).unwrap(), resources, folder, description }
     }
 
-    /// A function of the library, its type as the caller says.
+    /// A function of the library, whose type is given by the caller.
     pub fn function<T: Copy>(&self, name: &str) -> T {
         unsafe { *self.library.get::<T>(name.as_bytes()).unwrap_or_else(|error| panic!("{name}: {error}")) }
     }
@@ -97,7 +97,7 @@ pub unsafe extern "C" fn log3(_: *mut c_void, status: c_int, category: *const c_
     MESSAGES.lock().unwrap().push(format!("{status} {category}: {message}"));
 }
 
-/// Callbacks of a host of FMI 2.0.
+/// Callbacks of an FMI 2.0 host.
 #[repr(C)]
 pub struct Callbacks {
     logger: *const c_void,
@@ -107,10 +107,10 @@ pub struct Callbacks {
     environment: *mut c_void,
 }
 
-// SAFETY: there is nothing behind its pointers.
+// SAFETY: its pointers are never dereferenced.
 unsafe impl Sync for Callbacks {}
 
-/// A host that has none.
+/// The callbacks of a host that provides none.
 pub static NO_CALLBACKS: Callbacks =
     Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
 
@@ -127,7 +127,7 @@ pub type Instantiate2 = unsafe extern "C" fn(
 
 pub type Update = unsafe extern "C" fn(*mut c_void, f64, u8, u8, u8, u8, *mut u8, *mut f64);
 
-/// FMI 3.0 by its functions.
+/// The functions of FMI 3.0.
 pub struct Fmi3 {
     pub instantiate: unsafe extern "C" fn(
         *const c_char,
@@ -247,7 +247,7 @@ impl Fmi3 {
         (status, early == 1, last)
     }
 
-    /// A state as bytes.
+    /// Serialises a state.
     pub fn bytes(&self, instance: *mut c_void, state: *mut c_void) -> Vec<u8> {
         let mut size = 0;
         assert_eq!(unsafe { (self.size)(instance, state, &mut size) }, 0);
@@ -262,7 +262,7 @@ pub fn reference(name: &str) -> u32 {
     VARIABLES.iter().position(|variable| variable.name == name).unwrap_or_else(|| panic!("{name}")) as u32
 }
 
-/// Numbers that look random: splitmix64.
+/// A pseudo-random number generator: splitmix64.
 pub struct Dice(pub u64);
 
 impl Dice {
@@ -283,7 +283,7 @@ impl Dice {
     }
 }
 
-/// FMI 2.0 by its functions.
+/// The functions of FMI 2.0.
 pub struct Fmi2 {
     pub instantiate: Instantiate2,
     pub free: unsafe extern "C" fn(*mut c_void),

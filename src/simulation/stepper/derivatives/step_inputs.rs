@@ -1,4 +1,4 @@
-//! How an input that a host gives for a step acts on the rod through it, and how variables at its end follow.
+//! How an input that a host gives for a step acts on the rod during the step, and the resulting changes of variables at its end.
 
 use super::{Along, Seed, StateTangent, VariableDerivatives, opposing_change};
 use crate::error::{Error, Result};
@@ -9,25 +9,27 @@ use crate::stepper::{InputChange, LastDerivatives, Stepper};
 use crate::system::State;
 use crate::variable::Variable;
 
-/// Where in a step motions of a head are compared, as parts of the step.
+/// Fractions of the step at which motions of a head are compared.
 const SAMPLES: [f64; 3] = [0.3, 0.7, 1.0];
 
-/// Motions of a head are differenced over parts of the length, or of a radian. A host's motion is linear in what it says as long as it is
-/// continued by the same polynomial, and the degree that predicts best is another for small changes than for large ones. Its slope
-/// is that over the first of the sizes from [`HOST_CHANGE`] on that has the slope of the next smaller one, so that of changes that a host
-/// makes, and it is differenced over the largest size that has this slope, with the fewest digits lost.
+/// Candidate sizes of the finite difference of a head's motion, relative to the length or to a radian. The motion of a host
+/// depends linearly on its inputs while the same polynomial extrapolates it, but the degree that predicts best differs between
+/// small and large changes. The reference slope is that at the first size, from [`HOST_CHANGE`] on, whose slope agrees with that
+/// of the next smaller size: the slope for changes as large as a host makes. The difference is taken over the largest size with
+/// this slope, which loses the fewest digits.
 const HEAD_DIFFERENCES: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
 
-/// The place of the size of a host's changes among them.
+/// Index in [`HEAD_DIFFERENCES`] of the typical size of a host's changes.
 const HOST_CHANGE: usize = 2;
 
 /// Relative tolerance for slopes to count as equal.
 const HEAD_LINEARITY: f64 = 1e-6;
 
-/// What a drive with a lag gives is differenced over this part of its input, or of what bends the rod by much, and half of it.
+/// The output of a drive with a lag is differenced over this fraction of its input, or of the input that bends the rod strongly,
+/// and over half of that.
 const DRIVE_DIFFERENCE: f64 = 1e-3;
 
-/// A direction of the inputs at the beginning of a step, one entry of one input.
+/// A direction of the inputs at the beginning of a step: one entry of one input.
 #[derive(Debug)]
 pub(crate) struct InputDirection {
     since: f64,
@@ -36,19 +38,21 @@ pub(crate) struct InputDirection {
 
 #[derive(Debug)]
 enum InputVariation {
-    /// Inputs that stay as they are given.
+    /// Inputs that stay constant during the step.
     Given(Box<Inputs>),
-    /// What the head does with more and with less of a derivative of coordinate `axis`, `apart` in all.
+    /// The motions of the head with a derivative of coordinate `axis` increased and decreased; `apart` is the difference of the
+    /// two derivatives.
     Head { axis: usize, heads: Box<[HostHead; 2]>, apart: f64 },
-    /// What a drive with a lag is asked for, more and less of it by each of two sizes.
+    /// The requests to a drive with a lag, increased and decreased by each of two sizes.
     Drive([(Box<[Asked; 2]>, f64); 2]),
 }
 
-/// What a drive is asked for, and how that goes on.
+/// The inputs of a drive, with their extrapolation.
 type Asked = (Inputs, Option<Box<InputExtrapolation>>);
 
 impl InputDirection {
-    /// Writes what changes along it at the time (s) that `dynamics` was moved to, where it is again afterwards.
+    /// Writes the changes along this direction at the time `t` (s) that `dynamics` was moved to; `dynamics` is at the same time
+    /// afterwards.
     pub(crate) fn evaluate(&self, dynamics: &mut Dynamics, t: f64, tangent: &mut StateTangent) {
         tangent.clear();
         match &self.change {
@@ -73,7 +77,7 @@ impl InputDirection {
                 }
             }
             InputVariation::Drive(differences) => {
-                // Richardson's extrapolation of central differences.
+                // Richardson extrapolation of central differences.
                 for ((asked, apart), factor) in differences.iter().zip([-1.0 / 3.0, 4.0 / 3.0]) {
                     for ((inputs, extrapolation), sign) in asked.iter().zip([1.0, -1.0]) {
                         let mut swapped = (inputs.clone(), extrapolation.clone());
@@ -89,14 +93,14 @@ impl InputDirection {
         }
     }
 
-    /// Completes what [`evaluate`](Self::evaluate) has written, of the rod at that time.
+    /// Completes what [`evaluate`](Self::evaluate) has written, for the rod at that time.
     pub(crate) fn follow(&self, bent: &DeformedRod<'_>, tangent: &mut StateTangent) {
         if let InputVariation::Given(_) = self.change {
             tangent.follow_inputs(bent);
         }
     }
 
-    /// True where the motion goes on without a jump of accelerations: by the head.
+    /// True for the motion of a head, which continues without a jump of accelerations.
     pub(crate) fn is_of_head(&self) -> bool {
         matches!(self.change, InputVariation::Head { .. })
     }
@@ -111,7 +115,7 @@ impl InputDirection {
 }
 
 impl StateTangent {
-    /// Adds `factor` times what the drive of `dynamics` gives.
+    /// Adds `factor` times the output of the drive of `dynamics`.
     fn add_drive(&mut self, dynamics: &Dynamics, factor: f64) {
         let add = |to: &mut [f64], from: &[f64]| to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
         add(&mut self.natural, &dynamics.natural);
@@ -129,18 +133,18 @@ impl StateTangent {
         [&self.natural, &self.natural_rate]
     }
 
-    /// The change of the pose of the head that inputs bring: of the positions, velocities and accelerations of node 0.
+    /// The change of the pose of the head due to inputs: of the position, velocity and acceleration of node 0.
     pub(crate) fn head(&self) -> [[f64; 2]; 3] {
         let State { q, v, a, .. } = &self.state;
         [q, v, a].map(|values| [values[0], values[1]])
     }
 
-    /// The change of the angle (rad) and of the angular velocity (rad/s) of the head that inputs bring.
+    /// The change of the angle (rad) and of the angular velocity (rad/s) of the head due to inputs.
     pub(crate) fn head_turn(&self) -> [f64; 2] {
         self.angle
     }
 
-    /// The change of the torque (N m) that the motor of a hinge gives at the same angle.
+    /// The change of the torque (N m) of the motor of a hinge at the same angle.
     pub(crate) fn torque(&self, bent: &DeformedRod<'_>) -> f64 {
         let DeformedRod { dynamics, .. } = bent;
         let (Some(hinge), Some([_, _, pitch])) = (&dynamics.model.hinge, &dynamics.held) else { return 0.0 };
@@ -148,7 +152,7 @@ impl StateTangent {
         given * (self.command.torque + hinge.stiffness * self.command.angle)
     }
 
-    /// Adds the change of the forces that oppose the motion, less loads, where the nodes move as they do, to `out`.
+    /// Adds the change of the forces that oppose the motion, minus loads, at an unchanged motion of the nodes, to `out`.
     pub(crate) fn add_applied(&self, bent: &DeformedRod<'_>, out: &mut [f64]) {
         let DeformedRod { dynamics, .. } = bent;
         let (moving, fluid) = (bent.kinematics(), (&self.fluid, self.layers.as_ref(), &self.tensions[..]));
@@ -163,10 +167,10 @@ impl StateTangent {
 }
 
 impl Stepper {
-    /// The direction of entry `k` (counted from the first one) of an input, given for a step of `h` (s) from here.
+    /// The direction of entry `k` (counted from the first one) of an input, given for a step of `h` (s) from the current time.
     ///
     /// # Errors
-    /// [`Error::Derivative`] where the step does not depend on it smoothly.
+    /// [`Error::Derivative`] if the step does not depend on it smoothly.
     pub(crate) fn input_direction(&mut self, variable: &'static Variable, k: usize, h: f64) -> Result<InputDirection> {
         let since = self.now.state.t;
         if let Some([axis, order]) = variable.of_head() {
@@ -223,13 +227,13 @@ impl Stepper {
         InputVariation::Drive(differences)
     }
 
-    /// Over what an input of the drive of this `value` bends the rod by much, within its limit.
+    /// The scale of an input of the drive that bends the rod strongly, within the drive's limit; the input has this `value`.
     fn drive_scale(&self, variable: &Variable, value: f64) -> f64 {
         let model = &self.dynamics.model;
         let (rod, joints) = (&model.rod, model.rod.joints());
         let stiffest = joints.clone().fold(0.0_f64, |most, k| most.max(rod.joint[k]));
         let largest = model.largest_drive.unwrap_or(f64::INFINITY);
-        // A joint that is bent by about 1/N of a radian.
+        // Bends a joint by about 1/N of a radian.
         let [own, limit] = match (variable.name, variable.unit) {
             ("actuation_phase_rad", _) => return 1.0,
             ("actuation_frequency_hz", _) => return if value == 0.0 { 1.0 } else { value.abs() },
@@ -271,7 +275,7 @@ impl Stepper {
                     "no derivative by {name}, which was not set for this step; allowed: an input of the head that was set since the last step"
                 ));
             }
-            // Where it goes anyway.
+            // The value without any change.
             None if now_input => pose[axis].value,
             None => fit(host).axes[axis].and_then(|own| own.at(end)).unwrap_or_else(|| motion[axis].at(end)).value,
         };
@@ -293,7 +297,7 @@ impl Stepper {
             (InputVariation::Head { axis, heads: Box::new(heads), apart }, slopes)
         };
         let mut all = HEAD_DIFFERENCES.map(variation);
-        // Differences have the rounding of the pose itself.
+        // Differences contain the rounding of the pose itself.
         let size_of = |own: f64| own * h.powi(order as i32) / length;
         let rounding = 8.0 * f64::EPSILON * (size_of(value.abs()) + pose[axis].value.abs() / length + 1.0);
         let near = |i: usize, reference: usize| {
@@ -310,12 +314,12 @@ impl Stepper {
         Ok(taken)
     }
 
-    /// The state at the beginning of the internal step that has just been made; `None` where it was not made by one.
+    /// The state at the beginning of the last internal step; `None` if the current state is not the result of a step.
     pub(crate) fn previous(&self) -> Option<&State> {
         self.before.map(|_| &self.next)
     }
 
-    /// Model, inputs and what follows from the time, to be moved to another time and [back](Self::return_to_now).
+    /// Model, inputs and quantities that follow from the time, to be moved to another time and [back](Self::return_to_now).
     pub(crate) fn dynamics_mut(&mut self) -> &mut Dynamics {
         &mut self.dynamics
     }
@@ -323,15 +327,15 @@ impl Stepper {
     /// Moves the dynamics back to the current time.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`].
+    /// Errors of [`Dynamics::shape`].
     pub(crate) fn return_to_now(&mut self) -> Result<()> {
         self.move_to_now()
     }
 
-    /// The rod now.
+    /// The deformed rod at the current time.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`].
+    /// Errors of [`Dynamics::shape`].
     pub(crate) fn bent_now(&mut self) -> Result<DeformedRod<'_>> {
         self.dynamics.shape(&self.now.state)
     }
@@ -341,8 +345,8 @@ impl Stepper {
         self.model_stepper.integrator()
     }
 
-    /// The size (s) of the communication step that led here, and the inputs of the head that were given for its end; `None` where none led
-    /// here, or something was set or restored since. It is then where that step began.
+    /// The size (s) of the last communication step, and the inputs of the head that were given for its end; `None` if there was
+    /// none, or something was set or restored since. The stepper is then at the beginning of that step.
     pub(crate) fn return_to_last_step(&mut self) -> Option<f64> {
         let (h, kept) = (self.last_step?, self.undo.saved_in_step()?);
         self.restore_saved(&kept);
@@ -350,7 +354,7 @@ impl Stepper {
         Some(h)
     }
 
-    /// What is known of the derivatives by the inputs of the last communication step.
+    /// The stored derivatives with respect to the inputs of the last communication step.
     pub(crate) fn last_derivatives_mut(&mut self) -> &mut Option<Box<LastDerivatives>> {
         &mut self.last_derivatives
     }
@@ -369,15 +373,16 @@ impl Stepper {
         self.variables.iter().copied().filter(given).collect()
     }
 
-    /// A differential of the state and of all inputs, zero.
+    /// A zero differential of the state and of all inputs.
     pub(crate) fn zero_tangent(&self) -> Box<StateTangent> {
         Box::new(StateTangent::new(&self.dynamics))
     }
 
-    /// The change of all variables where the current state changes by `change`, and by an input of the step that led there.
+    /// The change of all variables if the current state changes by `change`, and an input of the step that led to it changes by
+    /// `direction`.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`].
+    /// Errors of [`Dynamics::shape`].
     pub(crate) fn along_step(
         &mut self,
         change: &State,

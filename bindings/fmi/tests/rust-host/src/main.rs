@@ -1,4 +1,4 @@
-//! Steps an FMU by rust-fmi: `rust-host FMU VARIABLE STEP COUNT` prints the variable's bits after each step.
+//! Steps an FMU with rust-fmi: `rust-host FMU VARIABLE STEP COUNT` prints the bits of the variable after each step.
 
 use std::error::Error;
 
