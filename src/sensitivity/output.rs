@@ -836,6 +836,19 @@ fn axis(i: usize) -> Vector2<f64> {
 }
 
 impl Quantity {
+    /// True for what positions and velocities of nodes alone determine: no input changes it but through them.
+    pub(super) fn is_of_nodes(self) -> bool {
+        matches!(
+            self,
+            Self::Position(..)
+                | Self::Velocity(..)
+                | Self::BodyAngle
+                | Self::CentreOfMass(_)
+                | Self::CentreVelocity(_)
+                | Self::RodMomentum(_)
+        )
+    }
+
     /// The value; adds `factor` times its derivatives.
     pub(super) fn add(self, at: &OutputContext<'_>, factor: f64, g: &mut Gradient) -> f64 {
         let DeformedRod { dynamics, state } = at.bent;

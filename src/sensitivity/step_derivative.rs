@@ -115,30 +115,35 @@ impl Stepper {
         let (given, read) = (entries(&inputs), entries(&outputs));
         let starts = if asked.states { &states[..] } else { &[] };
         let ends = self.step_along(h, (coordinates, asked.jump), starts, &given, states.len() + read.len())?;
-        let entry = |i: usize, j: usize| states[i].of_many(&ends.now, j, ends.width);
         let mut found = StepDerivative {
             states: self.state_entries(coordinates),
             inputs: given.iter().map(|entry| entry_of(*entry)).collect(),
             outputs: read.iter().map(|entry| entry_of(*entry)).collect(),
-            a: DMatrix::from_fn(states.len(), starts.len(), entry),
-            b: DMatrix::from_fn(states.len(), given.len(), |i, j| entry(i, starts.len() + j)),
+            a: DMatrix::zeros(states.len(), starts.len()),
+            b: DMatrix::zeros(states.len(), given.len()),
             c: DMatrix::zeros(read.len(), starts.len()),
             d: DMatrix::zeros(read.len(), given.len()),
         };
-        let rest = self.read_by_gradients(&ends, &read, &mut found.c)?;
+        for (i, state) in states.iter().enumerate() {
+            let (row, scale) = state.row_of_many(&ends.now, ends.width);
+            let (by_state, by_input) = row.split_at(starts.len());
+            for (to, from) in [(&mut found.a, by_state), (&mut found.b, by_input)] {
+                let to = to.as_mut_slice().iter_mut().skip(i).step_by(states.len());
+                to.zip(from).for_each(|(to, x)| *to = x / scale);
+            }
+        }
+        let rest = self.read_by_gradients(&ends, &read, [&mut found.c, &mut found.d])?;
         for j in 0..ends.width {
-            let (readings, input, j_read) = match j.checked_sub(starts.len()) {
-                None if rest.is_empty() => continue,
-                None => (&mut found.c, None, j),
-                Some(_) if read.is_empty() => break,
-                Some(j) => (&mut found.d, Some(&ends.inputs[j].direction), j),
+            let (readings, input, j_read, rest) = match j.checked_sub(starts.len()) {
+                None => (&mut found.c, None, j, &rest[0]),
+                Some(j) => (&mut found.d, Some(&ends.inputs[j].direction), j, &rest[1]),
             };
+            if rest.is_empty() {
+                continue;
+            }
             let changes = self.along_step(&ends.column(j), input)?;
-            let of = |i: usize| changes.of(read[i].0, read[i].1).unwrap_or_default();
-            if input.is_some() {
-                (0..read.len()).for_each(|i| readings[(i, j_read)] = of(i));
-            } else {
-                rest.iter().for_each(|i| readings[(*i, j_read)] = of(*i));
+            for i in rest {
+                readings[(*i, j_read)] = changes.of(read[*i].0, read[*i].1).unwrap_or_default();
             }
         }
         Ok(found)
@@ -229,23 +234,29 @@ impl Stepper {
         Err(Error::Derivative { problem })
     }
 
-    /// Adds the derivatives with respect to the state of those of the outputs `read` that have a gradient to `c`, and returns the
-    /// places of the others.
+    /// Adds the derivatives of those of the outputs `read` that have a gradient to `c`, and to `d` where inputs change them through the
+    /// nodes alone. Returns the places of the others, for each.
     fn read_by_gradients(
         &mut self,
         ends: &Columns,
         read: &[(&'static Variable, usize)],
-        c: &mut DMatrix<f64>,
-    ) -> Result<Vec<usize>> {
-        let (mut rest, states) = (Vec::new(), c.ncols());
+        [c, d]: [&mut DMatrix<f64>; 2],
+    ) -> Result<[Vec<usize>; 2]> {
+        let (mut rest, states) = ([Vec::new(), Vec::new()], c.ncols());
         let mut gradient = Gradient::new(self.model(), &[]);
         let mut point = LocalDerivatives::new(self.model().rod.nodes, &[]);
         let mut looked = false;
         for (i, (variable, _)) in read.iter().enumerate() {
             let output = Output::named(variable.name, self.model()).ok();
             let Some(output) = output.filter(|output| variable.size == Size::Scalar && output.work.is_empty()) else {
-                rest.push(i);
+                rest.iter_mut().for_each(|rest| rest.push(i));
                 continue;
+            };
+            let inputs = if output.now.iter().all(|(_, quantity)| quantity.is_of_nodes()) {
+                states..ends.width
+            } else {
+                rest[1].push(i);
+                states..states
             };
             let bent = self.bent_now()?;
             if !looked {
@@ -260,6 +271,7 @@ impl Stepper {
             for (gradient, values) in [(&gradient.q, q), (&gradient.v, v), (&gradient.a, a)] {
                 for (by, row) in gradient.iter().zip(values.chunks(ends.width)).filter(|(by, _)| **by != 0.0) {
                     row[..states].iter().enumerate().for_each(|(j, x)| c[(i, j)] += by * x);
+                    row[inputs.clone()].iter().enumerate().for_each(|(j, x)| d[(i, j)] += by * x);
                 }
             }
         }
@@ -323,9 +335,8 @@ impl Stepper {
             consistent,
             jump,
             stages: Vec::new(),
-            equations: Vec::new(),
+            equations: vec![Equations::new(self.model())?],
             states: Vec::new(),
-            start: Equations::new(self.model())?,
             point: LocalDerivatives::new(self.model().rod.nodes, &[]),
             reinitialisations: self.reinitialisations(),
             begun: false,
@@ -379,9 +390,7 @@ impl Stepper {
 }
 
 fn entry_of((variable, k): (&'static Variable, usize)) -> Entry {
-    let scalar = variable.size == Size::Scalar;
-    let name = if scalar { variable.name.to_string() } else { format!("{}[{k}]", variable.name) };
-    Entry { name, unit: variable.unit }
+    Entry { variable: variable.name, index: (variable.size != Size::Scalar).then_some(k), unit: variable.unit }
 }
 
 /// An input that a column belongs to, and its effect at the current time.
@@ -410,7 +419,6 @@ struct Columns {
     stages: Vec<State>,
     equations: Vec<Equations>,
     states: Vec<State>,
-    start: Equations,
     point: LocalDerivatives,
     /// How often the stepper had recomputed its accelerations at the end of the previous internal step.
     reinitialisations: u64,
@@ -436,8 +444,10 @@ impl Columns {
         }
         let h = to.t - from.t;
         let Some(stages) = stepper.integrator().and_then(|integrator| integrator.stages(h)) else { return Ok(()) };
-        while self.equations.len() < stages.count {
-            self.equations.push(Equations::new(stepper.model())?);
+        while self.states.len() < stages.count {
+            if self.equations.len() == self.states.len() {
+                self.equations.push(Equations::new(stepper.model())?);
+            }
             self.states.push(to.clone());
             self.stages.push(self.now.clone());
         }
@@ -487,7 +497,9 @@ impl Columns {
         let mut state = from.clone();
         state.links.clear();
         dynamics.move_to(from.t, &mut state);
-        let Self { now, width, inputs, consistent, start, point, rhs, begun, jump, .. } = self;
+        let Self { now, width, inputs, consistent, equations, point, rhs, begun, jump, .. } = self;
+        // Before the stages need it.
+        let [start, ..] = &mut equations[..] else { return Ok(()) };
         let (width, first) = (*width, *width - inputs.len());
         start.assemble(dynamics, &state, Direction::POSITIONS)?;
         look_at_inputs(dynamics, &state, inputs, point)?;
@@ -527,11 +539,20 @@ impl Columns {
                 (0..2).for_each(|axis| rhs[axis * width + first + j] = a[axis]);
             }
         }
-        for (i, (old, new)) in now.a.iter_mut().zip(&*rhs).enumerate().filter(|(i, _)| all || consistent[i % width]) {
-            if let Some(w) = now.memory.get_mut(i) {
-                *w += new - *old; // as in the step itself
+        let whole = all || consistent.iter().all(|follows| *follows);
+        let (all_a, all_w) = (now.a.chunks_exact_mut(width), &mut now.memory);
+        for (i, (a, new)) in all_a.zip(rhs.chunks_exact(width)).enumerate() {
+            let mut w = all_w.get_mut(i * width..(i + 1) * width);
+            if w.is_none() && whole {
+                a.copy_from_slice(new);
+                continue;
             }
-            *old = *new;
+            for j in (0..width).filter(|j| all || consistent[*j]) {
+                if let Some(w) = &mut w {
+                    w[j] += new[j] - a[j]; // as in the step itself
+                }
+                a[j] = new[j];
+            }
         }
         Ok(())
     }

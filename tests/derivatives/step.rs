@@ -77,7 +77,7 @@ fn worst(found: &[f64], expected: &[[f64; 2]], names: &[String]) -> (f64, String
 }
 
 fn names(entries: &[Entry]) -> Vec<String> {
-    entries.iter().map(|entry| entry.name.clone()).collect()
+    entries.iter().map(Entry::name).collect()
 }
 
 struct Trial {
@@ -205,7 +205,7 @@ fn try_scene(seed: u64, changes: &[&str]) -> Option<Trial> {
             stepper.do_step(h)
         };
         let own = [b.column(column + k), d.column(column + k)];
-        compare(&mut stepper, &given[column + k].name, size, own.each_ref().map(|own| own.as_slice()), &mut step);
+        compare(&mut stepper, &given[column + k].name(), size, own.each_ref().map(|own| own.as_slice()), &mut step);
         column += count;
     }
     Some(trial)

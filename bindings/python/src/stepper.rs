@@ -205,8 +205,8 @@ impl StepDerivative {
         };
         let units = PyDict::new(py);
         let names = |entries: Vec<Entry>| -> PyResult<Vec<String>> {
-            entries.iter().try_for_each(|entry| units.set_item(&entry.name, entry.unit))?;
-            Ok(entries.into_iter().map(|entry| entry.name).collect())
+            entries.iter().try_for_each(|entry| units.set_item(entry.name(), entry.unit))?;
+            Ok(entries.iter().map(Entry::name).collect())
         };
         let [states, inputs, outputs] = [names(states)?, names(inputs)?, names(outputs)?];
         let [a, b, c, d] = [array(a)?, array(b)?, array(c)?, array(d)?];

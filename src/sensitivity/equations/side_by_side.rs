@@ -1,30 +1,63 @@
 //! Products and solves for many vectors stored side by side: entry `i` of vector `c` of `width` vectors is at `i·width + c`, so
 //! each block of a matrix is read once for all of them.
 
+use std::ops::Range;
+
+use nalgebra::Matrix2;
+
 use super::{Equations, neighbours};
 use crate::error::Result;
 use crate::linear::{BandMatrix, HALF_BANDWIDTH};
 
-/// The rows of both axes of node `k`.
-fn node(x: &[f64], k: usize, width: usize) -> [&[f64]; 2] {
+/// The rows of both axes of node `k`, in these `columns`.
+#[inline(always)]
+fn node(x: &[f64], k: usize, width: usize, columns: Range<usize>) -> [&[f64]; 2] {
     let (first, second) = x[2 * k * width..2 * (k + 1) * width].split_at(width);
-    [first, second]
+    [&first[columns.clone()], &second[columns]]
 }
 
-/// The same, mutable.
-fn node_mut(x: &mut [f64], k: usize, width: usize) -> [&mut [f64]; 2] {
+/// The same, to be written.
+#[inline(always)]
+fn node_mut(x: &mut [f64], k: usize, width: usize, columns: Range<usize>) -> [&mut [f64]; 2] {
     let (first, second) = x[2 * k * width..2 * (k + 1) * width].split_at_mut(width);
-    [first, second]
+    [&mut first[columns.clone()], &mut second[columns]]
+}
+
+/// For each node, the columns from the first to the last in which `x` is not zero. A step begins with unit vectors, whose products with a band
+/// have a few columns only.
+fn extents(x: &[f64], width: usize) -> Vec<Range<usize>> {
+    let extent = |rows: &[f64]| {
+        let (first, second) = rows.split_at(width);
+        let any = |(x, y): (&f64, &f64)| *x != 0.0 || *y != 0.0;
+        let begin = first.iter().zip(second).position(any);
+        begin.map_or(0..0, |begin| begin..first.iter().zip(second).rposition(any).map_or(begin, |last| last + 1))
+    };
+    x.chunks_exact(2 * width).map(extent).collect()
+}
+
+/// The smallest range that has both in it.
+#[inline(always)]
+fn union(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
+    match (a.is_empty(), b.is_empty()) {
+        (true, _) => b.clone(),
+        (_, true) => a.clone(),
+        _ => a.start.min(b.start)..a.end.max(b.end),
+    }
 }
 
 /// Subtracts a 2×2 block times the differences from `from` to `to` from `y`.
 #[inline(always)]
-fn subtract_difference([y0, y1]: [&mut [f64]; 2], block: [f64; 4], to: [&[f64]; 2], from: [&[f64]; 2]) {
-    let [a, b, c, d] = block;
+fn subtract_difference(
+    [y0, y1]: [&mut [f64]; 2],
+    [a, b, c, d]: [f64; 4],
+    [to0, to1]: [&[f64]; 2],
+    [from0, from1]: [&[f64]; 2],
+) {
     let width = y0.len();
-    let (y1, to, from) = (&mut y1[..width], to.map(|x| &x[..width]), from.map(|x| &x[..width]));
+    let (y1, to0, to1, from0, from1) =
+        (&mut y1[..width], &to0[..width], &to1[..width], &from0[..width], &from1[..width]);
     for i in 0..width {
-        let by = [to[0][i] - from[0][i], to[1][i] - from[1][i]];
+        let by = [to0[i] - from0[i], to1[i] - from1[i]];
         y0[i] -= a * by[0] + b * by[1];
         y1[i] -= c * by[0] + d * by[1];
     }
@@ -32,25 +65,31 @@ fn subtract_difference([y0, y1]: [&mut [f64]; 2], block: [f64; 4], to: [&[f64]; 
 
 /// Adds a 2×2 block times `x` to `y`.
 #[inline(always)]
-fn add_product([y0, y1]: [&mut [f64]; 2], block: [f64; 4], x: [&[f64]; 2]) {
-    let [a, b, c, d] = block;
+fn add_product([y0, y1]: [&mut [f64]; 2], [a, b, c, d]: [f64; 4], [x0, x1]: [&[f64]; 2]) {
     let width = y0.len();
-    let (y1, x) = (&mut y1[..width], x.map(|x| &x[..width]));
+    let (y1, x0, x1) = (&mut y1[..width], &x0[..width], &x1[..width]);
     for i in 0..width {
-        y0[i] += a * x[0][i] + b * x[1][i];
-        y1[i] += c * x[0][i] + d * x[1][i];
+        y0[i] += a * x0[i] + b * x1[i];
+        y1[i] += c * x0[i] + d * x1[i];
     }
 }
 
 /// Adds `factor` times `matrix` times `width` vectors to y.
 fn add_band_of_many(matrix: &BandMatrix, factor: f64, x: &[f64], y: &mut [f64], width: usize) {
-    let nodes = matrix.rows().len();
+    let (nodes, extents) = (matrix.rows().len(), extents(x, width));
     for (i, row) in matrix.rows().iter().enumerate() {
-        for (j, block) in row.iter().enumerate() {
+        for (j, [a, b, c, d]) in row.iter().enumerate() {
             let Some(j) = (i + j).checked_sub(HALF_BANDWIDTH).filter(|j| *j < nodes) else { continue };
-            add_product(node_mut(y, i, width), block.map(|entry| factor * entry), node(x, j, width));
+            let (columns, block) = (&extents[j], [factor * a, factor * b, factor * c, factor * d]);
+            add_product(node_mut(y, i, width, columns.clone()), block, node(x, j, width, columns.clone()));
         }
     }
+}
+
+/// The entries of a matrix in the order of a block.
+#[inline(always)]
+fn entries(matrix: Matrix2<f64>) -> [f64; 4] {
+    [matrix.m11, matrix.m12, matrix.m21, matrix.m22]
 }
 
 impl Equations {
@@ -109,30 +148,30 @@ impl Equations {
                 Ok(())
             });
         }
-        let nodes = self.matrix.rows().len();
+        let (nodes, extents) = (self.matrix.rows().len(), extents(x, width));
         let columns = self.columns.as_ref().filter(|_| self.held.is_none()).map(|[columns, _]| columns);
         // Sums over the nodes minus those of the external forces, and the values of one node; see `balance`.
         let [mut excess, mut own] = [0, 1].map(|_| if columns.is_some() { vec![0.0; 2 * width] } else { Vec::new() });
         for (i, row) in self.matrix.rows().iter().enumerate() {
             own.fill(0.0);
-            let to = |y: &mut [f64], own: &mut [f64], add: &dyn Fn([&mut [f64]; 2])| match columns {
-                None => add(node_mut(y, i, width)),
-                Some(_) => add(node_mut(own, 0, width)),
-            };
+            // Forces of one node on their own, where their sum over all nodes is needed.
+            let sum = if columns.is_some() { &mut own[..] } else { &mut y[2 * i * width..2 * (i + 1) * width] };
             for (j, block) in neighbours(i, row, nodes) {
-                let block = self.stiffness(i, j, block);
-                to(y, &mut own, &|y| subtract_difference(y, block, node(x, j, width), node(x, i, width)));
+                let (block, both) = (self.stiffness(i, j, block), union(&extents[i], &extents[j]));
+                let [to, from] = [j, i].map(|k| node(x, k, width, both.clone()));
+                subtract_difference(node_mut(sum, 0, width, both), block, to, from);
             }
+            let columns_of_node = || extents[i].clone();
             if let Some(place) = &self.place {
-                let place = place[i] * -self.direction.q;
-                to(y, &mut own, &|y| add_product(y, [place.m11, place.m12, place.m21, place.m22], node(x, i, width)));
+                let block = entries(place[i] * -self.direction.q);
+                add_product(node_mut(sum, 0, width, columns_of_node()), block, node(x, i, width, columns_of_node()));
             }
             if let Some(columns) = columns {
                 let sums = y[2 * i * width..].iter_mut().zip(&mut excess).zip(&own);
                 sums.for_each(|((y, excess), own)| (*y, *excess) = (*y + own, *excess + own));
-                let outside = columns[i] * self.direction.q;
-                let outside = [outside.m11, outside.m12, outside.m21, outside.m22];
-                add_product(node_mut(&mut excess, 0, width), outside, node(x, i, width));
+                let outside = entries(columns[i] * self.direction.q);
+                let excess = node_mut(&mut excess, 0, width, columns_of_node());
+                add_product(excess, outside, node(x, i, width, columns_of_node()));
             }
         }
         if columns.is_some() {
@@ -161,14 +200,16 @@ impl Equations {
         }
         match (&self.damping, &self.drift) {
             (Some(damping), Some(drift)) => {
-                let nodes = damping.rows().len();
+                let (nodes, extents) = (damping.rows().len(), extents(x, width));
                 for (i, row) in damping.rows().iter().enumerate() {
-                    for (j, block) in neighbours(i, row, nodes) {
-                        let block = block.map(|entry| -factor * entry);
-                        subtract_difference(node_mut(y, i, width), block, node(x, j, width), node(x, i, width));
+                    for (j, [a, b, c, d]) in neighbours(i, row, nodes) {
+                        let block = [-factor * a, -factor * b, -factor * c, -factor * d];
+                        let both = union(&extents[i], &extents[j]);
+                        let [to, from] = [j, i].map(|k| node(x, k, width, both.clone()));
+                        subtract_difference(node_mut(y, i, width, both), block, to, from);
                     }
-                    let drift = drift[i] * factor;
-                    add_product(node_mut(y, i, width), [drift.m11, drift.m12, drift.m21, drift.m22], node(x, i, width));
+                    let (columns, block) = (&extents[i], entries(drift[i] * factor));
+                    add_product(node_mut(y, i, width, columns.clone()), block, node(x, i, width, columns.clone()));
                 }
             }
             (Some(damping), None) => add_band_of_many(damping, factor, x, y, width),
@@ -205,8 +246,7 @@ impl Equations {
 
     /// Factors for the first of `width` right-hand sides, and replaces all of them by A⁻¹ times them.
     pub(in crate::sensitivity) fn factor_and_solve_many(&mut self, rhs: &mut [f64], width: usize) -> Result<()> {
-        let unknowns = rhs.len() / width.max(1);
-        let mut first: Vec<f64> = (0..unknowns).map(|i| rhs.iter().skip(i * width).take(width).sum()).collect();
+        let mut first: Vec<f64> = rhs.chunks_exact(width.max(1)).map(|row| row.iter().sum()).collect();
         self.factor_alone(&mut first, false)?;
         let given = if self.refines { rhs.to_vec() } else { Vec::new() };
         self.solve_many_alone(rhs, width)?;

@@ -17,12 +17,21 @@ pub enum StateCoordinates {
 }
 
 /// One number of a state, an input or an output: an entry of a variable.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Entry {
-    /// Name of the variable, with the number of the node in brackets if it has several entries.
-    pub name: String,
+    /// Name of the variable.
+    pub variable: &'static str,
+    /// Which of its entries, if it has several: the number of a node, for most.
+    pub index: Option<usize>,
     /// Unit.
     pub unit: &'static str,
+}
+
+impl Entry {
+    /// Name of the variable, with the number of the entry in brackets if it has several.
+    pub fn name(&self) -> String {
+        self.index.map_or_else(|| self.variable.to_string(), |k| format!("{}[{k}]", self.variable))
+    }
 }
 
 /// One number of a state: which of its vectors, and the index in that vector.
@@ -48,9 +57,10 @@ impl Coordinate {
         [q, v, a, memory][self.part][self.index] / self.scale
     }
 
-    /// The same in column `j` of `width` states stored side by side.
-    pub(crate) fn of_many(self, states: &State, j: usize, width: usize) -> f64 {
-        Self { index: self.index * width + j, ..self }.of(states)
+    /// The row of this number in `width` states stored side by side, and what its entries are divided by.
+    pub(crate) fn row_of_many(self, states: &State, width: usize) -> (&[f64], f64) {
+        let State { q, v, a, memory, .. } = states;
+        (&[q, v, a, memory][self.part][self.index * width..][..width], self.scale)
     }
 
     /// Sets it in column `j` of `width` states stored side by side.
@@ -86,8 +96,8 @@ impl Stepper {
         let entry = |Coordinate { part, index, .. }: Coordinate| {
             let (names, unit, [hinge, hinge_unit]) = PARTS[part];
             match (index / 2, index % 2) {
-                (node, axis) if node < nodes => Entry { name: format!("{}[{node}]", names[axis]), unit },
-                _ => Entry { name: hinge.to_string(), unit: hinge_unit },
+                (node, axis) if node < nodes => Entry { variable: names[axis], index: Some(node), unit },
+                _ => Entry { variable: hinge, index: None, unit: hinge_unit },
             }
         };
         self.coordinates(coordinates).into_iter().map(entry).collect()
