@@ -206,14 +206,13 @@ impl Assessment {
         let (is_inertial, spacing) = (model.forces.are_inertial(), model.rod.spacing);
         let dry = model.rod.sections.line_density(0.5);
         let winches = model.tendons.stiffness_over_inertia(&model.rod);
-        let lowest =
-            if model.rod.nodes > modes::DENSE { modes::lowest_of_model(coarse.model()?, 1).ok() } else { None };
+        let lowest = if model.rod.nodes > modes::DENSE { modes::first_frequency(coarse.model()?).ok() } else { None };
         let matrices = Matrices::of_natural_modes(model)?;
         let line_density = if is_inertial { matrices.line_density(spacing) } else { dry };
         let natural = NaturalModes { matrices, winches, all: OnceCell::new() };
-        let first_frequency = match lowest.as_deref() {
-            Some([first, ..]) => first.frequency,
-            _ => natural.all()?.lowest(),
+        let first_frequency = match lowest {
+            Some(lowest) => lowest,
+            None => natural.all()?.lowest(),
         };
         let rod = &stepper.model().rod;
         let mut assessment = Self {
