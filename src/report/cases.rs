@@ -998,7 +998,8 @@ mod tests {
     }
 
     #[test]
-    fn the_cost_of_transport_of_whole_cycles_is_drawn_instead_of_that_of_the_whole_run_and_what_is_not_periodic_is_marked() {
+    fn the_cost_of_transport_of_whole_cycles_is_drawn_instead_of_that_of_the_whole_run_and_what_is_not_periodic_is_marked()
+     {
         let axes = vec![axis("a", &[1.0, 2.0]), axis("b", &[1.0, 2.0])];
         let of = |cycles: bool| {
             let mut cases = Cases::new("sweep", axes.clone(), None, 4, "");

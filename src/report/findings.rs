@@ -235,6 +235,8 @@ mod tests {
         let small = Table { columns: vec!["a".to_string()], rows: vec![vec![json!(1.0)]], ..table };
         assert!(small.on_page().parts.is_empty());
         let style = include_str!("style.css");
-        assert!(style.contains(".rows td.number { white-space: nowrap; }") && style.contains("@page { size: A4 landscape;"));
+        assert!(
+            style.contains(".rows td.number { white-space: nowrap; }") && style.contains("@page { size: A4 landscape;")
+        );
     }
 }

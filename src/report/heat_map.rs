@@ -388,10 +388,7 @@ mod tests {
     #[test]
     fn what_is_not_periodic_yet_has_a_stroke_and_is_neither_the_largest_nor_the_least() {
         let cells = vec![(0, 0, 1.0, 0), (1, 0, 5.0, 1), (2, 0, 3.0, 2), (0, 1, 2.0, 4)];
-        let of = |unsettled: &[usize]| HeatMap {
-            unsettled: unsettled.iter().copied().collect(),
-            ..map(cells.clone())
-        };
+        let of = |unsettled: &[usize]| HeatMap { unsettled: unsettled.iter().copied().collect(), ..map(cells.clone()) };
         let strokes = |map: &HeatMap| map.svg().matches("stroke-width=\"1.5\"").count();
         let some = of(&[0, 1]);
         let svg = some.svg();

@@ -452,7 +452,9 @@ fn what_is_printed_has_legible_names_of_axes_and_breaks_no_number() {
     .unwrap();
     let run = ["run", model, "--set", "rod.nodes=9", "--set", "solver.duration_s=1.0", "--out"].map(String::from);
     let [run_out, sweep_out] = ["run", "swept"].map(|name| folder.path().join(name));
-    for (arguments, out) in [(run.to_vec(), &run_out), (vec!["sweep".into(), sweep.display().to_string(), "--out".into()], &sweep_out)] {
+    for (arguments, out) in
+        [(run.to_vec(), &run_out), (vec!["sweep".into(), sweep.display().to_string(), "--out".into()], &sweep_out)]
+    {
         let output = Command::new(env!("CARGO_BIN_EXE_caudal")).args(arguments).arg(out).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
@@ -487,7 +489,9 @@ fn what_is_printed_has_legible_names_of_axes_and_breaks_no_number() {
     assert!(tables > 1, "{tables}");
     assert_eq!([of(1), of(2), of(3), of(4)], [vec!["4"; tables].join(" ").as_str(), "1", "0", "0"]);
     let page = std::fs::read_to_string(sweep_out.join("report.html")).unwrap();
-    assert!(page.contains("td.number { white-space: nowrap; }") && page.contains(".scroll, #player { display: none; }"));
+    assert!(
+        page.contains("td.number { white-space: nowrap; }") && page.contains(".scroll, #player { display: none; }")
+    );
 }
 
 /// A clamped rod of a micrometre that waves.

@@ -417,14 +417,16 @@ fn without_meshes_and_steps_a_study_of_accuracy_takes_the_scene_s_own_and_finer_
 
 #[test]
 fn a_study_of_several_meshes_calls_the_scene_s_own_mesh_so_and_no_other() {
-    let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2", "rod.nodes=9", "solver.time_step_s=1e-2"]);
+    let scene =
+        scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2", "rod.nodes=9", "solver.time_step_s=1e-2"]);
     let without = ["shape", "overdamped", "symplectic-euler", "newmark", "esdirk3"].map(str::to_string).to_vec();
     for (meshes, said) in [
-        (vec![5, 9], "The scene as it stands, generalized-alpha(0.8) with steps of 1e-2 s on 9 nodes: "),
-        (vec![5, 7], "The scene's method and step on 5 nodes instead of its 9, generalized-alpha(0.8) with steps of 1e-2 s: "),
+        (vec![5, 9], "The scene as it stands, implicit-euler with steps of 1e-2 s on 9 nodes: "),
+        (vec![5, 7], "The scene's method and step on 5 nodes instead of its 9, implicit-euler with steps of 1e-2 s: "),
     ] {
         let own = meshes.contains(&9);
-        let asked = AccuracyOptions { nodes: meshes, steps: vec![1e-2], tolerances: vec![1e-2], without: without.clone() };
+        let asked =
+            AccuracyOptions { nodes: meshes, steps: vec![1e-2], tolerances: vec![1e-2], without: without.clone() };
         let findings = complete(made(&Study::Accuracy(asked), &scene));
         let answers = &findings.answers;
         assert!(answers.iter().any(|answer| answer.starts_with(said)), "{answers:?}");

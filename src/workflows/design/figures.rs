@@ -670,7 +670,7 @@ fn of_another(i: usize) -> usize {
 fn caption(file: &str) -> &'static str {
     match file {
         "profile.svg" => {
-            "The bending stiffness EI along the rod, beside what it is compared with, over reference_stiffness_n_m2 of design.json: the largest EI of the sections of the scene's rod, before its stiffness profile. The table of joints has EI itself, and its ratio to the scene's at the same joint."
+            "The bending stiffness EI along the rod, over the largest EI of the sections of the scene's rod (reference_stiffness_n_m2 of design.json), beside what it is compared with."
         }
         "body.svg" => {
             "The straight rod from its side, above its middle before and below it after; the two axes have scales of their own. A stroke is as high, over the half depth there, as the joint is stiff, over the stiffest."

@@ -149,10 +149,7 @@ impl<'a> RobustnessChecks<'a> {
                 [value] => value,
                 _ => self.table.aggregate().of(&values, self.table.smaller_is_better()).ok_or(None)?,
             };
-            Ok(CheckResult {
-                objective,
-                limit: LimitUse::most(results.into_iter().filter_map(|result| result.limit)),
-            })
+            Ok(CheckResult { objective, limit: LimitUse::most(results.into_iter().filter_map(|result| result.limit)) })
         };
         let check = |(simulation, _): &(String, Vec<String>)| {
             let (designed, before) = (measured(), measured());
