@@ -307,7 +307,7 @@ impl Design {
                         }
                         lines.extend(explain_cycles(
                             BASELINE,
-                            "with a longer solver.duration_s the gain may be another",
+                            "with a longer solver.duration_s the gain may differ",
                             &bases,
                         ));
                         lines.extend(explain_cycles(
@@ -488,8 +488,8 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
 /// Prefix of the names of profiles that have only one part of the design.
 pub(super) const ALONE: &str = "the scene's own with only the design's ";
 
-/// The baseline, a uniform profile, one that falls linearly to a half (as in the source study) and the best linear one of the same mean, each part of the design alone,
-/// and the design, with their objectives.
+/// The baseline, a uniform profile, one that falls linearly to a half (as in the source study) and the best linear one of the same
+/// mean, each part of the design alone, and the design, with their objectives.
 fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -> Vec<ComparedProfile> {
     let before = DesignVector::before(table, &search.own_stiffness);
     let rod = &search.problem.model().rod;
