@@ -887,7 +887,7 @@ impl Assessment {
         }
         if rod.spacing < rod.sections.outer.largest() {
             warnings.push(format!(
-                "the node spacing ({:.2e} m) is below the rod's radius: finer meshes still bring the numbers closer to those of a beam, but a beam describes no detail of the body that is smaller than this",
+                "the node spacing ({:.2e} m) is below the rod's radius: finer meshes still bring the numbers closer to those of a beam, which describes no detail of the body that is smaller than its radius",
                 rod.spacing
             ));
         }
