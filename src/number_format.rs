@@ -52,10 +52,10 @@ const UNITS: [&str; 21] = [
 ];
 
 /// Typesets a text for pages: exponents as powers of ten, true minus signs, and no line break between a number and its unit. What
-/// follows an equals sign stays as written in a scene.
+/// follows an equals sign stays as written in a scene, as do the values behind it that bars separate.
 pub fn typeset(text: &str) -> String {
     let mut out = String::with_capacity(text.len() + 8);
-    let (mut measured, mut assigned) = (false, false);
+    let (mut measured, mut assigned, mut was_assigned) = (false, false, false);
     for (i, word) in text.split(' ').enumerate() {
         let bare = word.trim_end_matches([',', '.', ';', ':', ')']);
         let is_unit = UNITS.contains(&bare);
@@ -74,7 +74,8 @@ pub fn typeset(text: &str) -> String {
         }
         // In N m, the second unit also belongs to the number.
         measured = bare.len() == word.len() && (is_number || measured && is_unit);
-        assigned = word == "=" || assigned && word.is_empty();
+        let is_next = word == "|" && was_assigned;
+        (assigned, was_assigned) = (word == "=" || is_next || assigned && word.is_empty(), assigned);
     }
     out
 }
@@ -117,6 +118,12 @@ mod tests {
         let slip = typeset("slip -6.461e-11, 26 % of 0.1 N m, (-2 m) and 1e-3.");
         assert_eq!(slip, "slip −6.461·10⁻¹¹, 26\u{a0}% of 0.1\u{a0}N\u{a0}m, (−2\u{a0}m) and 1·10⁻³.");
         let text = "solver.time_step_s = 1e-3, case 3 stays, 2e, well-known 5-eyed m";
+        assert_eq!(typeset(text), text);
+    }
+
+    #[test]
+    fn values_of_a_key_that_bars_separate_are_written_in_one_way() {
+        let text = "rod.youngs_modulus_pa = 1e6 | 1.5e5 | 1e6";
         assert_eq!(typeset(text), text);
     }
 

@@ -886,7 +886,7 @@ impl Assessment {
         }
         if rod.spacing < rod.sections.outer.largest() {
             warnings.push(format!(
-                "the node spacing ({:.2e} m) is below the rod's radius: a beam has no more to say there",
+                "the node spacing ({:.2e} m) is below the rod's radius: finer meshes still bring the numbers closer to those of a beam, which describes no detail of the body that is smaller than its radius",
                 rod.spacing
             ));
         }

@@ -598,7 +598,7 @@ measure!(
     "slip",
     "",
     "1",
-    "slip (U·e)/(f lambda): forward speed over the speed of the actuation's wave",
+    "slip (U·e)/(f lambda): forward speed over the speed of the actuation's wave, lambda = actuation.wavelength_m; active moments may bend the body in a longer wave",
     |c, d| {
         let (actuation, _) = d.model.actuation.as_ref()?;
         Some((FORWARD_SPEED.of)(c, d)? * c.period() / actuation.wavelength()?)

@@ -172,6 +172,13 @@ impl Model {
         self.rod.damping.is_some() || self.hinge.as_ref().is_some_and(|hinge| hinge.damping > 0.0)
     }
 
+    /// True if the fluid of the scene flows, anywhere and at any time.
+    #[cfg(feature = "design")]
+    pub(crate) fn is_in_flow(&self) -> bool {
+        let still = self.flow.is_none() && self.fluid.flow == Vector2::zeros();
+        !still || self.layers.is_some_and(|layers| !layers.flow_together())
+    }
+
     /// True if a drive of the rod depends on its state: the motor of a hinge, or a winch.
     pub(crate) fn has_motor_or_winch(&self) -> bool {
         self.hinge.is_some() || self.tendons.iter().any(|tendon| tendon.winch().is_some())

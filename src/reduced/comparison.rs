@@ -43,7 +43,9 @@ impl ErrorMeasure {
     /// Its name, and the quantity to which its differences are relative.
     pub fn meaning(self) -> [&'static str; 2] {
         match self {
-            Self::Displacement => ["displacement", "the net displacement through the fluid, or 1 % of the path"],
+            Self::Displacement => {
+                ["displacement", "the larger of the net displacement through the fluid and 1 % of the path"]
+            }
             Self::Tip => ["tip", "the tip's largest distance from its start"],
             Self::Force => ["force", "the head's force: root mean square, and mean"],
             Self::Moment => ["moment", "the head's moment: root mean square, and mean"],

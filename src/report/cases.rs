@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::number_format::number;
 
 /// Quantities in figures and page, in this order.
-pub const QUANTITIES: [SummaryQuantity; 38] = [
+pub const QUANTITIES: [SummaryQuantity; 39] = [
     SummaryQuantity::new("net_displacement_m", "net displacement in x", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
     SummaryQuantity::new("mean_thrust_n", "mean thrust of the whole run", "N", true).settled("cycle_thrust_n"),
@@ -55,12 +55,14 @@ pub const QUANTITIES: [SummaryQuantity; 38] = [
     SummaryQuantity::new("cycle_hinge_power_w", "power of the hinge's motor over whole cycles", "W", true),
     SummaryQuantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
     SummaryQuantity::new("cycle_head_power_w", "power of the head over whole cycles", "W", true),
+    SummaryQuantity::new("cycle_cost_of_transport", "cost of transport over whole cycles", "1", true),
     SummaryQuantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
     SummaryQuantity::new("mean_bending_energy_j", "mean bending energy of the whole run", "J", true),
     SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy of the whole run", "J", true),
     SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
     SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
-    SummaryQuantity::new("cost_of_transport", "cost of transport of the whole run", "1", true),
+    SummaryQuantity::new("cost_of_transport", "cost of transport of the whole run", "1", true)
+        .settled("cycle_cost_of_transport"),
     SummaryQuantity::new("efficiency", "efficiency of the whole run", "1", true).settled("cycle_efficiency"),
     SummaryQuantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
     SummaryQuantity::new("newton_iterations", "Newton iterations", "1", false),
@@ -125,6 +127,11 @@ impl SummaryQuantity {
         let Some(end) = self.tendons else { return row.get(self.key).and_then(Value::as_f64) };
         let own = row.iter().filter(|(key, _)| key.starts_with("max_tendon_") && key.ends_with(end));
         own.filter_map(|(_, value)| value.as_f64()).reduce(f64::max)
+    }
+
+    /// True for a mean over whole cycles.
+    fn is_of_cycles(&self) -> bool {
+        self.key.starts_with("cycle_")
     }
 
     const fn settled(self, key: &'static str) -> Self {
@@ -273,8 +280,8 @@ pub struct Cases {
     axes: Vec<CaseAxis>,
     split: Option<usize>,
     size: usize,
-    /// Number of complete cases whose cycles still differ by more than 1 %.
-    unsettled: usize,
+    /// Indices of the complete cases whose cycles still differ by more than 1 %.
+    unsettled: BTreeSet<usize>,
     /// Indices of the cases, and their levels on each axis.
     indices: Vec<usize>,
     levels: Vec<Vec<usize>>,
@@ -315,6 +322,7 @@ struct PageData<'a> {
     levels: Vec<Vec<usize>>,
     columns: Vec<Vec<Option<f64>>>,
     endings: &'a BTreeMap<usize, String>,
+    unsettled: &'a BTreeSet<usize>,
     motions: BTreeMap<usize, Animation>,
 }
 
@@ -329,7 +337,7 @@ impl Cases {
             axes,
             split,
             size,
-            unsettled: 0,
+            unsettled: BTreeSet::new(),
             indices: Vec::new(),
             endings: BTreeMap::new(),
             motions: BTreeMap::new(),
@@ -360,7 +368,9 @@ impl Cases {
             let ending = row.get("ending").and_then(Value::as_str).unwrap_or_default();
             self.endings.insert(index, ending.to_string());
         }
-        self.unsettled += usize::from(complete && row.get("cycles_periodic") == Some(&Value::Bool(false)));
+        if complete && row.get("cycles_periodic") == Some(&Value::Bool(false)) {
+            self.unsettled.insert(index);
+        }
         if motion.len() > 1 {
             self.motions.insert(index, motion);
             self.sceneries.extend(scenery.map(|scenery| (index, scenery)));
@@ -406,6 +416,11 @@ impl Cases {
                     let without = || cases.iter().filter(|i| !column[**i].is_finite());
                     let failed = |i: &&usize| self.endings.contains_key(&self.indices[**i]);
                     let cross = if without().any(|i| failed(&i)) { " A cross is a case that failed." } else { "" };
+                    let unsettled = if map.has_unsettled() {
+                        " A stroke is a case that is not periodic yet; the largest and the least are among the others."
+                    } else {
+                        ""
+                    };
                     let bar = if without().all(|i| failed(&i)) { "" } else { " A bar is a case that has none." };
                     let of_equal_cells = |(axis, drawn): (usize, &HeatMapAxis)| {
                         let equal = self.axes[axis].numbers.is_some() && matches!(drawn.scale, Scale::Categories(_));
@@ -418,7 +433,7 @@ impl Cases {
                         names => format!(" Cells are equally wide along {}, whatever the levels.", names.join(" and ")),
                     };
                     let caption = format!(
-                        "The {} of every case over {x} and {y}{}.{equal}{cross}{bar}",
+                        "The {} of every case over {x} and {y}{}.{equal}{cross}{bar}{unsettled}",
                         quantity.name,
                         of(label)
                     );
@@ -587,6 +602,7 @@ impl Cases {
             value: quantity.with_unit(),
             cells,
             failed: self.endings.keys().copied().collect(),
+            unsettled: if quantity.is_of_cycles() { self.unsettled.clone() } else { BTreeSet::new() },
         })
     }
 
@@ -854,7 +870,7 @@ impl Cases {
             size: self.size,
             done: self.indices.len(),
             failed: self.endings.len(),
-            unsettled: self.unsettled,
+            unsettled: self.unsettled.len(),
             shown: shown.len(),
             played: self.motions.len(),
             still,
@@ -871,6 +887,7 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
+                unsettled: &self.unsettled,
                 motions: self
                     .motions
                     .iter()
@@ -978,6 +995,31 @@ mod tests {
         assert!(!page.contains("by chance") && page.contains("A case that failed before it moved cannot be played."));
         // A quantity that is zero in all cases has no column.
         assert!(page.contains("Strouhal number") && !page.contains("\"efficiency of the whole run\""));
+    }
+
+    #[test]
+    fn the_cost_of_transport_of_whole_cycles_is_drawn_instead_of_that_of_the_whole_run_and_what_is_not_periodic_is_marked()
+     {
+        let axes = vec![axis("a", &[1.0, 2.0]), axis("b", &[1.0, 2.0])];
+        let of = |cycles: bool| {
+            let mut cases = Cases::new("sweep", axes.clone(), None, 4, "");
+            for i in 0..4 {
+                let cost = 0.1 + i as f64;
+                let row = json!({ "complete": true, "cost_of_transport": 2.0 * cost, "cycles_periodic": i != 3,
+                    "cycle_cost_of_transport": cycles.then_some(cost) });
+                cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), Vec::new(), None);
+            }
+            cases
+        };
+        let map = |cases: &Cases, file: &str| cases.figures().0.into_iter().find(|figure| figure.file == file);
+        let [with, without] = [true, false].map(of);
+        let drawn = map(&with, "map_cycle-cost-of-transport.svg").unwrap();
+        assert!(drawn.svg.contains("largest: 2.100 (case 2)"), "{}", drawn.svg);
+        assert!(drawn.caption.contains("A stroke is a case that is not periodic yet"), "{}", drawn.caption);
+        assert!(map(&with, "map_cost-of-transport.svg").is_none());
+        let whole = map(&without, "map_cost-of-transport.svg").unwrap();
+        assert!(whole.svg.contains("case 3") && !whole.caption.contains("periodic"), "{}", whole.caption);
+        assert!(with.page(&[], &[]).unwrap().contains("\"unsettled\":[3]"));
     }
 
     #[test]

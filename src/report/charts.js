@@ -5,7 +5,7 @@
 const packed = (text) => Array.from(new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer));
 const SERIES = [{% for pair in series_colours %}["{{ pair[0] }}", "{{ pair[1] }}"], {% endfor %}];
 const INK = ["#505a64", "#aab4be"], GRID = ["#e2e7ec", "#333c46"], PAPER = ["#ffffff", "#161b21"];
-const OVER_TIME = "time (s)", HEIGHT = 290, WIDTH_IN_PRINT = 600, SHARPNESS_IN_PRINT = 3;
+const OVER_TIME = "time (s)", HEIGHT = 290, SIZE_IN_PRINT = [480, 215], SHARPNESS_IN_PRINT = 3;
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const digits = (x, count) => {
   if (x === null || x === undefined) return "–";
@@ -50,14 +50,15 @@ function aligned(chart) {
 function draw(place, chart, prints) {
   const theme = dark.matches && !prints ? 1 : 0, { data, gaps } = chart.aligned ??= aligned(chart);
   const axis = { stroke: INK[theme], grid: { stroke: GRID[theme], width: 1 }, ticks: { stroke: GRID[theme], width: 1 }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
-  // As long as the plot is high.
-  const upright = Math.max(9, Math.min(13, (HEIGHT - 70) / (0.54 * chart.y.length)));
+  const [width, height] = prints ? SIZE_IN_PRINT : [Math.max(place.clientWidth, 200), HEIGHT];
+  // As long as the plot is high; uPlot takes whole sizes only.
+  const upright = Math.floor(Math.max(9, Math.min(13, (height - 70) / (0.54 * chart.y.length))));
   const close = (_, least, largest) => [least, largest === least ? 10 * least : largest];
   const scale = (kind) => ({ linear: { distr: 1 }, log: { distr: 3, range: close }, signed: { distr: 4, asinh: chart.floor ?? 1 } })[kind];
   const ticks = (kind, floor) => kind === "linear" ? { values: labels } : { splits: decades(floor), filter: (_, splits) => splits, values: (_, splits) => splits.map((x) => written(x, 2)) };
   const time = chart.x === OVER_TIME, single = chart.series.length === 1 && chart.series[0].label === "";
   const plot = new uPlot({
-    width: prints ? WIDTH_IN_PRINT : Math.max(place.clientWidth, 200), height: HEIGHT, title: chart.title, ...(prints ? { pxRatio: SHARPNESS_IN_PRINT } : {}),
+    width, height, title: chart.title, ...(prints ? { pxRatio: SHARPNESS_IN_PRINT } : {}),
     cursor: { drag: { x: true, y: true, uni: 30 }, ...(time ? { sync: { key: "time " + chart.x_of[0], scales: ["x", null] } } : {}), points: { size: 7 } },
     scales: { x: { time: false, ...scale(chart.x_scale) }, y: scale(chart.y_scale) },
     axes: [

@@ -48,9 +48,8 @@ pub struct Findings {
     pub motion: Option<Box<(Animation, String)>>,
 }
 
-/// Letters of a printed line of a table on a page that is upright, and on one that lies.
-const UPRIGHT_LINE: usize = 110;
-const LYING_LINE: usize = 190;
+/// Letters of a printed line of a table, on a page in landscape format.
+const PRINTED_LINE: usize = 190;
 
 /// Most letters of a line of a text in a printed cell, and of a heading; longer ones are broken.
 const TEXT_CELL: usize = 30;
@@ -67,8 +66,6 @@ struct PageTable {
     all: Vec<usize>,
     rows: Vec<Vec<String>>,
     more: usize,
-    /// True if it is printed in landscape format.
-    wide: bool,
     /// The columns that are printed together, if not all fit side by side.
     parts: Vec<Vec<usize>>,
 }
@@ -157,7 +154,7 @@ impl Table {
         };
         let widths: Vec<usize> = (0..columns).map(width).collect();
         let whole: usize = widths.iter().sum();
-        let parts = if whole > LYING_LINE { parts(&widths, keys(&rows)) } else { Vec::new() };
+        let parts = if whole > PRINTED_LINE { parts(&widths, keys(&rows)) } else { Vec::new() };
         PageTable {
             title: self.title,
             file: self.file,
@@ -166,7 +163,6 @@ impl Table {
             all: (0..columns).collect(),
             more: self.rows.len().saturating_sub(MAX_TABLE_ROWS),
             rows,
-            wide: whole > UPRIGHT_LINE,
             parts,
         }
     }
@@ -183,11 +179,11 @@ fn keys(rows: &[Vec<String>]) -> usize {
 fn parts(widths: &[usize], keys: usize) -> Vec<Vec<usize>> {
     let of_keys: usize = widths[..keys].iter().sum();
     // Key columns that fill the line are not repeated.
-    let (keys, of_keys) = if 2 * of_keys > LYING_LINE { (1, widths[0]) } else { (keys, of_keys) };
+    let (keys, of_keys) = if 2 * of_keys > PRINTED_LINE { (1, widths[0]) } else { (keys, of_keys) };
     let mut parts: Vec<Vec<usize>> = Vec::new();
     let mut used = usize::MAX;
     for (k, width) in widths.iter().enumerate().skip(keys) {
-        if used.saturating_add(*width) > LYING_LINE {
+        if used.saturating_add(*width) > PRINTED_LINE {
             parts.push((0..keys).collect());
             used = of_keys;
         }
@@ -231,14 +227,16 @@ mod tests {
         };
         let table = Table { file: "runs.csv", title: "All runs", columns, rows: (0..4).map(row).collect() };
         let page = table.on_page();
-        assert!(page.wide && page.parts.len() > 1, "{:?}", page.parts);
+        assert!(page.parts.len() > 1, "{:?}", page.parts);
         assert!(page.parts.iter().all(|part| part[..2] == [0, 1]), "{:?}", page.parts);
         let all: BTreeSet<usize> = page.parts.iter().flatten().copied().collect();
         assert_eq!(all.len(), 32);
         assert!(!page.numeric[0] && page.numeric[1..].iter().all(|numeric| *numeric));
         let small = Table { columns: vec!["a".to_string()], rows: vec![vec![json!(1.0)]], ..table };
-        assert!(small.on_page().parts.is_empty() && !small.on_page().wide);
+        assert!(small.on_page().parts.is_empty());
         let style = include_str!("style.css");
-        assert!(style.contains(".rows td.number { white-space: nowrap; }") && style.contains(".wide { page: wide; }"));
+        assert!(
+            style.contains(".rows td.number { white-space: nowrap; }") && style.contains("@page { size: A4 landscape;")
+        );
     }
 }

@@ -1,5 +1,7 @@
 //! Heat maps: a quantity over two axes as cell colours, with extreme values marked.
 
+use std::collections::BTreeSet;
+
 use super::chart::{
     CellCases, Figure, LABEL, LABEL_HEIGHT, LINE, PLOT, PlotArea, Scale, TITLE, WIDTH, readable_along, readable_up,
 };
@@ -32,6 +34,8 @@ const COLOUR_COUNT: usize = 64;
 const LOG_SCALE_RANGE: f64 = 100.0;
 /// Left end of the legend, px.
 const LEGEND_LEFT: f64 = 20.0;
+/// Half the size of the stroke on a cell whose motion is not periodic yet, px at most.
+const UNSETTLED_MARK: f64 = 6.0;
 /// Width of the colour scale without its labels, px.
 const SCALE_WIDTH: f64 = 44.0;
 
@@ -81,6 +85,9 @@ pub struct HeatMap {
     pub cells: Vec<(usize, usize, f64, usize)>,
     /// Indices of the cases that failed.
     pub failed: Vec<usize>,
+    /// Indices of the cases whose value is of a motion that is not periodic yet. They have a mark, and are neither the largest nor
+    /// the least, unless all are like that.
+    pub unsettled: BTreeSet<usize>,
 }
 
 /// A quantity over two axes with so many levels that they look continuous, without marks.
@@ -169,6 +176,12 @@ impl HeatMap {
         Figure { cells: Some(cells), ..Figure::new(file, caption, svg) }
     }
 
+    /// True if some of the cells are marked as not periodic yet, but not all of them.
+    pub fn has_unsettled(&self) -> bool {
+        let settled = self.known().filter(|cell| !self.unsettled.contains(&cell.3)).count();
+        settled > 0 && settled < self.known().count()
+    }
+
     /// The map as an SVG document.
     #[cfg(test)]
     fn svg(&self) -> String {
@@ -186,7 +199,10 @@ impl HeatMap {
         let [negative, positive] = [known().any(|cell| cell.2 < 0.0), known().any(|cell| cell.2 > 0.0)];
         let size = |cell: &(usize, usize, f64, usize)| if positive { cell.2 } else { cell.2.abs() };
         let by_size = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| size(a).total_cmp(&size(b));
-        let (least, largest) = (known().min_by(by_size), known().max_by(by_size));
+        let is_settled = |cell: &&(usize, usize, f64, usize)| !self.unsettled.contains(&cell.3);
+        let any_settled = known().any(|cell| is_settled(&cell));
+        let ranked = || known().filter(|cell| !any_settled || is_settled(cell));
+        let (least, largest) = (ranked().min_by(by_size), ranked().max_by(by_size));
         let [most, fewest] = match (negative, positive) {
             (true, true) => ["highest", "lowest"],
             (true, false) => ["largest in size", "least in size"],
@@ -221,6 +237,13 @@ impl HeatMap {
             } else {
                 svg.line(&[(x - 0.5 * half, y), (x + 0.5 * half, y)], Colour::SOFT, 1.0, "");
             }
+        }
+        for (i, j, _, _) in known().filter(|cell| !is_settled(cell)) {
+            let ([_, _, width, height], (x, y)) = (field(*i, *j), at(*i, *j));
+            let half = (0.25 * width.min(height)).min(UNSETTLED_MARK);
+            let stroke = [(x - half, y + half), (x + half, y - half)];
+            svg.line(&stroke, Colour::PAPER, 4.0, "");
+            svg.line(&stroke, Colour::INK, 1.5, "");
         }
         let mut left = LEGEND_LEFT;
         for (what, cell, [ring, core]) in
@@ -327,6 +350,7 @@ mod tests {
             value: "thrust (N)".to_string(),
             cells,
             failed: vec![3],
+            unsettled: BTreeSet::new(),
         }
     }
 
@@ -359,6 +383,21 @@ mod tests {
         // No values, and a single one.
         assert!(!map(Vec::new()).svg().contains("NaN"));
         assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest in size: -2.000 (case 9)"));
+    }
+
+    #[test]
+    fn what_is_not_periodic_yet_has_a_stroke_and_is_neither_the_largest_nor_the_least() {
+        let cells = vec![(0, 0, 1.0, 0), (1, 0, 5.0, 1), (2, 0, 3.0, 2), (0, 1, 2.0, 4)];
+        let of = |unsettled: &[usize]| HeatMap { unsettled: unsettled.iter().copied().collect(), ..map(cells.clone()) };
+        let strokes = |map: &HeatMap| map.svg().matches("stroke-width=\"1.5\"").count();
+        let some = of(&[0, 1]);
+        let svg = some.svg();
+        assert!(svg.contains("largest: 3.000 (case 2)") && svg.contains("least: 2.000 (case 4)"), "{svg}");
+        assert!(strokes(&some) == 2 && some.has_unsettled());
+        // Where all are like that, the largest of all is named.
+        let all = of(&[0, 1, 2, 4]);
+        assert!(all.svg().contains("largest: 5.000 (case 1)") && !all.has_unsettled());
+        assert!(strokes(&of(&[])) == 0 && !of(&[]).has_unsettled());
     }
 
     #[test]

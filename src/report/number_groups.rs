@@ -131,7 +131,7 @@ pub(super) fn is_absent_at_zero(group: &str) -> bool {
 pub(super) fn meaning_of(key: &str) -> &'static str {
     let of_variable = || VARIABLES.iter().find(|variable| variable.name == key).map(|variable| variable.description);
     match MEASURES.iter().find(|measure| measure.key == key) {
-        _ if WHOLE_RUN.contains(&key) => "with its start; cycle_… is the mean over the last whole cycles",
+        _ if WHOLE_RUN.contains(&key) => "as cycle_…, with the means over the whole run and its start",
         Some(measure) => measure.description,
         None => of_variable().unwrap_or(""),
     }

@@ -337,7 +337,7 @@ function step(frames) { halt(motion.times[Math.min(Math.max(Number(part("time").
 function faster(by) { const list = part("speed"); list.selectedIndex = Math.min(Math.max(list.selectedIndex + by, 0), list.options.length - 1); }
 // Not where a key means something else, as in a field of a table.
 addEventListener("keydown", (event) => {
-  const elsewhere = event.target.closest?.("input:not([type=range], [type=checkbox]), select, textarea, [tabindex]") || event.key === " " && event.target.closest?.("button, input");
+  const elsewhere = event.target.closest?.("input:not([type=range], [type=checkbox]), select, textarea, [tabindex]") || event.key === " " && event.target.closest?.("button, [type=checkbox]");
   const run = !elsewhere && !event.ctrlKey && !event.metaKey && !event.altKey && motion ? KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key] : undefined;
   if (run) { event.preventDefault(); run(); }
 });

@@ -114,8 +114,7 @@ pub fn wrapped(text: &str, size: f64, available: f64, most: usize) -> Vec<String
     lines.iter().map(|line| cut(line, size, available)).collect()
 }
 
-/// Smallest font size of a title or an axis name, px, before it is truncated: nine on a phone, at the smallest width of figures
-/// there.
+/// Smallest font size of a title or an axis name, px, before it is truncated.
 const LEAST_SIZE: f64 = 11.0;
 
 /// A text of this font size, which is reduced and then truncated if it does not fit a width, px; and its font size.

@@ -236,7 +236,7 @@ fn a_difference_is_above_the_stated_errors_if_it_is_larger_than_their_sum() {
     for name in ["a", "b"] {
         change_summary(&at(name), |summary| {
             summary.remove("verification");
-            let reason = "its largest estimated error, of the displacement, is 3.0e-2 of the net displacement through the fluid, or 1 % of the path: within the accuracy 1e-1";
+            let reason = "its largest estimated error, of the displacement, is 3.0e-2 of the larger of the net displacement through the fluid and 1 % of the path: within the accuracy 1e-1";
             summary.insert("model_reason".to_string(), reason.into());
             summary.insert("fluid_error".to_string(), Value::Null);
             summary.insert("fluid_uncertainty".to_string(), Value::Null);

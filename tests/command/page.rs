@@ -269,6 +269,8 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
           key("End"); document.body.dataset.end = frame() === motion.times.length - 1;
           key("Home"); document.body.dataset.home = frame();
           key(" "); document.body.dataset.plays = part("play").textContent; key(" ");
+          part("time").dispatchEvent(new KeyboardEvent("keydown", { key: " ", bubbles: true }));
+          document.body.dataset.slider = part("play").textContent; key(" ");
           plot.querySelectorAll(".u-series")[1].querySelector("th").click();
           document.body.dataset.hidden = plot.querySelectorAll(".u-series.u-off").length;
           mouse("mousedown", plot, 0.25, { button: 0, buttons: 1 }); mouse("mousemove", plot, 0.75, { buttons: 1 });
@@ -301,6 +303,7 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
         "end",
         "home",
         "plays",
+        "slider",
         "hidden",
         "enlarged",
         "curvature",
@@ -335,6 +338,7 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
     let line: f64 = of("line").parse().unwrap();
     assert!((line - 0.25).abs() < 0.01, "{line}");
     assert_eq!([of("right"), of("end"), of("home"), of("plays"), of("hidden")], ["1", "true", "0", "Pause", "1"]);
+    assert_eq!(of("slider"), "Pause", "the space bar plays also after the slider was used");
     // From a quarter of the run on.
     assert!((of("enlarged").parse::<f64>().unwrap() - 0.5).abs() < 0.02, "{}", of("enlarged"));
     for name in ["curvature", "moment", "power"] {
@@ -434,6 +438,60 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
     assert_eq!(&keys[..4], &expected);
     assert!(keys[4].starts_with("solver.time_step_s = ") && keys[5] == "rod.nodes = 9", "{keys:?}");
     assert!(found[1].1.parse::<usize>().unwrap() > 20, "{}", found[1].1);
+}
+
+#[test]
+fn what_is_printed_has_legible_names_of_axes_and_breaks_no_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let sweep = folder.path().join("sweep.toml");
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/models/eel.toml");
+    std::fs::write(
+        &sweep,
+        format!("scene = {model:?}\n[set]\nrod.nodes = 9\nsolver.duration_s = 1.0\n[axes]\nactuation.frequency_hz = [1.5, 2.5]\nactuation.kappa_amp = [5.0, 8.0]\n"),
+    )
+    .unwrap();
+    let run = ["run", model, "--set", "rod.nodes=9", "--set", "solver.duration_s=1.0", "--out"].map(String::from);
+    let [run_out, sweep_out] = ["run", "swept"].map(|name| folder.path().join(name));
+    for (arguments, out) in
+        [(run.to_vec(), &run_out), (vec!["sweep".into(), sweep.display().to_string(), "--out".into()], &sweep_out)]
+    {
+        let output = Command::new(env!("CARGO_BIN_EXE_caudal")).args(arguments).arg(out).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    let Some(browser) = chromium() else { return };
+    // Names of axes are drawn by these sizes of pixels that are a third of those of the page.
+    let script = r##"
+        const fonts = {}, fill = CanvasRenderingContext2D.prototype.fillText;
+        CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) { fonts[text] = Number(/([\d.]+)px/.exec(this.font)[1]); fill.call(this, text, ...rest); };
+        dispatchEvent(new Event("beforeprint"));
+        setTimeout(() => {
+          document.body.dataset.names = Object.keys(fonts).filter((text) => /[(].*[)]$/.test(text)).length;
+          document.body.dataset.least = Math.min(...Object.values(fonts)) / 3;
+        }, 200);
+    "##;
+    let found = after(&browser, &run_out.join("report.html"), script, &["names", "least"]);
+    let [names, least]: [f64; 2] = std::array::from_fn(|k| found[k].1.parse().unwrap());
+    assert!(names >= 8.0 && least >= 9.0, "{names} names of axes, the smallest text has {least} px"); // measured: 9
+    let script = r##"
+        dispatchEvent(new Event("beforeprint"));
+        const tables = [...document.querySelectorAll("#printed table")];
+        const heads = (table) => [...table.querySelectorAll("th")].map((head) => head.textContent);
+        document.body.dataset.tables = tables.length;
+        document.body.dataset.rows = tables.map((table) => table.querySelectorAll("tbody tr").length).join(" ");
+        document.body.dataset.levels = new Set(tables.map((table) => heads(table).slice(0, 3).join(" "))).size;
+        document.body.dataset.columns = tables.reduce((all, table) => all + heads(table).length - 3, 3) - columns.length;
+        document.body.dataset.words = [...document.querySelectorAll("#printed td:not(.number)")].map((cell) => cell.textContent).filter((text) => /^[−-]?[\d.]/.test(text)).length;
+    "##;
+    let names = ["tables", "rows", "levels", "columns", "words"];
+    let found = after(&browser, &sweep_out.join("report.html"), script, &names);
+    let of = |k: usize| found[k].1.as_str();
+    let tables: usize = of(0).parse().unwrap();
+    assert!(tables > 1, "{tables}");
+    assert_eq!([of(1), of(2), of(3), of(4)], [vec!["4"; tables].join(" ").as_str(), "1", "0", "0"]);
+    let page = std::fs::read_to_string(sweep_out.join("report.html")).unwrap();
+    assert!(
+        page.contains("td.number { white-space: nowrap; }") && page.contains(".scroll, #player { display: none; }")
+    );
 }
 
 /// A clamped rod of a micrometre that waves.

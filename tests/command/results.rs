@@ -534,7 +534,9 @@ fn every_number_of_the_summary_is_had_a_second_way() {
             x.windows(2).zip(y.windows(2)).map(|(x, y)| (x[1] - x[0]).hypot(y[1] - y[0])).sum()
         };
         let com = [&table["x_com_m"], &table["y_com_m"]];
-        let moved = com[0][400] - com[0][0];
+        // The length of the displacement through the fluid, which flows.
+        let through = [(0.05, com[0]), (0.02, com[1])].map(|(flow, x)| x[400] - x[0] - flow * 2.0);
+        let moved = through[0].hypot(through[1]);
         let mass = 1030.0 * std::f64::consts::PI * 0.008 * 0.008 * 0.4;
         let work = |name: &str| *table[&format!("{name}_work_j")].last().unwrap();
         let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
@@ -602,9 +604,9 @@ fn every_number_of_the_summary_is_had_a_second_way() {
                     let parts = ["stretching", "bending", "kinetic", "fluid"];
                     (parts.iter().map(|part| table[&format!("{part}_energy_j")][0]).sum(), 1e-12)
                 }
-                "cost_of_transport" => (work("actuation") / (mass * 9.80665 * moved.abs()), 1e-12),
+                "cost_of_transport" if head.is_empty() => (work("actuation") / (mass * 9.80665 * moved), 1e-12),
                 "efficiency" if head.is_empty() => {
-                    let speed = moved.abs() / 2.0;
+                    let speed = moved / 2.0;
                     (0.2 * 0.4 * speed * speed * 2.0 / work("actuation"), 1e-12)
                 }
                 // The thrust along the mean axis, −x, against the stream in x.
@@ -736,6 +738,43 @@ fn eel(overrides: &[String]) -> (serde_json::Value, String) {
     (serde_json::from_str(&summary).unwrap(), said)
 }
 
+/// `models/eel.toml` with `changes` after `duration` (s), and the displacement (m) of its centre of mass over ground.
+fn displaced(changes: &[String], duration: f64) -> (caudal::stepper::Stepper, [f64; 2]) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/eel.toml");
+    let mut document = caudal::scene::Document::read(&path).unwrap();
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    let mut stepper = caudal::stepper::Stepper::of(&document.scene().unwrap()).unwrap();
+    let place = |of: &mut caudal::stepper::Stepper| ["x_com_m", "y_com_m"].map(|name| of.get_scalar(name).unwrap());
+    let from = place(&mut stepper);
+    stepper.do_step(duration).unwrap();
+    let to = place(&mut stepper);
+    (stepper, [to[0] - from[0], to[1] - from[1]])
+}
+
+#[test]
+fn cost_of_transport_and_efficiency_of_the_whole_run_are_relative_to_the_flow_and_along_the_path() {
+    // A beat that is not symmetric turns the path.
+    for more in [None, Some("actuation.harmonics=[0.4]")] {
+        for [u, v] in [[0.0, 0.0], [0.5, 0.0], [-0.2, 0.3]] {
+            let changes = ["rod.nodes=9".into(), "solver.duration_s=4.0".into(), format!("medium.flow_m_s=[{u}, {v}]")];
+            let changes: Vec<String> = changes.into_iter().chain(more.map(str::to_string)).collect();
+            let (stepper, [x, y]) = displaced(&changes, 4.0);
+            let speed = (x / 4.0 - u).hypot(y / 4.0 - v);
+            let (summary, _) = eel(&changes);
+            let number = |name: &str| summary[name].as_f64().unwrap();
+            let power = number("mean_actuation_power_w");
+            let weight = stepper.model().rod.total_mass() * 9.80665;
+            let towing = stepper.view().dynamics.towing_force(speed).unwrap();
+            for (name, expected) in
+                [("cost_of_transport", power / (weight * speed)), ("efficiency", towing * speed / power)]
+            {
+                let part = number(name) / expected - 1.0;
+                assert!(part.abs() < 1e-12, "{name} {changes:?}: {part:e}"); // measured: 1.5e-14
+            }
+        }
+    }
+}
+
 #[test]
 fn a_balance_is_said_to_be_open_from_a_twentieth_of_the_work_on() {
     for (step, open) in [(2.25e-3, false), (2.31e-3, true)] {
@@ -754,12 +793,19 @@ fn a_balance_is_said_to_be_open_from_a_twentieth_of_the_work_on() {
 
 #[test]
 fn what_moves_less_than_a_billionth_of_its_length_does_not_swim() {
-    // The displacement goes with the square of the amplitude.
+    let changes = |amplitude: f64| {
+        ["rod.nodes=5".to_string(), "solver.duration_s=0.5".into(), format!("actuation.kappa_amp={amplitude:e}")]
+    };
+    let moved = |amplitude: f64| {
+        let (_, [x, y]) = displaced(&changes(amplitude), 0.5);
+        x.hypot(y) / 0.4
+    };
+    // So small a beat moves it sideways, in proportion to its amplitude.
+    let unit = moved(1e-6) / 1e-6;
     for (part, swims) in [(0.98_f64, false), (1.02, true)] {
-        let amplitude = 1e-3 * (part * 1e-9 * 0.4 / 4.038_094_858e-10).sqrt();
-        let (summary, _) =
-            eel(&["rod.nodes=5".into(), "solver.duration_s=0.5".into(), format!("actuation.kappa_amp={amplitude}")]);
-        let moved = summary["net_displacement_m"].as_f64().unwrap().abs() / 0.4;
+        let amplitude = part * 1e-9 / unit;
+        let (summary, _) = eel(&changes(amplitude));
+        let moved = moved(amplitude);
         assert!((moved / 1e-9 - part).abs() < 5e-3, "{moved}");
         assert_eq!(summary["efficiency"].is_number(), swims, "{}", summary["efficiency"]);
     }

@@ -415,6 +415,28 @@ fn without_meshes_and_steps_a_study_of_accuracy_takes_the_scene_s_own_and_finer_
     assert_eq!(found, expected);
 }
 
+#[test]
+fn a_study_of_several_meshes_calls_the_scene_s_own_mesh_so_and_no_other() {
+    let scene =
+        scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2", "rod.nodes=9", "solver.time_step_s=1e-2"]);
+    let without = ["shape", "overdamped", "symplectic-euler", "newmark", "esdirk3"].map(str::to_string).to_vec();
+    for (meshes, said) in [
+        (vec![5, 9], "The scene as it stands, implicit-euler with steps of 1e-2 s on 9 nodes: "),
+        (vec![5, 7], "The scene's method and step on 5 nodes instead of its 9, implicit-euler with steps of 1e-2 s: "),
+    ] {
+        let own = meshes.contains(&9);
+        let asked =
+            AccuracyOptions { nodes: meshes, steps: vec![1e-2], tolerances: vec![1e-2], without: without.clone() };
+        let findings = complete(made(&Study::Accuracy(asked), &scene));
+        let answers = &findings.answers;
+        assert!(answers.iter().any(|answer| answer.starts_with(said)), "{answers:?}");
+        assert_eq!(findings.tables[0].title.contains("the scene's own mesh"), own, "{}", findings.tables[0].title);
+        let nodes = if own { "9 nodes" } else { "5 nodes" };
+        let figures = findings.figures.iter().filter(|figure| figure.file.ends_with("-time.svg"));
+        assert!(figures.clone().count() > 0 && figures.clone().all(|figure| figure.svg.contains(nodes)));
+    }
+}
+
 /// A small rod of silicone that swims in a viscous fluid.
 const SWIMMER: &str = r#"
 name = "swimmer"

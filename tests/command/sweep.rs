@@ -460,6 +460,11 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
         ("[axes]\nrod.length_m = { values = [1.0], factors = [0.5] }", 3, "found values together with factors"),
         ("[axes]\nstart.ramp_s.factors = [0.5]", 3, "which the base scene does not give"),
         ("[axes]\nsolver.integrator.factors = [0.5]", 3, "is no number"),
+        (
+            "[set]\nrod.outer_radius_m = [[0.0, 0.01], [1.0, 0.02]]\n[axes]\nrod.outer_radius_m.factors = [0.5]",
+            5,
+            "its numbers, with keys = [\"rod.outer_radius_m.0.1\", \"rod.outer_radius_m.1.1\"], or whole lists as values",
+        ),
         ("[axes.a]\nzip.rod.length_m = [1.0, 2.0]\nzip.rod.nodes = [9]", 3, "lists of the same length"),
         ("[axes.a]\nkeys = [\"rod.length_m\"]\nvalues = [1.0, 2.0]\nlabels = [\"x\"]", 5, "a list of 2 texts"),
         ("[axes.a]\nkeys = \"rod.length_m\"\nvalues = [1.0, 2.0]", 3, "a list of the scene's keys"),

@@ -187,3 +187,63 @@ fn in_creeping_flow_the_next_fluid_is_that_of_the_whole_rod() {
     let local = numbers["checks"][0]["designed"].as_f64().unwrap();
     assert!((own / local - 1.0).abs() > 0.01 && numbers["trust"]["survives"] == true, "{own:e} {local:e}");
 }
+
+/// A muscle-driven eel, whose own motion is not periodic after 2.5 s, with a goal over its cycles.
+fn muscles(changes: &[&str]) -> Document {
+    let mut document = Document::read("models/muscle-eel.toml".as_ref()).unwrap();
+    let wanted = r#"design={ goal = "cycle_forward_speed_m_s", variables = ["stiffness"], knots = [0.05, 0.5, 0.95], bounds = [0.05, 5.0], starts = 1, iterations = 1 }"#;
+    let coarse = ["rod.nodes=9", "solver.duration_s=2.5", wanted];
+    coarse.iter().chain(changes).for_each(|change| document.set(change).unwrap());
+    document
+}
+
+#[test]
+fn a_design_says_what_is_not_periodic_yet_in_both_runs_and_what_they_note() {
+    let found = design(&muscles(&[]));
+    for whose in ["the scene's own motion is not periodic yet: ", "its motion is not periodic yet: "] {
+        assert!(found.lines.iter().any(|line| line.starts_with(whose)), "{whose}: {:#?}", found.lines);
+    }
+    // An edge that turns by a quarter of a right angle and more within a step is noted by a run, and so by the design of it.
+    let long_steps = muscles(&["solver.time_step_s=0.05"]);
+    let found = design(&long_steps);
+    let of = |whose: &str| found.lines.iter().filter(|line| line.starts_with(&format!("of {whose}: "))).count();
+    assert!(of("the scene's own") > 0 && of("the design") > 0, "{:#?}", found.lines);
+    let first = found.lines.iter().position(|line| !line.starts_with("of ")).unwrap();
+    assert_eq!(first, of("the scene's own") + of("the design"), "what questions the answer comes first");
+}
+
+#[test]
+fn distance_squared_over_work_is_refused_in_a_flow_and_says_its_formula_elsewhere() {
+    let wanted = r#"design={ goal = "efficiency", direction = "-x", variables = ["actuation.kappa_amp"], number_bounds = [0.8, 1.2], starts = 1, iterations = 2 }"#;
+    for flow in [
+        "medium.flow_m_s=[0.5, 0.0]",
+        "medium.flow_m_s={ amplitude = [0.1, 0.0], frequency_hz = 1.0 }",
+        "medium.shear={ rate_per_s = 0.5, normal = [0.0, 1.0] }",
+    ] {
+        let document = eel_in_creeping_flow(&[wanted, flow]);
+        let error = Design::of(&document, |_| ControlFlow::Continue(())).unwrap_err().to_string();
+        assert!(error.contains("in a flow") && error.contains("cycle_efficiency"), "{flow}: {error}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    design(&document(&[wanted])).write(folder.path()).unwrap().complete().unwrap();
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(page.contains("D is the displacement of the centre of mass along -x from the start to the end"), "{page}");
+}
+
+#[test]
+fn the_stiffness_of_a_design_is_drawn_over_the_largest_of_the_sections() {
+    let folder = tempfile::tempdir().unwrap();
+    let found = design(&muscles(&[]));
+    found.write(folder.path()).unwrap().complete().unwrap();
+    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
+    assert!(read("profile.svg").contains(">EI over the largest EI of the sections</text>"));
+    let rod = muscles(&[]).scene().unwrap().model().unwrap().rod;
+    let largest = (0..rod.nodes).map(|k| rod.section_stiffness(k)).fold(0.0, f64::max);
+    let numbers: serde_json::Value = serde_json::from_str(&read("design.json")).unwrap();
+    let reference = numbers["reference_stiffness_n_m2"].as_f64().unwrap();
+    assert!((reference / largest - 1.0).abs() < 1e-12, "{reference} {largest}");
+    assert!(
+        reference > 5.0 * rod.section_stiffness(0),
+        "the sections differ, so that the head would be another reference"
+    );
+}

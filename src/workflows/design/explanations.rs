@@ -10,6 +10,8 @@ use super::scenarios::ScenarioResult;
 use super::search::{EstimatedNumber, FEASIBILITY_TOLERANCE, SAME_OPTIMUM, SearchResult, WORST_SCENARIO};
 use super::table::{DesignTable, Goal};
 use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
+use crate::cycle::CycleAverages;
+use crate::diagnostics::notes;
 use crate::fluid::Fluid;
 use crate::model::Dynamics;
 use crate::number_format::{in_sentence, signed};
@@ -101,33 +103,49 @@ pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     })
 }
 
-/// The quantity that still differs most between the last whole cycles of runs of `designs`, with the names of their cases, over
-/// which means are taken.
-pub(super) fn explain_cycles(designs: &[(Option<String>, Scene)]) -> Option<String> {
-    let remedy = "with a longer solver.duration_s another design may be better";
-    let of = |(case, scene): &(Option<String>, Scene)| {
+/// A whole run of the scene's own or of a design, as `caudal run` makes it.
+pub(super) struct WholeRun {
+    /// The case of the sweep that it is of, or the point of the front.
+    case: Option<String>,
+    /// What the run itself notes.
+    pub notes: Vec<String>,
+    averages: CycleAverages,
+}
+
+impl WholeRun {
+    /// The run of `scene`; `None` if it fails.
+    pub fn of(case: Option<String>, scene: &Scene) -> Option<Self> {
         let mut stepper = Stepper::of(scene).ok()?;
         stepper.do_step(scene.solver.duration_s.get()).ok()?;
-        let averages = stepper.cycles().averages(stepper.view().dynamics);
+        let (metrics, step_control) = (stepper.metrics(), stepper.step_control());
+        let notes = notes(scene, stepper.model(), metrics, &stepper.state().q, step_control, &[]);
+        Some(Self { case, notes, averages: stepper.cycles().averages(stepper.view().dynamics) })
+    }
+}
+
+/// The quantity that still differs most between the last whole cycles of `runs`, over which means are taken. `whose` is "its" for
+/// runs of the design.
+pub(super) fn explain_cycles(whose: &str, remedy: &str, runs: &[WholeRun]) -> Option<String> {
+    let of = |WholeRun { case, averages, .. }: &WholeRun| {
         let place = case.as_ref().map_or(String::new(), |case| format!(" in {case}"));
         match averages.difference {
             Some(difference) if difference.is_periodic() => None,
             Some(difference) => Some((
                 difference.relative,
                 format!(
-                    "its motion is not periodic yet{place}: {difference} from cycle to cycle, and the means are over these; {remedy}"
+                    "{whose} motion is not periodic yet{place}: {difference} from cycle to cycle, and the means are over these; {remedy}"
                 ),
             )),
             None if averages.used == 0 => None,
             None => Some((
                 f64::INFINITY,
                 format!(
-                    "the means are over a single cycle{place}, which does not tell whether the motion is periodic; {remedy}"
+                    "{whose} means are over a single cycle{place}, which does not tell whether the motion is periodic; {remedy}"
                 ),
             )),
         }
     };
-    designs.iter().filter_map(of).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, words)| words)
+    runs.iter().filter_map(of).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, words)| words)
 }
 
 /// How much stiffness matters in the scene.

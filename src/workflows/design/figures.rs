@@ -71,6 +71,13 @@ impl Design {
         let warnings = self.evidence.numbers.get("warnings").and_then(Value::as_array);
         answers.extend(warnings.into_iter().flatten().filter_map(Value::as_str).map(|text| format!("Note: {text}")));
         answers.extend(self.lines.iter().cloned());
+        if self.table.goal == Goal::Efficiency {
+            let direction = self.table.direction.as_deref().unwrap_or("+x");
+            answers.push(format!(
+                "The objective is D|D|/W: D is the displacement of the centre of mass along {direction} from the start to the end, and W \
+                 the work of the actuation. With linear drag it is a constant times the efficiency."
+            ));
+        }
         let number = |key: &str| self.evidence.numbers.get(key).and_then(Value::as_f64);
         if let (Some(sperm), Some(inertia)) = (number("sperm_number"), number("inertia_ratio")) {
             let mut text = format!("Sperm number Sp = {sperm:.3}, inertia against drag β = {inertia:.3}");
@@ -147,7 +154,7 @@ impl Design {
         }
         // Longer titles are cut.
         let title = if deviations.is_empty() { "stiffness along the rod" } else { "stiffness ± one deviation" };
-        ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene at the head", Scale::Linear, series))
+        ("profile.svg", self.chart(title, "s/L", "EI over the largest EI of the sections", Scale::Linear, series))
     }
 
     /// Side view of the straight rod, before above its middle and after below it, with a stroke at each joint in proportion to its
@@ -448,17 +455,23 @@ impl Design {
             });
         }
         if !self.evidence.checks.is_empty() {
+            let failed = self.evidence.checks.iter().any(|check| check.failure.is_some());
             let row = |check: &super::robustness::Check| {
                 let gain = json!(check.gain_percent);
                 let mut row = vec![json!(check.simulation), json!(check.before), json!(check.designed), gain];
                 row.extend(limited.then(|| json!(check.limit.as_ref().map(|limit| 100.0 * limit.used))));
+                row.extend(failed.then(|| json!(check.failure)));
                 row
             };
+            let reason = failed.then(|| "why one is missing".to_string());
             tables.push(Table {
                 file: "checks.csv",
                 title: "Simulated again; before: the scene's own",
-                columns: [&before_and_after("simulation")[..], &limit("most of a limit (%); above 100 it is broken")]
-                    .concat(),
+                columns: before_and_after("simulation")
+                    .into_iter()
+                    .chain(limit("most of a limit (%); above 100 it is broken"))
+                    .chain(reason)
+                    .collect(),
                 rows: self.evidence.checks.iter().map(row).collect(),
             });
         }
@@ -657,7 +670,7 @@ fn of_another(i: usize) -> usize {
 fn caption(file: &str) -> &'static str {
     match file {
         "profile.svg" => {
-            "The bending stiffness along the rod, over that of the scene, beside what it is compared with."
+            "The bending stiffness EI along the rod, over the largest EI of the sections of the scene's rod (reference_stiffness_n_m2 of design.json), beside what it is compared with."
         }
         "body.svg" => {
             "The straight rod from its side, above its middle before and below it after; the two axes have scales of their own. A stroke is as high, over the half depth there, as the joint is stiff, over the stiffest."

@@ -96,6 +96,12 @@ impl Objective {
             let reason = "a held head does not swim: distance and efficiency need a free one".to_string();
             return Err(Error::Design { reason });
         }
+        if table.goal == Goal::Efficiency && problem.model().is_in_flow() {
+            let reason = "the goal \"efficiency\" is distance² over work, and in a flow the distance over ground says nothing about \
+                          swimming; try \"cycle_efficiency\", which is relative to the flow"
+                .to_string();
+            return Err(Error::Design { reason });
+        }
         let outputs = match table.goal {
             Goal::TrackTip => [0, 1].map(|axis| Quantity::Position(nodes - 1, axis).into()).into(),
             Goal::Identify => {
@@ -212,7 +218,7 @@ impl Objective {
         ObjectiveValue { f, by, residuals: Some((residuals, rows)), ..ObjectiveValue::default() }
     }
 
-    /// The objective as a function of distance and, for efficiency, work; with its derivatives with respect to them.
+    /// The objective as a function of the distance in the direction of the goal and, for efficiency, of the work of the actuation; with its derivatives with respect to them.
     fn scalar(&self, found: &[f64]) -> (f64, Vec<f64>) {
         let moved = self.sign * found[0];
         match found.get(1) {

@@ -110,6 +110,19 @@ impl<'a> RobustnessChecks<'a> {
         Some(CheckResult { objective: value, limit: LimitUse::most(LimitUse::of(&limits)) })
     }
 
+    /// Why simulation `index` has no result.
+    fn failure(&self, index: usize) -> String {
+        let ((_, changes), CheckedScene { document, .. }, profile) = self.at(index);
+        let simulated = |profile: &DesignVector| {
+            let scene = scene_with(document, &self.table.numbers, changes, profile)?;
+            Problem::without_derivatives(&scene, scene.model()?)?.simulate()
+        };
+        match profile.map(simulated) {
+            Some(Err(error)) => error.to_string(),
+            _ => format!("it has no {}", self.table.goal.label()),
+        }
+    }
+
     /// Runs all simulations whose results are not in `checkpoint`, on all cores.
     pub fn make(&self, checkpoint: &mut Checkpoint) -> Vec<Check> {
         let mut found: Vec<Option<CheckResult>> = vec![None; self.count()];
@@ -124,29 +137,31 @@ impl<'a> RobustnessChecks<'a> {
         let mut values = found.into_iter().enumerate();
         let mut next = || {
             let (index, value) = values.next()?;
-            checkpoint.get_or_compute(|| self.asked(index), || value)
+            Some((index, checkpoint.get_or_compute(|| self.asked(index), || value)))
         };
-        let mut measured = || {
-            let results: Vec<Option<CheckResult>> = self.scenes.iter().map(|_| next()).collect();
-            let results = results.into_iter().collect::<Option<Vec<_>>>()?;
+        // The result over all scenes, or the first simulation that has none.
+        let mut measured = || -> Result<CheckResult, Option<usize>> {
+            let results: Vec<_> = self.scenes.iter().filter_map(|_| next()).collect();
+            let result = |(index, result): (usize, Option<CheckResult>)| result.ok_or(Some(index));
+            let results = results.into_iter().map(result).collect::<Result<Vec<_>, _>>()?;
             let values: Vec<f64> = results.iter().map(|result| result.objective).collect();
             let objective = match values[..] {
                 [value] => value,
-                _ => self.table.aggregate().of(&values, self.table.smaller_is_better())?,
+                _ => self.table.aggregate().of(&values, self.table.smaller_is_better()).ok_or(None)?,
             };
-            Some(CheckResult {
-                objective,
-                limit: LimitUse::most(results.into_iter().filter_map(|result| result.limit)),
-            })
+            Ok(CheckResult { objective, limit: LimitUse::most(results.into_iter().filter_map(|result| result.limit)) })
         };
         let check = |(simulation, _): &(String, Vec<String>)| {
             let (designed, before) = (measured(), measured());
+            let failed = designed.as_ref().err().or(before.as_ref().err()).copied().flatten();
+            let [designed, before] = [designed.ok(), before.ok()];
             let objective = |result: &Option<CheckResult>| result.as_ref().map(|result| result.objective);
             let both = objective(&designed).zip(objective(&before));
             Check {
                 simulation: simulation.clone(),
                 designed: objective(&designed),
                 before: objective(&before),
+                failure: failed.map(|index| self.failure(index)),
                 gain_percent: both.and_then(|(value, before)| self.table.gain_percent(value, before)),
                 limit: designed.and_then(|result| result.limit),
                 limit_before: before.and_then(|result| result.limit),
@@ -172,6 +187,9 @@ pub(super) struct Check {
     pub designed: Option<f64>,
     /// Objective of the baseline, the scene's own.
     pub before: Option<f64>,
+    /// Why one of the two is missing, if one is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
     /// Relative gain, %.
     pub gain_percent: Option<f64>,
     /// The limit that the design uses most; `None` if there are none.

@@ -11,7 +11,7 @@ use super::checkpoint::{self, Checkpoint};
 use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
-    beside_own, explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification,
+    WholeRun, beside_own, explain_cycles, explain_effect, explain_fluid_share, explain_front, explain_identification,
     explain_joints, explain_misfit, explain_refit, explain_scenarios, explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
@@ -273,32 +273,48 @@ impl Design {
                     let checks =
                         RobustnessChecks::of((document, &search.scenarios), &scene, &table, target.as_ref(), &profile);
                     evidence.checks = checks.make(&mut search.checkpoint);
-                    if let Ok(scene) = scene_with(document, &table.numbers, &[], &profile) {
-                        // Statements that question the answer come first.
-                        let notes = ranges_left(&scene).into_iter().map(|note| format!("of the design: {note}"));
-                        lines.splice(0..0, notes);
-                    }
+                    let run = |case: Option<String>, document: &Document, profile: &DesignVector| {
+                        WholeRun::of(case, &scene_with(document, &table.numbers, &[], profile).ok()?)
+                    };
+                    let [own, designed] = [before, &profile].map(|profile| run(None, document, profile));
+                    // Statements that question the answer come first.
+                    let notes = [(BASELINE, &own), ("the design", &designed)].map(|(of, run)| {
+                        let notes = run.iter().flat_map(|run| &run.notes);
+                        notes.map(|note| format!("of {of}: {note}")).collect::<Vec<_>>()
+                    });
+                    lines.splice(0..0, notes.into_iter().flatten());
                     let again = || Problem::of(&scene);
                     (evidence.front, evidence.unfinished) =
                         front(&table, &objective, &found, (again, &mut search.checkpoint), &mut tell)?;
                     lines.extend(explain_front(&evidence.front, &table));
                     if table.is_over_cycles() {
-                        let of = |document: &Document, profile: &DesignVector| {
-                            scene_with(document, &table.numbers, &[], profile).ok()
-                        };
-                        let mut designs = Vec::new();
+                        let (mut bases, mut designs) = (Vec::new(), Vec::new());
                         if search.scenarios.is_empty() {
-                            designs.extend(of(document, &profile).map(|scene| (None, scene)));
+                            bases.extend(own);
+                            designs.extend(designed);
                             let others =
                                 evidence.front.iter().enumerate().filter(|(_, point)| point.profile != profile);
                             designs.extend(others.filter_map(|(i, point)| {
-                                Some((Some(format!("point {} of the front", i + 1)), of(document, &point.profile)?))
+                                run(Some(format!("point {} of the front", i + 1)), document, &point.profile)
                             }));
                         }
-                        designs.extend(search.scenarios.iter().filter_map(|case| {
-                            Some((Some(case.name.clone()), of(&case.document, &case.profile(&profile))?))
-                        }));
-                        lines.extend(explain_cycles(&designs));
+                        for case in &search.scenarios {
+                            let of = |profile: &DesignVector| {
+                                run(Some(case.name.clone()), &case.document, &case.profile(profile))
+                            };
+                            bases.extend(of(before));
+                            designs.extend(of(&profile));
+                        }
+                        lines.extend(explain_cycles(
+                            BASELINE,
+                            "with a longer solver.duration_s the gain may differ",
+                            &bases,
+                        ));
+                        lines.extend(explain_cycles(
+                            "its",
+                            "with a longer solver.duration_s another design may be better",
+                            &designs,
+                        ));
                     }
                     if !table.fits_positions() && found.kept {
                         found.tolerances = search.tolerances(&found);
@@ -326,7 +342,11 @@ impl Design {
                 Goal::StaticShape => " rms distance from the shape (m)",
                 _ => "",
             };
-            lines.push(format!("simulated again, {}:{what} {value}", check.simulation));
+            let failure = check.failure.as_ref().map_or(String::new(), |failure| {
+                let which = if check.designed.is_none() { "the design" } else { BASELINE };
+                format!("; {which} fails in this simulation: {failure}")
+            });
+            lines.push(format!("simulated again, {}:{what} {value}{failure}", check.simulation));
         }
         let kept = !matches!(&answer, Answer::Search(found) if !found.kept);
         if table.goal.is_dynamic()
@@ -468,8 +488,8 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
 /// Prefix of the names of profiles that have only one part of the design.
 pub(super) const ALONE: &str = "the scene's own with only the design's ";
 
-/// The baseline, a uniform profile, the source study's gradient and the best linear one of the same mean, each part of the design alone,
-/// and the design, with their objectives.
+/// The baseline, a uniform profile, one that falls linearly to a half (as in the source study) and the best linear one of the same
+/// mean, each part of the design alone, and the design, with their objectives.
 fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -> Vec<ComparedProfile> {
     let before = DesignVector::before(table, &search.own_stiffness);
     let rod = &search.problem.model().rod;
@@ -502,7 +522,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
         }
         if table.goal != Goal::TrackTip && !found.interrupted {
             let gradient = of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect());
-            add(&format!("the study's gradient{with_own_actuation}"), gradient, search);
+            add(&format!("stiffness falling linearly to a half{with_own_actuation}"), gradient, search);
             if let Some((slope, _)) = search.best_linear() {
                 add(&format!("best linear profile (slope {slope:.3}){with_own_actuation}"), linear(slope), search);
             }
@@ -609,10 +629,4 @@ fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Op
     continue_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
     let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
-}
-
-/// Warnings of ranges that the motion of `scene` exceeds.
-fn ranges_left(scene: &Scene) -> Vec<String> {
-    let (Ok(model), Ok(regime)) = (scene.model(), scene.regime()) else { return Vec::new() };
-    scene.range_notes(&model.forces, &model.rod, regime.across)
 }

@@ -37,7 +37,8 @@ pub enum Goal {
     TrackTip,
     /// The longest way in a direction.
     Distance,
-    /// The longest way for the work.
+    /// The largest D|D|/W, with D the displacement of the centre of mass in `direction` over the whole run, and W the work of the
+    /// actuation. With linear drag this is a constant times the efficiency.
     Efficiency,
     /// The largest or smallest mean over the last whole cycles of the measure with this key in summary.json.
     Cycle(&'static str),
@@ -250,9 +251,10 @@ pub struct DesignTable {
     #[serde(default = "stiffness")]
     #[cfg_attr(feature = "schema", schemars(with = "Vec<String>"))]
     pub variables: Vec<DesignVariable>,
-    /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
+    /// Where it is unknown, ξ. In between, ln EI and ln amplitude are linear in ξ, as is the phase. With `track-tip` 1/EI is linear
+    /// instead of ln EI, with `identify` and `static-shape` EI itself. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
-    /// Least and largest stiffness, over EI of the scene before its profile.
+    /// Least and largest stiffness, over the largest EI of the rod's sections.
     #[serde(default = "default_bounds", deserialize_with = "value::pair")]
     pub bounds: [f64; 2],
     /// True where stiffness may not rise from head to tip.
@@ -262,7 +264,7 @@ pub struct DesignTable {
     /// amplitude and phase, over the objective of the first start, in a dynamic goal.
     #[serde(default)]
     pub smoothness: f64,
-    /// The mean stiffness, over EI of the scene: at most this in a dynamic goal, this else.
+    /// The mean stiffness, over the largest EI of the rod's sections: at most this in a dynamic goal, this else.
     pub mean: Option<f64>,
     /// Least and largest amplitude, over the scene's.
     #[serde(default, deserialize_with = "value::optional_pair")]

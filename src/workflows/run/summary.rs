@@ -1,7 +1,7 @@
 //! Fills the [`Summary`] of a run from its stepper.
 
 use super::{Ending, Outcome};
-use crate::cycle::{self, GRAVITY};
+use crate::cycle;
 use crate::diagnostics::notes;
 use crate::integrator::StepControl;
 use crate::linear::SolverChoice;
@@ -12,9 +12,6 @@ use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
 
-/// A net displacement below this fraction of the length counts as zero; cost of transport and efficiency are then undefined.
-const MIN_DISPLACEMENT: f64 = 1e-9;
-
 impl Summary {
     /// The summary of a run of `scene`, given the `warnings` of its [`Assessment`](crate::assessment::Assessment).
     pub fn of(scene: &Scene, stepper: &Stepper, outcome: &Outcome, warnings: &[String]) -> Self {
@@ -23,13 +20,10 @@ impl Summary {
         let elapsed = metrics.elapsed();
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
         let Power { actuation, material, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
-        let displacement = metrics.net_displacement();
-        let pulled = cycle::is_pulled(actuation, load, other);
-        let swims = actuation > 0.0 && !pulled && displacement.abs() >= MIN_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
-        let speed = mean(displacement.abs());
         let whole = stepper.cycles().since_start();
-        let held = |measure: &cycle::CycleMeasure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
+        let of_run =
+            |measure: &cycle::CycleMeasure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
         let cycles = stepper.cycles().averages(dynamics);
         let hinge = model.hinge.as_ref().map(|_| metrics.totals.hinge);
         Self {
@@ -79,7 +73,7 @@ impl Summary {
             max_rotation_per_step_rad: metrics.totals.max_rotation,
             x_com_m: now.com.x,
             y_com_m: now.com.y,
-            net_displacement_m: displacement,
+            net_displacement_m: metrics.net_displacement(),
             max_lateral_excursion_m: metrics.totals.max_lateral,
             com_path_m: metrics.totals.path,
             initial_energy_j: metrics.first_energy,
@@ -120,16 +114,13 @@ impl Summary {
             other_impulse_n_s: metrics.totals.impulse.other.into(),
             momentum_defect_n_s: metrics.momentum_defect().into(),
             notes: notes(scene, model, metrics, &stepper.state().q, stepper.step_control(), warnings),
-            cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
-            efficiency: match &model.head {
-                Some(_) => held(&cycle::EFFICIENCY),
-                None => dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),
-            },
+            cost_of_transport: of_run(&cycle::COST_OF_TRANSPORT),
+            efficiency: of_run(&cycle::EFFICIENCY),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
             head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
-            mean_head_force_n: held(&cycle::HEAD_FORCE_X).zip(held(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),
-            mean_thrust_n: held(&cycle::THRUST),
-            mean_head_moment_n_m: held(&cycle::HEAD_MOMENT),
+            mean_head_force_n: of_run(&cycle::HEAD_FORCE_X).zip(of_run(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),
+            mean_thrust_n: of_run(&cycle::THRUST),
+            mean_head_moment_n_m: of_run(&cycle::HEAD_MOMENT),
             max_head_force_n: model.head.as_ref().map(|_| metrics.totals.max_on_head[0]),
             max_head_moment_n_m: model.head.as_ref().map(|_| metrics.totals.max_on_head[1]),
             max_hinge_torque_n_m: hinge.map(|hinge| hinge.torque),

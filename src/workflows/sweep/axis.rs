@@ -479,6 +479,22 @@ pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value
     })
 }
 
+/// Why the value `old` of a scene's `key` has no product with a factor.
+pub(super) fn no_product(key: &str, old: Option<&Value>) -> String {
+    // The second number of a point is the value of a profile there.
+    let numbers = |entries: &[Value]| match entries.first() {
+        Some(Value::Array(_)) => (0..entries.len()).map(|i| format!("\"{key}.{i}.1\"")).collect::<Vec<_>>(),
+        _ => (0..entries.len()).map(|i| format!("\"{key}.{i}\"")).collect(),
+    };
+    match old {
+        Some(Value::Array(entries)) if !entries.is_empty() => format!(
+            "multiplies {key}, which is a list; allowed: its numbers, with keys = [{}], or whole lists as values",
+            numbers(entries).join(", ")
+        ),
+        _ => format!("multiplies {key}, which is no number"),
+    }
+}
+
 /// The product of two numbers; an integer if the first is an integer and the product is, too.
 pub(super) fn product(value: &Value, factor: &Value) -> Option<Value> {
     let product = number(value)? * number(factor)?;

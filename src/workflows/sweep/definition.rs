@@ -444,7 +444,7 @@ impl Sweep {
                 let product = old.and_then(|old| axis::product(old, value)).ok_or_else(|| Error::Scene {
                     place: self.places[i].clone(),
                     key: axis.path.clone(),
-                    problem: format!("multiplies {key}, which is no number"),
+                    problem: axis::no_product(key, old),
                 })?;
                 match before {
                     Some(at) => settings[at] = (i, key.clone(), product),

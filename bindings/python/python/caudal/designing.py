@@ -122,7 +122,7 @@ def design(
         Replace results of others in the folder, which are refused otherwise.
     progress : callable, optional
         Called with the number of an iteration and the objective there (of a tracked tip the rms distance in m, else the
-        distance in m or the efficiency in m²/J). What it raises, and Ctrl-C, end the search; the best design so far is
+        distance in m or its square over work in m²/J). What it raises, and Ctrl-C, end the search; the best design so far is
         then the exception's ``result``.
     client : distributed.Client, optional
         Searches from several starts, and then simulates the design again in other ways, on the workers of a Dask cluster. What

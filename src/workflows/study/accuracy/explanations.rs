@@ -88,17 +88,31 @@ impl AccuracyReport<'_> {
         self.scene.head.kind != HeadKind::Free
     }
 
-    /// Nodes of the first mesh: by default the scene's own.
+    /// The mesh on which steps are compared: the scene's own if it is studied, otherwise the first one.
+    fn mesh(&self) -> usize {
+        self.meshes.iter().position(|nodes| *nodes == self.own_nodes()).unwrap_or(0)
+    }
+
+    fn own_nodes(&self) -> u64 {
+        self.scene.rod.nodes.get() as u64
+    }
+
+    /// Nodes of this mesh.
     pub fn nodes(&self) -> u64 {
-        self.meshes.first().copied().unwrap_or_default()
+        self.meshes.get(self.mesh()).copied().unwrap_or_default()
     }
 
-    /// The smallest errors that the first mesh's reference can measure.
+    /// True if this mesh is the scene's own.
+    pub fn is_on_own_mesh(&self) -> bool {
+        self.nodes() == self.own_nodes()
+    }
+
+    /// The smallest errors that the reference on this mesh can measure.
     pub fn floors(&self) -> [f64; 3] {
-        self.references.first().map_or([0.0; 3], Reference::floors)
+        self.references.get(self.mesh()).map_or([0.0; 3], Reference::floors)
     }
 
-    /// Errors on the first mesh as text; an error that the reference cannot measure is given as an upper bound.
+    /// Errors on this mesh as text; an error that the reference cannot measure is given as an upper bound.
     fn measured(&self, errors: [f64; 3]) -> [String; 3] {
         let floors = self.floors();
         std::array::from_fn(|i| match errors[i] < floors[i] {
@@ -188,9 +202,14 @@ impl AccuracyReport<'_> {
         let (step_control, nodes) = (self.scene.step_control(), self.nodes());
         let row = self.on(rows, nodes).find(|row| row.case.simulation == own && row.case.step_control == step_control);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
+            let setting = row.setting();
+            let what = if self.is_on_own_mesh() {
+                format!("The scene as it stands, {setting} on {nodes} nodes")
+            } else {
+                format!("The scene's method and step on {nodes} nodes instead of its {}, {setting}", self.own_nodes())
+            };
             findings.answers.push(format!(
-                "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
-                row.setting(),
+                "{what}: its steps make an error of {}, in {}.",
                 describe_errors(self.quantities(), self.measured(errors)),
                 milliseconds(row.run.processor_s)
             ));
@@ -236,7 +255,7 @@ impl AccuracyReport<'_> {
         });
     }
 
-    /// For each cheaper model, the run with the finest tolerance on the scene's own mesh, and its errors: the modelling errors.
+    /// For each cheaper model, the run with the finest tolerance on the compared mesh, and its errors: the modelling errors.
     pub fn settled<'r, 's>(&self, rows: &'r [AccuracyRow<'s>]) -> Vec<(&'r AccuracyRow<'s>, [f64; 3])> {
         let mut settled: Vec<(&AccuracyRow<'_>, [f64; 3])> = Vec::new();
         for row in self.on(rows, self.nodes()).filter(|row| !row.case.simulation.is_full()) {

@@ -74,7 +74,7 @@ impl AccuracyReport<'_> {
         Some(("twice the reference's own error".to_string(), self.floors()[i])).filter(|(_, floor)| *floor > 0.0)
     }
 
-    /// One line per method through `point`s of cost or step and error on the first mesh. Each method has the same colour in all
+    /// One line per method through `point`s of cost or step and error on the compared mesh. Each method has the same colour in all
     /// figures. Errors that the reference cannot measure are hollow dots at the `floor`, their upper bound.
     fn curves(
         &self,
@@ -97,7 +97,7 @@ impl AccuracyReport<'_> {
         curves.filter(|curve| !curve.points.is_empty()).collect()
     }
 
-    /// The names of the curves on the first mesh, in order.
+    /// The names of the curves on the compared mesh, in order.
     fn methods(&self, rows: &[AccuracyRow<'_>]) -> Vec<String> {
         let mut methods: Vec<String> = Vec::new();
         for row in self.on(rows, self.nodes()) {
@@ -137,7 +137,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    /// For each method the cheapest step for each target error, on the scene's own mesh.
+    /// For each method the cheapest step for each target error.
     pub(super) fn recommended(&self, rows: &[AccuracyRow<'_>]) -> Table {
         let nodes = self.nodes();
         let targets = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
@@ -158,7 +158,11 @@ impl AccuracyReport<'_> {
         let columns = targets.iter().map(|target| format!("solves_for_{target:e}"));
         Table {
             file: "targets.csv",
-            title: "Linear solves to reach an error of the steps on the scene's own mesh (empty: not reached, or below what the reference can tell)",
+            title: if self.is_on_own_mesh() {
+                "Linear solves to reach an error of the steps on the scene's own mesh (empty: not reached, or below what the reference can tell)"
+            } else {
+                "Linear solves to reach an error of the steps on the first of the meshes (empty: not reached, or below what the reference can tell)"
+            },
             columns: ["method".to_string(), "quantity".to_string()].into_iter().chain(columns).collect(),
             rows: out,
         }
