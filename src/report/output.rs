@@ -157,7 +157,7 @@ impl RunOutput {
         }
         let scene = (document.text(), document.overrides());
         let page =
-            Page { summary, scene, notes, frames: record.frames(), scenery: record.scenery(), figures: &figures }
+            Page { summary, scene, notes, motion: &record.motion(), figures: &figures }
                 .html();
         results.put_file("report.html", page);
         results.finish()
