@@ -845,7 +845,7 @@ impl Cases {
             played: self.motions.len(),
             still,
             text: &self.text,
-            figures: Figures::of(figures),
+            figures: Figures::of(figures).playing(!self.motions.is_empty()),
             left_out,
             data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
@@ -896,6 +896,7 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
     use serde_json::json;
 
+    use super::super::rod_motion::DrawnRod;
     use super::*;
 
     fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
@@ -911,7 +912,7 @@ mod tests {
             medium: None,
             loads: None,
         };
-        Some(RodMotion { rod: DrawnRod::unknown(vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)] })
+        Some(RodMotion { rod: DrawnRod::at(None, vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)] })
     }
 
     /// A sweep along one axis, whose last case fails before it moves.
@@ -973,7 +974,7 @@ mod tests {
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
             cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
         }
-        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new(), None);
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None);
         let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
@@ -992,7 +993,7 @@ mod tests {
                 "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
                 "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
             });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5), None);
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
         }
         let all = captions(&cases);
         assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
@@ -1009,7 +1010,7 @@ mod tests {
         for i in 0..counts[0] * counts[1] {
             let (a, b) = (i / counts[1], i % counts[1]);
             let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
-            cases.add(i, &[a, b], row.as_object().unwrap(), Vec::new(), None);
+            cases.add(i, &[a, b], row.as_object().unwrap(), None);
         }
         cases
     }
