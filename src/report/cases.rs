@@ -7,9 +7,9 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
+use super::frame::Frame;
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
-use super::frame::Frame;
 use super::rod_motion::RodMotion;
 use crate::error::Result;
 use crate::number_format::number;
@@ -857,11 +857,7 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
-                motions: self
-                    .motions
-                    .iter()
-                    .map(|(index, motion)| (*index, Animation::of(motion)))
-                    .collect(),
+                motions: self.motions.iter().map(|(index, motion)| (*index, Animation::of(motion))).collect(),
             }),
         };
         render(include_str!("cases.html"), &content)
@@ -905,13 +901,8 @@ mod tests {
     }
 
     fn motion(way: f64) -> Option<RodMotion> {
-        let frame = |time: f64| Frame {
-            time,
-            points: vec![[0.0; 2]; 3],
-            com: [way * time, 0.0],
-            medium: None,
-            loads: None,
-        };
+        let frame =
+            |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], medium: None, loads: None };
         Some(RodMotion { rod: DrawnRod::at(None, vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)] })
     }
 
@@ -923,12 +914,7 @@ mod tests {
                 json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
             cases.add(i, &[i], row.as_object().unwrap(), motion(way));
         }
-        cases.add(
-            2,
-            &[2],
-            json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(),
-            None,
-        );
+        cases.add(2, &[2], json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(), None);
         cases
     }
 

@@ -317,8 +317,7 @@ fn closes(motion: &FilmedMotion<'_>, [from, until]: [f64; 2]) -> bool {
 fn last_return(motion: &FilmedMotion<'_>) -> Option<[f64; 2]> {
     let (begin, end) = (motion.times().next()?, motion.times().next_back()?);
     let earlier = motion.times().rev().filter(|time| *time >= 0.5 * (begin + end));
-    let earlier: Vec<_> =
-        earlier.take(MAX_ROWS_BACK).map(|time| (time, shape_distance(motion, [time, end]))).collect();
+    let earlier: Vec<_> = earlier.take(MAX_ROWS_BACK).map(|time| (time, shape_distance(motion, [time, end]))).collect();
     let most = earlier.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
     let left = earlier.iter().position(|(_, distance)| *distance > 0.5 * most)?;
     let back = left + earlier[left..].iter().position(|(_, distance)| *distance < CLOSED * most)?;

@@ -11,10 +11,10 @@ use super::frame::{Frame, Medium};
 use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
 use super::packed_numbers::{PackedNumbers, QuantizedNumbers};
-use crate::fluid::Layers;
 use super::rod_motion::{HeadSupport, RodMotion, TendonPath};
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
+use crate::fluid::Layers;
 use crate::number_format::{in_sentence, number, significant, typeset};
 
 /// Number of colours of other rods in an animation: `--companion-0` and so on in the style sheet.

@@ -7,8 +7,8 @@ use csv::{Reader, StringRecord};
 use serde_json::{Map, Value};
 
 use super::folder::{Folder, MANIFEST};
-use super::run_record::{MAX_SAMPLES, Thinned};
 use super::rod_motion::{DrawnRod, MAX_POINTS, drawn_nodes};
+use super::run_record::{MAX_SAMPLES, Thinned};
 use crate::error::{Error, Result};
 use crate::scene::Document;
 use crate::wording::Phrase;

@@ -91,7 +91,11 @@ impl MotionRecord {
     ///
     /// # Errors
     /// Those of [`Stepper::at`].
-    pub fn step(&mut self, stepper: &mut Stepper, mut watch: impl FnMut() -> ControlFlow<()>) -> Result<ControlFlow<()>> {
+    pub fn step(
+        &mut self,
+        stepper: &mut Stepper,
+        mut watch: impl FnMut() -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
         let Self { times, motion } = self;
         times.pass(stepper, |view, recorded| {
             if recorded {

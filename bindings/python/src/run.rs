@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use caudal::Error;
 use caudal::assessment::Assessment;
-use caudal::report::Summary;
 use caudal::report::RodMotion;
+use caudal::report::Summary;
 use caudal::report::film::{FilmSettings, FilmedMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::{TrajectoryColumn, TrajectoryTable};

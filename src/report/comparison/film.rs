@@ -71,9 +71,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     let specks = specks.collect();
     let Some(((i, first), others)) = rods.split_first() else { return Ok(None) };
     let one = Animation::of_named(&labels[*i], colours[*i], first);
-    let animation = others
-        .iter()
-        .fold(one, |film, (i, motion)| film.with_companion(&labels[*i], colours[*i], motion));
+    let animation = others.iter().fold(one, |film, (i, motion)| film.with_companion(&labels[*i], colours[*i], motion));
     Ok(Some(Film { animation, shown, window, specks }))
 }
 

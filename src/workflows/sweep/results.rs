@@ -129,9 +129,7 @@ impl<'a> SweepResults<'a> {
                 *kind = ColumnType::widened(*kind, &json(&value));
             }
             match row {
-                Cow::Borrowed(row) => {
-                    cases.add(index, &case.levels, &row.quantities, row.motion.clone())
-                }
+                Cow::Borrowed(row) => cases.add(index, &case.levels, &row.quantities, row.motion.clone()),
                 Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.motion),
             }
         }
