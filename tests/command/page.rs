@@ -210,7 +210,7 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
 }
 
 /// What a script at the end of the page leaves in the data of its body, by their names.
-fn after<'a>(browser: &Path, path: &Path, script: &str, names: &'a [&str]) -> Vec<(&'a str, String)> {
+pub fn after<'a>(browser: &Path, path: &Path, script: &str, names: &'a [&str]) -> Vec<(&'a str, String)> {
     let source = std::fs::read_to_string(path).unwrap();
     let tried = path.with_file_name("tried.html");
     std::fs::write(&tried, source.replace("</body>", &format!("<script>(() => {{{script}}})();</script></body>")))

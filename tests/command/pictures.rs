@@ -10,6 +10,8 @@ use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use serde_json::Value;
 
+use crate::page::{after, chromium};
+
 const SCENE: &str = r#"
 name = "scene"
 [rod]
@@ -208,9 +210,8 @@ fn every_page_draws_the_body_the_media_and_the_flow_of_the_model_that_moved() {
         let own = std::iter::once(&study).chain(beside).zip(&lanes).position(|(rod, lane)| {
             let points = unpacked(&rod["points"]);
             let com = numbers(study["com"].as_array().unwrap().last().unwrap());
-            let head = &points[points.len() - 2 * nodes.len()..];
-            let q = &end.view().state.q;
-            (head[0] + com[0] - q[0]).hypot(head[1] + com[1] + lane - q[1]) < 1e-5
+            let (tip, q) = (&points[points.len() - 2..], &end.view().state.q);
+            (tip[0] + com[0] - q[q.len() - 2]).hypot(tip[1] + com[1] + lane - q[q.len() - 1]) < 1e-5
         });
         let own = own.unwrap_or_else(|| panic!("{kind}: no rod of the study is that of the scene"));
         let rod = own.checked_sub(1).map_or(&study, |i| &beside[i]);
@@ -277,5 +278,64 @@ fn every_page_draws_the_body_the_media_and_the_flow_of_the_model_that_moved() {
             compare(&format!("{kind}, design"), &motion, &motion, &designed, &nodes, true);
             compare(&format!("{kind}, before the design"), &motion, &motion["beside"][0], &own, &nodes, true);
         }
+    }
+}
+
+#[test]
+fn the_only_joint_of_a_rod_has_the_colour_of_its_value_on_both_sides() {
+    let Some(browser) = chromium() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
+    caudal(folder.path(), &["run", "scene.toml", "--out", "run", "--set", "rod.nodes=3"]);
+    let script = r##"
+        for (const name of ["curvature", "moment"]) {
+          part("colour").value = name; part("colour").onchange();
+          const k = motion.times.reduce((a, _, k) => Math.abs(FIELDS[name].of(k)[1]) > Math.abs(FIELDS[name].of(a)[1]) ? k : a, 0);
+          show(k);
+          const wanted = diverging(FIELDS[name].of(k)[1] / size_of(name));
+          document.body.dataset[name] = [...part("segments").children].map((segment) => segment.getAttribute("fill") === wanted).join(" ");
+        }
+    "##;
+    for (name, found) in after(&browser, &folder.path().join("run/report.html"), script, &["curvature", "moment"]) {
+        assert_eq!(found, "true true", "{name}");
+    }
+}
+
+#[test]
+fn a_sweep_without_motions_offers_none_to_be_played() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
+    for (frames, plays) in [(0, false), (5, true)] {
+        let axes = "rod.youngs_modulus_pa = [5e6, 8e6]\nactuation.frequency_hz = [2.0, 3.0]\n";
+        let sweep = format!("scene = \"scene.toml\"\n[record]\nframes = {frames}\n[axes]\n{axes}");
+        std::fs::write(folder.path().join("sweep.toml"), sweep).unwrap();
+        let out = format!("sweep{frames}");
+        caudal(folder.path(), &["sweep", "sweep.toml", "--out", &out]);
+        let page = std::fs::read_to_string(folder.path().join(out).join("report.html")).unwrap();
+        assert_eq!(page.contains("A click on a cell of a map plays its case."), plays);
+        // The explanation of a click is seen also where the player is not.
+        let (explanation, player) = (page.find("id=\"what\"").unwrap(), page.find("<div id=\"player\"").unwrap());
+        assert!(explanation < player);
+    }
+}
+
+#[test]
+fn a_comparison_has_few_charts_of_a_quantity_along_the_rod() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
+    for (out, nodes) in [("few", 7), ("many", 60)] {
+        for modulus in ["5e6", "8e6"] {
+            let [nodes, modulus_set] = [format!("rod.nodes={nodes}"), format!("rod.youngs_modulus_pa={modulus}")];
+            let arguments =
+                ["run", "scene.toml", "--out", &format!("{out}{modulus}"), "--set", &nodes, "--set", &modulus_set];
+            caudal(folder.path(), &[&arguments[..], &["--set", "record.variables=[\"curvature_1_m\"]"]].concat());
+        }
+        let [one, other] = ["5e6", "8e6"].map(|modulus| format!("{out}{modulus}"));
+        caudal(folder.path(), &["compare", &one, &other, "--out", out]);
+        let files = std::fs::read_dir(folder.path().join(out)).unwrap().map(|entry| entry.unwrap().file_name());
+        let charts = files.filter(|name| name.to_string_lossy().starts_with("curvature_1_m-")).count();
+        let page = std::fs::read_to_string(folder.path().join(out).join("report.html")).unwrap();
+        let said = page.matches("Of 58 entries, 8 are drawn; trajectory.csv has all.").count();
+        assert_eq!((charts, said > 0), if out == "few" { (5, false) } else { (8, true) });
     }
 }
