@@ -378,6 +378,7 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
     use super::*;
 
     /// Relative luminance of a colour such as `#0072b2` (WCAG 2.2).

@@ -404,7 +404,7 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
         "Case 1: actuation.frequency_hz = 1.0, actuation.kappa_amp = 1.0; beside it Case 4: actuation.frequency_hz = 3.0, \
          actuation.kappa_amp = 0.5"
     );
-    assert_eq!(found[2].1, "1 Beside it, from above:case&nbsp;4");
+    assert_eq!(found[2].1, "1 Beside it:case&nbsp;4");
     // Both sides of the body at each of 9 nodes.
     assert_eq!(found[3].1, "18 18");
 
