@@ -10,7 +10,7 @@ use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
 use super::frame::Frame;
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
-use super::scenery::Scenery;
+use super::rod_motion::RodMotion;
 use crate::error::Result;
 use crate::number_format::number;
 
@@ -288,9 +288,7 @@ pub struct Cases {
     /// One column for each of [`QUANTITIES`]; NaN for missing values.
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
-    motions: BTreeMap<usize, Vec<Frame>>,
-    /// What the animations show in addition to the nodes.
-    sceneries: BTreeMap<usize, Scenery>,
+    motions: BTreeMap<usize, RodMotion>,
 }
 
 /// A case in the page's data.
@@ -341,20 +339,11 @@ impl Cases {
             indices: Vec::new(),
             endings: BTreeMap::new(),
             motions: BTreeMap::new(),
-            sceneries: BTreeMap::new(),
         }
     }
 
-    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion and
-    /// scenery, if any.
-    pub fn add(
-        &mut self,
-        index: usize,
-        levels: &[usize],
-        row: &Map<String, Value>,
-        motion: Vec<Frame>,
-        scenery: Option<Scenery>,
-    ) {
+    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion, if any.
+    pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Option<RodMotion>) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
         let complete = row.get("complete") == Some(&Value::Bool(true));
@@ -371,10 +360,7 @@ impl Cases {
         if complete && row.get("cycles_periodic") == Some(&Value::Bool(false)) {
             self.unsettled.insert(index);
         }
-        if motion.len() > 1 {
-            self.motions.insert(index, motion);
-            self.sceneries.extend(scenery.map(|scenery| (index, scenery)));
-        }
+        self.motions.extend(motion.filter(|motion| motion.frames.len() > 1).map(|motion| (index, motion)));
     }
 
     /// The levels that are shown separately, with the indices of their cases.
@@ -825,7 +811,7 @@ impl Cases {
         let way = QUANTITIES.iter().position(|quantity| quantity.key == "net_displacement_m")?;
         let complete = cases.iter().filter(|i| self.columns[way][**i].is_finite());
         let mut moved: Vec<(usize, &Vec<Frame>)> =
-            complete.filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
+            complete.filter_map(|i| Some((*i, &self.motions.get(&self.indices[*i])?.frames))).collect();
         let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
         let path =
@@ -875,7 +861,7 @@ impl Cases {
             played: self.motions.len(),
             still,
             text: &self.text,
-            figures: Figures::of(figures),
+            figures: Figures::of(figures).playing(!self.motions.is_empty()),
             left_out,
             data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
@@ -888,11 +874,7 @@ impl Cases {
                     .collect(),
                 endings: &self.endings,
                 unsettled: &self.unsettled,
-                motions: self
-                    .motions
-                    .iter()
-                    .map(|(index, frames)| (*index, Animation::of(frames).with_scenery(self.sceneries.get(index))))
-                    .collect(),
+                motions: self.motions.iter().map(|(index, motion)| (*index, Animation::of(motion))).collect(),
             }),
         };
         render(include_str!("cases.html"), &content)
@@ -927,6 +909,7 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
     use serde_json::json;
 
+    use super::super::rod_motion::DrawnRod;
     use super::*;
 
     fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
@@ -934,16 +917,10 @@ mod tests {
         CaseAxis { name: name.to_string(), labels, numbers: Some(numbers.to_vec()), sampled: false, logarithmic: false }
     }
 
-    fn motion(way: f64) -> Vec<Frame> {
-        let frame = |time: f64| Frame {
-            time,
-            points: vec![[0.0; 2]; 3],
-            com: [way * time, 0.0],
-            body: None,
-            medium: None,
-            loads: None,
-        };
-        vec![frame(0.0), frame(1.0)]
+    fn motion(way: f64) -> Option<RodMotion> {
+        let frame =
+            |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], medium: None, loads: None };
+        Some(RodMotion { rod: DrawnRod::at(None, vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)] })
     }
 
     /// A sweep along one axis, whose last case fails before it moves.
@@ -952,15 +929,9 @@ mod tests {
         for (i, way) in [(0, -0.002), (1, -1.4)] {
             let row =
                 json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(way), None);
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
         }
-        cases.add(
-            2,
-            &[2],
-            json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(),
-            Vec::new(),
-            None,
-        );
+        cases.add(2, &[2], json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(), None);
         cases
     }
 
@@ -1007,7 +978,7 @@ mod tests {
                 let cost = 0.1 + i as f64;
                 let row = json!({ "complete": true, "cost_of_transport": 2.0 * cost, "cycles_periodic": i != 3,
                     "cycle_cost_of_transport": cycles.then_some(cost) });
-                cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), Vec::new(), None);
+                cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), None);
             }
             cases
         };
@@ -1029,9 +1000,9 @@ mod tests {
         for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
             let strouhal = (i != 1).then_some(0.1 + way);
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
-            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way), None);
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
         }
-        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new(), None);
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None);
         let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
@@ -1050,7 +1021,7 @@ mod tests {
                 "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
                 "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
             });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5), None);
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
         }
         let all = captions(&cases);
         assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
@@ -1067,7 +1038,7 @@ mod tests {
         for i in 0..counts[0] * counts[1] {
             let (a, b) = (i / counts[1], i % counts[1]);
             let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
-            cases.add(i, &[a, b], row.as_object().unwrap(), Vec::new(), None);
+            cases.add(i, &[a, b], row.as_object().unwrap(), None);
         }
         cases
     }

@@ -156,9 +156,7 @@ impl RunOutput {
             results.put_file(file, Ok(svg));
         }
         let scene = (document.text(), document.overrides());
-        let page =
-            Page { summary, scene, notes, frames: record.frames(), scenery: record.scenery(), figures: &figures }
-                .html();
+        let page = Page { summary, scene, notes, motion: &record.motion(), figures: &figures }.html();
         results.put_file("report.html", page);
         results.finish()
     }

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use super::frame::Frame;
-use super::scenery::Scenery;
+use super::rod_motion::{DrawnRod, RodMotion};
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::scene::Scene;
@@ -72,6 +72,48 @@ impl RecordingTimes {
     }
 }
 
+/// The motion of a run at its recorded times, for films.
+#[derive(Debug)]
+pub struct MotionRecord {
+    times: RecordingTimes,
+    motion: RodMotion,
+}
+
+impl MotionRecord {
+    /// Starts with the current state.
+    pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
+        let mut motion = RodMotion::of(stepper.model());
+        motion.push(&stepper.view());
+        Self { times: RecordingTimes::of(scene, stepper), motion }
+    }
+
+    /// Records the last step. `watch` is called at each recorded time, and may stop the run.
+    ///
+    /// # Errors
+    /// Those of [`Stepper::at`].
+    pub fn step(
+        &mut self,
+        stepper: &mut Stepper,
+        mut watch: impl FnMut() -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
+        let Self { times, motion } = self;
+        times.pass(stepper, |view, recorded| {
+            if recorded {
+                motion.push(view);
+            }
+            Ok(watch())
+        })
+    }
+
+    /// The motion up to the final state.
+    pub fn finish(mut self, stepper: &Stepper) -> RodMotion {
+        if self.motion.frames.last().is_none_or(|frame| frame.time != stepper.time()) {
+            self.motion.push(&stepper.view());
+        }
+        self.motion
+    }
+}
+
 /// Multiple `k` of `interval` (s), if it is not after `now` (s), up to rounding.
 fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
     let time = k as f64 * interval;
@@ -128,7 +170,7 @@ pub struct RunRecord {
     /// Frames and samples of the last periods before the end, since those of a long run are too far apart.
     last: Vec<(Frame, Vec<f64>)>,
     last_times: Option<RecordingTimes>,
-    scenery: Scenery,
+    rod: DrawnRod,
     step: u64,
 }
 
@@ -179,12 +221,12 @@ impl RunRecord {
                 .collect(),
             samples: Thinned::new(MAX_SAMPLES),
             frames: Thinned::new(MAX_FRAMES),
-            scenery: Scenery::of(model),
+            rod: DrawnRod::of(model),
             step: 0,
         };
         let view = stepper.view();
         record.samples.offer(0, || sample(&record.columns, &view));
-        record.frames.offer(0, || Frame::with_loads(&view));
+        record.frames.offer(0, || Frame::with_loads(&view, record.rod.nodes()));
         record
     }
 
@@ -202,7 +244,7 @@ impl RunRecord {
         let _ = outcome?;
         if let Some(mut times) = self.last_times {
             let outcome = times.pass(stepper, |view, _| {
-                self.last.push((Frame::with_loads(view), sample(&self.columns, view)));
+                self.last.push((Frame::with_loads(view, self.rod.nodes()), sample(&self.columns, view)));
                 Ok(ControlFlow::Continue(()))
             });
             self.last_times = Some(times);
@@ -214,7 +256,7 @@ impl RunRecord {
     fn take(&mut self, view: &View<'_>) {
         self.step += 1;
         self.samples.offer(self.step, || sample(&self.columns, view));
-        self.frames.offer(self.step, || Frame::with_loads(view));
+        self.frames.offer(self.step, || Frame::with_loads(view, self.rod.nodes()));
     }
 
     /// Records the final state, unless it was recorded.
@@ -224,7 +266,7 @@ impl RunRecord {
             self.samples.kept.push(sample(&self.columns, view));
         }
         if self.frames.kept.last().map(|frame| frame.time) != now {
-            self.frames.kept.push(Frame::with_loads(view));
+            self.frames.kept.push(Frame::with_loads(view, self.rod.nodes()));
         }
     }
 
@@ -237,9 +279,14 @@ impl RunRecord {
         }
     }
 
-    /// Data that frames do not contain, since it does not move by itself.
-    pub fn scenery(&self) -> &Scenery {
-        &self.scenery
+    /// The rod that moves.
+    pub fn rod(&self) -> &DrawnRod {
+        &self.rod
+    }
+
+    /// The motion over the whole run.
+    pub fn motion(&self) -> RodMotion {
+        RodMotion { rod: self.rod.clone(), frames: self.frames.kept.clone() }
     }
 
     /// True if the frames and samples of the last periods reach back to `since` (s).

@@ -131,7 +131,7 @@ impl TrajectoryTable {
             summary: &'a Summary,
             motion: RawJson<Animation>,
         }
-        let motion = Animation::of(self.record.frames()).with_scenery(Some(self.record.scenery()));
+        let motion = Animation::of(&self.record.motion());
         render(include_str!("inline.html"), &Content { summary, motion: RawJson(motion) })
     }
 }

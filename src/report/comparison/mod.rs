@@ -87,7 +87,7 @@ impl Comparison {
         let results = results::rows(&runs, &errors);
         let colours: Vec<usize> = (0..runs.len()).map(colour).collect();
         let figures = figures::all(&runs, &labels, &colours);
-        let film = film::film(&runs, &labels)?;
+        let film = film::film(&runs, &labels, &colours)?;
         let answers = answers(&labels, &runs, &keys, &results, &errors);
         let notes = notes(&labels, &runs, film.as_ref());
         Ok(Self { labels, keys, results, answers, notes, runs, figures, film })
@@ -262,7 +262,8 @@ impl Comparison {
         let runs = self.labels.iter().zip(&self.runs).enumerate().map(|(i, (label, run))| RunOnPage {
             label,
             swatch: swatch(i),
-            dashed: i > DISTINCT,
+            dashed: colour(i) >= SERIES,
+            filmed: self.film.as_ref().is_some_and(|film| film.shown.contains(&i)),
             folder: run.path.as_ref().map_or_else(|| "in memory".to_string(), |path| path.display().to_string()),
             scene: run.text("scene_file").unwrap_or_default(),
             nodes: run.number("nodes").map_or_else(String::new, |nodes| format!("{nodes}")),
@@ -342,9 +343,6 @@ impl Comparison {
     }
 }
 
-/// Runs whose colours in the film are their own; the lines of others are dashed.
-const DISTINCT: usize = 6;
-
 /// The colour of run `i` in charts, which is that of its rod in the film.
 fn colour(i: usize) -> usize {
     i.checked_sub(1).map_or(0, Animation::series_of_companion)
@@ -352,8 +350,7 @@ fn colour(i: usize) -> usize {
 
 /// The variable of the style sheet that has the colour of run `i`.
 fn swatch(i: usize) -> String {
-    i.checked_sub(1)
-        .map_or_else(|| "--rod".to_string(), |i| format!("--series-{}", Animation::series_of_companion(i) % SERIES))
+    format!("--series-{}", colour(i) % SERIES)
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -512,9 +509,8 @@ fn answers(
     }
     for row in different.iter().take(MAX_LISTED) {
         let unit = row.unit.map_or(String::new(), |unit| format!(" {unit}"));
-        let first = row.values[0].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
+        let value = |i: usize| row.values[i].as_f64().map_or("none".to_string(), |x| plain(x, 4) + &unit);
         let other = |i: usize| {
-            let value = row.values[i].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
             let found = row.differences[i - 1].filter(|found| found.absolute != 0.0);
             let words = found.map(|found| {
                 let relative = found.relative.map(per_cent);
@@ -522,10 +518,10 @@ fn answers(
                 let all: Vec<String> = relative.into_iter().chain(verdict).collect();
                 if all.is_empty() { String::new() } else { format!(" ({})", all.join(", ")) }
             });
-            format!("{value}{unit}{}", words.unwrap_or_default())
+            value(i) + &words.unwrap_or_default()
         };
         let others: Vec<String> = (1..runs.len()).map(other).collect();
-        answers.push(format!("{}: {first}{unit} | {}", row.key, others.join(" | ")));
+        answers.push(format!("{}: {} | {}", row.key, value(0), others.join(" | ")));
     }
     let other_laws = errors.iter().any(|own| own.forces() != errors[0].forces());
     let meshes: BTreeSet<Option<u64>> =
@@ -567,7 +563,12 @@ fn notes(labels: &[String], runs: &[RecordedRun], film: Option<&Film>) -> Vec<St
         notes.extend(run.missing.iter().map(|missing| format!("{label}: {missing}")));
     }
     if film.is_none() && runs.iter().filter(|run| run.has_motion()).count() > 1 {
-        notes.push("there is no film: the tables of nodes have no time in common".to_string());
+        let starts = labels.iter().zip(runs).filter_map(|(label, run)| {
+            let [start, end] = [run.motion_start().ok()??, run.number("end_time_s")?].map(|time| plain(time, 5));
+            Some(format!("{label} {start} to {end} s"))
+        });
+        let spans = starts.collect::<Vec<_>>().join(", ");
+        notes.push(format!("there is no film: the tables of nodes have no time in common ({spans})"));
     }
     if let Some(film) = film {
         notes.extend(
@@ -619,6 +620,7 @@ struct RunOnPage<'a> {
     label: &'a str,
     swatch: String,
     dashed: bool,
+    filmed: bool,
     folder: String,
     scene: &'a str,
     nodes: String,

@@ -14,8 +14,8 @@ use crate::assessment::Assessment;
 use crate::batch::{Batch, WIDTH};
 use crate::error::{Error, Result};
 use crate::jobs::{self, Journal};
+use crate::report::RodMotion;
 use crate::report::Summary;
-use crate::report::{Frame, Scenery};
 use crate::run::{BatchedRun, Ending, run_batched};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -157,8 +157,7 @@ impl<'a> CaseRun<'a> {
         let [frames, points] = wanted.map(|count| move |i: usize| even(scene.solver.duration_s.get(), count, i));
         let reached = (passed[0]..).map_while(&frames).take_while(|time| *time <= reached_time).count();
         if reached > 0 {
-            row.scenery.get_or_insert_with(|| Scenery::of(stepper.model()));
-            row.frames.push(Frame::of(&stepper.view()));
+            row.motion.get_or_insert_with(|| RodMotion::of(stepper.model())).push(&stepper.view());
             passed[0] += reached;
         }
         while let Some(time) = points(passed[1]).filter(|time| *time <= now) {

@@ -129,10 +129,8 @@ impl<'a> SweepResults<'a> {
                 *kind = ColumnType::widened(*kind, &json(&value));
             }
             match row {
-                Cow::Borrowed(row) => {
-                    cases.add(index, &case.levels, &row.quantities, row.frames.clone(), row.scenery.clone())
-                }
-                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.frames, row.scenery),
+                Cow::Borrowed(row) => cases.add(index, &case.levels, &row.quantities, row.motion.clone()),
+                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.motion),
             }
         }
         // A quantity that is a list in some cases and null in others is a list.
