@@ -27,6 +27,7 @@ pub mod picture;
 pub mod recorded_run;
 mod run_figures;
 mod run_record;
+pub mod sampling;
 mod scenery;
 mod summary;
 mod svg;

@@ -156,9 +156,16 @@ impl RunOutput {
             results.put_file(file, Ok(svg));
         }
         let scene = (document.text(), document.overrides());
-        let page =
-            Page { summary, scene, notes, frames: record.frames(), scenery: record.scenery(), figures: &figures }
-                .html();
+        let page = Page {
+            summary,
+            scene,
+            notes,
+            frames: record.motion(),
+            motion_note: record.motion_note(),
+            scenery: record.scenery(),
+            figures: &figures,
+        };
+        let page = page.html();
         results.put_file("report.html", page);
         results.finish()
     }

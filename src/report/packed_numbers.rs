@@ -21,6 +21,22 @@ impl Serialize for PackedNumbers {
     }
 }
 
+/// Numbers of a curve, relative to the first of them on a linear scale, so that small changes of large numbers keep their digits.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PackedCurve {
+    first: f64,
+    rest: PackedNumbers,
+}
+
+impl PackedCurve {
+    /// Those on a scale that is linear or not.
+    pub fn of(numbers: impl Iterator<Item = f64>, is_linear: bool) -> Self {
+        let mut numbers = numbers.peekable();
+        let first = numbers.peek().copied().filter(|x| is_linear && x.is_finite()).unwrap_or(0.0);
+        Self { first, rest: numbers.map(|x| x - first).collect() }
+    }
+}
+
 /// Numbers as parts of a size, in steps of 1/127, as Base64: enough for a colour.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct QuantizedNumbers {

@@ -10,7 +10,7 @@ use super::chart::{CellCases, Figure, InteractiveChart};
 use super::frame::Frame;
 use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
-use super::packed_numbers::{PackedNumbers, QuantizedNumbers};
+use super::packed_numbers::{PackedCurve, PackedNumbers, QuantizedNumbers};
 use super::scenery::Scenery;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
@@ -29,6 +29,8 @@ pub struct Page<'a> {
     pub notes: &'a [String],
     /// Frames of the animation.
     pub frames: &'a [Frame],
+    /// What is to be said of them.
+    pub motion_note: Option<String>,
     /// Data that frames do not contain.
     pub scenery: &'a Scenery,
     /// Figures.
@@ -79,7 +81,7 @@ struct PageFigure<'a> {
 struct DrawnCharts<'a> {
     charts: Vec<DrawnChart<'a>>,
     /// The coordinates x of all series, each once.
-    x: Vec<&'a PackedNumbers>,
+    x: Vec<&'a PackedCurve>,
 }
 
 #[derive(Serialize)]
@@ -99,8 +101,8 @@ impl<'a> Figures<'a> {
             svg: figure.chart.is_none().then_some(figure.svg.as_str()),
             cells: figure.cells.as_ref().map(RawJson),
         };
-        let mut x: Vec<&PackedNumbers> = Vec::new();
-        let mut index = |numbers: &'a PackedNumbers| {
+        let mut x: Vec<&PackedCurve> = Vec::new();
+        let mut index = |numbers: &'a PackedCurve| {
             x.iter().position(|known| *known == numbers).unwrap_or_else(|| {
                 x.push(numbers);
                 x.len() - 1
@@ -140,6 +142,9 @@ pub struct Animation {
     /// Loads on the rod, if known.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     loads: Option<Loads>,
+    /// What is to be said of it, as that it is only a part of a run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<String>,
 }
 
 /// Loads on the rod at all times.
@@ -294,7 +299,7 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: RawJson(Animation::of(self.frames).with_scenery(Some(self.scenery))),
+            motion: RawJson(Animation::of(self.frames).with_scenery(Some(self.scenery)).with_note(self.motion_note.clone())),
         };
         render(include_str!("page.html"), &content)
     }
@@ -320,7 +325,13 @@ impl Animation {
             media: Media::of(frames),
             scenery: None,
             loads: Loads::of(frames),
+            note: None,
         }
+    }
+
+    /// Adds a sentence that the player shows below it.
+    pub fn with_note(self, note: Option<String>) -> Self {
+        Self { note, ..self }
     }
 
     /// Adds the data that frames do not contain.

@@ -1,23 +1,20 @@
 //! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 
 use super::frame::Frame;
+use super::sampling::{MotionRecord, fastest_drive, last_periods_in_words, tick};
 use super::scenery::Scenery;
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::scene::Scene;
-use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
 /// Most samples of a curve; at least half as many are kept.
 pub(super) const MAX_SAMPLES: usize = 2500;
-/// The same for frames of the animation.
-pub(super) const MAX_FRAMES: usize = 1200;
-
-/// The spectrum of the drive, which sets the times, is computed on at most this many nodes.
-const MAX_NODES_FOR_SPECTRUM: usize = 201;
+/// Frames of the animation, unless the run has fewer steps.
+pub(super) const FRAMES: RangeInclusive<usize> = 600..=1200;
 
 /// The times that are recorded.
 #[derive(Debug, Clone, Copy)]
@@ -118,13 +115,91 @@ impl<T> Thinned<T> {
     }
 }
 
+/// Rows of a table over time, thinned: the least and the largest value of each column in each of equal parts, in the order in which they
+/// came, at the first and the last time of the part. What is faster than the parts fills a band, and never looks slower than it is.
+#[derive(Debug)]
+pub(super) struct Envelope {
+    /// Rows of the ends of each part, with the time first.
+    parts: Vec<[Vec<f64>; 2]>,
+    /// Rows per part, and those of the last part.
+    every: usize,
+    in_last: usize,
+    limit: usize,
+}
+
+impl Envelope {
+    /// An envelope of at most `rows` rows, and at least half as many.
+    pub(super) fn new(rows: usize) -> Self {
+        Self { parts: Vec::new(), every: 2, in_last: 0, limit: (rows / 2).max(2) }
+    }
+
+    /// Takes the next row.
+    pub(super) fn take(&mut self, row: Vec<f64>) {
+        if let Some(last) = self.parts.last_mut().filter(|_| self.in_last < self.every) {
+            extend(last, &row);
+            self.in_last += 1;
+            return;
+        }
+        if self.parts.len() == self.limit {
+            let mut parts = std::mem::take(&mut self.parts).into_iter();
+            while let Some(mut part) = parts.next() {
+                if let Some([first, second]) = parts.next() {
+                    extend(&mut part, &first);
+                    extend(&mut part, &second);
+                    self.in_last = 2 * self.every;
+                }
+                self.parts.push(part);
+            }
+            self.every *= 2;
+        }
+        self.parts.push([row.clone(), row]);
+        self.in_last = 1;
+    }
+
+    /// The curve of column `y` over the first column.
+    pub(super) fn curve(&self, y: usize) -> Vec<(f64, f64)> {
+        let mut points = Vec::with_capacity(2 * self.parts.len());
+        for [first, second] in &self.parts {
+            points.push((first[0], first[y]));
+            if second[0] > first[0] {
+                points.push((second[0], second[y]));
+            }
+        }
+        points
+    }
+
+    /// The last time of a row.
+    fn end(&self) -> Option<f64> {
+        self.parts.last().map(|[_, last]| last[0])
+    }
+}
+
+/// Adds a row to a part.
+fn extend([first, second]: &mut [Vec<f64>; 2], row: &[f64]) {
+    second[0] = row[0];
+    for ((a, b), value) in first.iter_mut().zip(second.iter_mut()).zip(row).skip(1) {
+        let (low, high) = (a.min(*b), a.max(*b));
+        if high.is_nan() {
+            (*a, *b) = (*value, *value);
+        } else if *value > high {
+            (*a, *b) = (low, *value);
+        } else if *value < low {
+            (*a, *b) = (high, *value);
+        }
+    }
+}
+
 /// Curves and frames of a run, independent of the recorded tables.
 #[derive(Debug)]
 pub struct RunRecord {
     times: RecordingTimes,
     columns: Vec<&'static Variable>,
+    /// What is drawn over time, and rows for curves over anything else.
+    over_time: Envelope,
     samples: Thinned<Vec<f64>>,
+    /// Frames for figures of the whole run, and those of the animation.
     frames: Thinned<Frame>,
+    motion: MotionRecord,
     /// Frames and samples of the last periods before the end, since those of a long run are too far apart.
     last: Vec<(Frame, Vec<f64>)>,
     last_times: Option<RecordingTimes>,
@@ -135,8 +210,7 @@ pub struct RunRecord {
 /// What is drawn but has no column in the tables.
 const DRAWN: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
 
-/// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
-const SAMPLES_PER_PERIOD: f64 = 24.0;
+/// Samples per run, at least, for adaptive steps.
 const SAMPLES_PER_RUN: f64 = 1000.0;
 
 /// Frames per period of the drive in the last periods, and their number.
@@ -148,17 +222,11 @@ impl RunRecord {
     /// they contain, equidistant times.
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
-        let model = stepper.model();
-        // The phases of a fine mesh would take too many whole states, so the scene's spectrum is computed on a coarse rod.
-        let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
-        let drive = if is_fine { scene.spectrum() } else { Spectrum::of_model(model) }.fastest();
-        let wanted =
-            drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
+        let drive = fastest_drive(scene, stepper.model());
+        let tick = tick(duration, drive, stepper.step_control(), SAMPLES_PER_RUN);
         let times = match stepper.step_control() {
             StepControl::Fixed(_) => RecordingTimes::Steps(1, 0),
-            StepControl::Adaptive(_) => {
-                RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1)
-            }
+            StepControl::Adaptive(_) => RecordingTimes::Every(tick, 1),
         };
         // The last periods before the end, if they are only a part of the run.
         let last_times = drive.and_then(|frequency| {
@@ -177,14 +245,14 @@ impl RunRecord {
                 .copied()
                 .filter(|variable| variable.recorded || DRAWN.contains(&variable.name))
                 .collect(),
+            over_time: Envelope::new(MAX_SAMPLES),
             samples: Thinned::new(MAX_SAMPLES),
-            frames: Thinned::new(MAX_FRAMES),
-            scenery: Scenery::of(model),
+            frames: Thinned::new(*FRAMES.end()),
+            motion: MotionRecord::start(duration, drive, &FRAMES, tick),
+            scenery: Scenery::of(stepper.model()),
             step: 0,
         };
-        let view = stepper.view();
-        record.samples.offer(0, || sample(&record.columns, &view));
-        record.frames.offer(0, || Frame::with_loads(&view));
+        record.offer(&stepper.view());
         record
     }
 
@@ -213,8 +281,15 @@ impl RunRecord {
 
     fn take(&mut self, view: &View<'_>) {
         self.step += 1;
-        self.samples.offer(self.step, || sample(&self.columns, view));
+        self.offer(view);
+    }
+
+    fn offer(&mut self, view: &View<'_>) {
+        let row = sample(&self.columns, view);
+        self.samples.offer(self.step, || row.clone());
+        self.over_time.take(row);
         self.frames.offer(self.step, || Frame::with_loads(view));
+        self.motion.offer(self.step, || Frame::with_loads(view));
     }
 
     /// Records the final state, unless it was recorded.
@@ -223,15 +298,32 @@ impl RunRecord {
         if self.samples.kept.last().map(|sample| sample[0]) != now {
             self.samples.kept.push(sample(&self.columns, view));
         }
+        if self.over_time.end() != now {
+            self.over_time.take(sample(&self.columns, view));
+        }
         if self.frames.kept.last().map(|frame| frame.time) != now {
             self.frames.kept.push(Frame::with_loads(view));
         }
+        self.motion.finish(view.state.t, || Frame::with_loads(view));
+    }
+
+    /// The frames of the animation; complete after [`finish`](Self::finish).
+    pub fn motion(&self) -> &[Frame] {
+        self.motion.frames()
+    }
+
+    /// What a page says of the animation, if it does not play the whole run.
+    pub fn motion_note(&self) -> Option<String> {
+        let frames = self.motion.frames();
+        let [first, last] = [frames.first()?.time, frames.last()?.time];
+        self.motion.is_of_last_periods().then(|| last_periods_in_words([first, last], "the whole run"))
     }
 
     /// The curve of variable `y` against variable `x`; empty if the scene lacks one of them.
     pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         let column = |name: &str| self.columns.iter().position(|variable| variable.name == name);
         match (column(x), column(y)) {
+            (Some(0), Some(y)) => self.over_time.curve(y),
             (Some(x), Some(y)) => self.samples.kept.iter().map(|sample| (sample[x], sample[y])).collect(),
             _ => Vec::new(),
         }

@@ -131,7 +131,9 @@ impl TrajectoryTable {
             summary: &'a Summary,
             motion: RawJson<Animation>,
         }
-        let motion = Animation::of(self.record.frames()).with_scenery(Some(self.record.scenery()));
+        let motion = Animation::of(self.record.motion())
+            .with_scenery(Some(self.record.scenery()))
+            .with_note(self.record.motion_note());
         render(include_str!("inline.html"), &Content { summary, motion: RawJson(motion) })
     }
 }

@@ -2,17 +2,19 @@
 
 use super::super::frame::Frame;
 use super::super::page::Animation;
-use super::super::recorded_run::{RecordedRun, positions_at};
-use super::super::run_record::MAX_FRAMES;
+use super::super::recorded_run::{RecordedMotion, RecordedRun};
+use super::super::run_record::FRAMES;
+use super::super::sampling::{LEAST_PER_PERIOD, Sampling, last_periods_in_words};
 use super::super::scenery::Scenery;
 use crate::error::Result;
+use crate::number_format::in_sentence;
 use crate::rod::Spheroid;
-
-/// Recorded times (s) with positions of nodes (m).
-type Motion = Vec<(f64, Vec<[f64; 2]>)>;
 
 /// Rods smaller than the largest by this factor are dots.
 const SPECK: f64 = 1e-2;
+
+/// Relative rounding of a number of rows per period.
+const ROUNDING: f64 = 1e-6;
 
 /// A film of several rods.
 #[derive(Debug)]
@@ -36,25 +38,50 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
     if shown.len() < 2 || window[1] <= window[0] {
         return Ok(None);
     }
-    let motions: Vec<Motion> = shown.iter().map(|(run, _)| run.motion(window)).collect::<Result<_>>()?;
-    // A table that was truncated by a full disk ends earlier than its run.
-    let last =
-        motions.iter().map(|motion| motion.last().map_or(f64::NEG_INFINITY, |row| row.0)).fold(window[1], f64::min);
-    window[1] = last;
-    if window[1] <= window[0] {
-        return Ok(None);
+    // Of several drives the fastest decides.
+    let drives: Vec<Option<f64>> = shown.iter().map(|(run, _)| run.fastest_drive()).collect();
+    let drive = drives.iter().flatten().copied().reduce(f64::max);
+    let most = (2 * FRAMES.end() / shown.len()).min(*FRAMES.end());
+    let common = window;
+    let (mut sampling, mut motions);
+    // A table that was truncated by a full disk ends earlier than its run: then the film ends there.
+    loop {
+        sampling = Sampling::of(window[1] - common[0], drive, &(most / 2..=most));
+        window[0] = sampling.last.map_or(common[0], |last| window[1] - last);
+        motions = shown.iter().map(|(run, _)| run.motion(window)).collect::<Result<Vec<_>>>()?;
+        let end = motions.iter().map(|motion| motion.end().unwrap_or(f64::NEG_INFINITY)).fold(window[1], f64::min);
+        if end <= common[0] {
+            return Ok(None);
+        }
+        if end >= window[1] {
+            break;
+        }
+        window[1] = end;
     }
-    // As many frames as the most finely recorded run has, within the common time.
-    let within = |motion: &Motion| motion.iter().filter(|(time, _)| (window[0]..=window[1]).contains(time)).count();
-    let finest = motions.iter().map(within).max().unwrap_or(0);
-    let frames = finest.clamp(2, 2 * MAX_FRAMES / shown.len());
-    let time = |k: usize| window[0] + (window[1] - window[0]) * k as f64 / (frames - 1) as f64;
-    let frames_of = |run: &RecordedRun, motion: &Motion, head: Option<Spheroid>| -> Vec<Frame> {
+    // No more frames than the most finely recorded run has rows.
+    let span = window[1] - window[0];
+    let finest = motions.iter().filter_map(|motion| motion.spacing).fold(f64::INFINITY, f64::min);
+    let frames = 1 + ((span / sampling.spacing.max(finest)).round() as usize).clamp(1, most - 1);
+    let time = |k: usize| window[0] + span * k as f64 / (frames - 1) as f64;
+    let of_last_periods = sampling.last.map(|_| last_periods_in_words(window, "the whole time that the runs have in common"));
+    let rates = shown.iter().zip(&motions).zip(&drives).filter_map(|(((_, label), motion), drive)| {
+        let rate = 1.0 / (motion.spacing? * (*drive)?);
+        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING)).then(|| format!("{label} has {} rows", in_sentence(rate, 2)))
+    });
+    let rates: Vec<String> = rates.collect();
+    let too_coarse = (!rates.is_empty()).then(|| {
+        format!(
+            "The tables of nodes are too coarse for a film: {} per period of the fastest drive, fewer than {LEAST_PER_PERIOD}. What is \
+             between the rows is not known; a smaller record.every or record.interval_s records it.",
+            rates.join(", ")
+        )
+    });
+    let note = of_last_periods.into_iter().chain(too_coarse).collect::<Vec<_>>().join(" ");
+    let frames_of = |run: &RecordedRun, motion: &RecordedMotion, head: Option<Spheroid>| -> Vec<Frame> {
         let frame = |time: f64| {
-            let points = positions_at(motion, time);
+            let points = motion.at(time);
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
-            let com = ["x_com_m", "y_com_m"].map(|name| run.curves.at(time, name));
-            let com = [com[0].unwrap_or_else(|| mean(0)), com[1].unwrap_or_else(|| mean(1))];
+            let com = run.curves.centre_of_mass(time).unwrap_or_else(|| [mean(0), mean(1)]);
             let body = match (head, &points[..]) {
                 (Some(body), [head, next, ..]) => Some(Frame::place_body(body, *head, *next)),
                 _ => None,
@@ -75,7 +102,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
         rods.iter().filter(|(_, frames, _)| size(frames) < SPECK * largest).map(|(label, ..)| label.to_string());
     let specks = specks.collect();
     let Some(((_, first, scenery), others)) = rods.split_first() else { return Ok(None) };
-    let one = Animation::of(first).with_scenery(scenery.as_ref());
+    let one = Animation::of(first).with_scenery(scenery.as_ref()).with_note((!note.is_empty()).then_some(note));
     let animation =
         others.iter().fold(one, |film, (label, frames, scenery)| film.with_companion(label, frames, scenery.as_ref()));
     Ok(Some(Film { animation, window, specks }))
