@@ -3,7 +3,7 @@
 
 use nalgebra::Vector2;
 
-use crate::rod::Rod;
+use super::rod_motion::DrawnRod;
 
 /// Minimum and maximum number of points along the rod at which the outline has corners on both sides; in between, twice the number
 /// of nodes.
@@ -16,45 +16,29 @@ const CORNERS_OF_ELLIPSE: usize = 44;
 /// Fraction of the minimum width at the tip, so that the direction of a thin rod is visible.
 const TAPER: f64 = 0.5;
 
-/// The half widths of a rod and the body at its head.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BodyOutline {
-    /// Half width (m) in the plane of motion at each node that is drawn.
-    half_widths: Vec<f64>,
-    /// Semi-axes (m) of the body at the head, along and across.
-    head: Option<[f64; 2]>,
-}
-
-impl BodyOutline {
-    /// The outline of `rod`, drawn at these `nodes`.
-    pub fn of(rod: &Rod, nodes: &[usize]) -> Self {
-        Self {
-            half_widths: nodes.iter().map(|k| rod.sections.at(rod.xi(*k)).semi_axes()[0]).collect(),
-            head: rod.body.map(|body| [body.along, body.across]),
-        }
-    }
-
-    /// The outline of a rod whose widths are unknown, as thin as can be seen.
-    pub fn thin(nodes: usize) -> Self {
-        Self { half_widths: vec![0.0; nodes], head: None }
+impl DrawnRod {
+    /// Half the width at a point, m; 0 if it is unknown, which is drawn as thin as can be seen.
+    fn half_width(&self, point: usize) -> f64 {
+        self.half_widths.as_ref().and_then(|widths| widths.get(point)).copied().unwrap_or(0.0)
     }
 
     /// The largest distance of the outline from a node, m.
     pub fn reach(&self) -> f64 {
-        let head = self.head.map_or(0.0, |[along, across]| along.max(across));
-        self.half_widths.iter().copied().fold(head, f64::max)
+        let head = self.body.map_or(0.0, |[along, across]| along.max(across));
+        self.half_widths.iter().flatten().copied().fold(head, f64::max)
     }
 
-    /// Half the width of the head, m.
+    /// Half the width of the head, m; 0 if the first point is another node.
     pub fn head_half_width(&self) -> f64 {
-        self.head.map_or_else(|| self.half_widths.first().copied().unwrap_or(0.0), |[_, across]| across)
+        let own = if self.shows_head() { self.half_width(0) } else { 0.0 };
+        self.body.map_or(own, |[_, across]| across)
     }
 
     /// The closed polygons around the nodes at `points`, all in the same sense of rotation: the rod, and the body at its head. Their numbers
     /// of corners do not depend on the shape. No half width is below `least`, in the unit of the points, which is `unit` per metre.
     pub fn polygons(&self, points: &[Vector2<f64>], unit: f64, least: f64) -> Vec<Vec<Vector2<f64>>> {
         let mut polygons = Vec::new();
-        if points.len() < 2 || self.half_widths.len() < 2 {
+        if points.len() < 2 {
             return polygons;
         }
         let last = points.len() - 1;
@@ -67,12 +51,11 @@ impl BodyOutline {
             let k = (at as usize).min(last - 1);
             let part = at - k as f64;
             spine.push(between(points, k, part));
-            let width = |k: usize| self.half_widths.get(k).copied().unwrap_or(0.0);
-            let own = unit * ((1.0 - part) * width(k) + part * width(k + 1));
+            let own = unit * ((1.0 - part) * self.half_width(k) + part * self.half_width(k + 1));
             widths.push(own.max(least * (1.0 - TAPER * xi)));
         }
         polygons.push(around(&spine, &widths));
-        if let Some([along, across]) = self.head {
+        if let Some([along, across]) = self.body {
             let axis = direction(points[1] - points[0]);
             let side = Vector2::new(-axis.y, axis.x);
             let corner = |i: usize| {
@@ -137,6 +120,11 @@ mod tests {
 
     use super::*;
 
+    fn rod(nodes: usize, half_width: f64, body: [f64; 2]) -> DrawnRod {
+        let half_widths = Some(vec![half_width; nodes]);
+        DrawnRod { half_widths, body: Some(body), ..DrawnRod::unknown((0..nodes).collect()) }
+    }
+
     /// Area inside a polygon; negative where it goes clockwise.
     fn area(polygon: &[Vector2<f64>]) -> f64 {
         let next = polygon.iter().cycle().skip(1);
@@ -156,7 +144,7 @@ mod tests {
                 for size in [1e-6, 1.0, 10.0] {
                     // Half widths from 0.05 to 0.02 of the length.
                     let widths = (0..nodes).map(|k| size * (0.05 - 0.03 * k as f64 / (nodes - 1) as f64)).collect();
-                    let body = BodyOutline { half_widths: widths, head: None };
+                    let body = DrawnRod { half_widths: Some(widths), ..DrawnRod::unknown((0..nodes).collect()) };
                     let points: Vec<_> = arc(radius, nodes).into_iter().map(|point| point * size).collect();
                     let found = -area(&body.polygons(&points, 1.0, 0.0)[0]) / size.powi(2);
                     let wanted = 0.07 + 0.5 * PI * (0.05f64.powi(2) + 0.02f64.powi(2));
@@ -170,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_body_at_the_head_is_the_ellipse_of_its_semi_axes_along_the_first_edge() {
-        let body = BodyOutline { half_widths: vec![0.01; 3], head: Some([0.2, 0.1]) };
+        let body = rod(3, 0.01, [0.2, 0.1]);
         let points = [Vector2::zeros(), Vector2::new(0.0, 0.5), Vector2::new(0.0, 1.0)];
         let polygons = body.polygons(&points, 1.0, 0.0);
         assert_eq!(polygons.len(), 2);
@@ -182,7 +170,7 @@ mod tests {
 
     #[test]
     fn a_rod_that_is_folded_over_or_has_no_length_has_an_outline_of_numbers() {
-        let body = BodyOutline { half_widths: vec![0.1; 5], head: Some([0.1, 0.1]) };
+        let body = rod(5, 0.1, [0.1, 0.1]);
         let folded = [0.0, 0.5, 1.0, 0.5, 0.0].map(|x| Vector2::new(x, 0.0));
         for points in [folded, [Vector2::zeros(); 5]] {
             let polygons = body.polygons(&points, 100.0, 1.0);
@@ -190,7 +178,7 @@ mod tests {
             assert!(polygons[0].iter().all(|point| (-10.1..=110.1).contains(&point.x) && point.y.abs() < 10.1));
         }
         assert!(body.polygons(&[], 1.0, 1.0).is_empty());
-        let thin = BodyOutline::thin(2).polygons(&[Vector2::zeros(), Vector2::new(100.0, 0.0)], 1.0, 2.0);
+        let thin = DrawnRod::unknown(vec![0, 1]).polygons(&[Vector2::zeros(), Vector2::new(100.0, 0.0)], 1.0, 2.0);
         assert!((-area(&thin[0]) - 300.0).abs() < 10.0, "as wide as can be seen: {}", area(&thin[0]));
     }
 }

@@ -7,10 +7,10 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
-use super::frame::Frame;
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
-use super::scenery::Scenery;
+use super::frame::Frame;
+use super::rod_motion::RodMotion;
 use crate::error::Result;
 use crate::number_format::number;
 
@@ -281,9 +281,9 @@ pub struct Cases {
     /// One column for each of [`QUANTITIES`]; NaN for missing values.
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
-    motions: BTreeMap<usize, Vec<Frame>>,
-    /// What the animations show in addition to the nodes.
-    sceneries: BTreeMap<usize, Scenery>,
+    motions: BTreeMap<usize, RodMotion>,
+    /// Times (s) with the x of the centre of mass (m) of whole runs.
+    paths: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
 /// A case in the page's data.
@@ -333,20 +333,12 @@ impl Cases {
             indices: Vec::new(),
             endings: BTreeMap::new(),
             motions: BTreeMap::new(),
-            sceneries: BTreeMap::new(),
+            paths: BTreeMap::new(),
         }
     }
 
-    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion and
-    /// scenery, if any.
-    pub fn add(
-        &mut self,
-        index: usize,
-        levels: &[usize],
-        row: &Map<String, Value>,
-        motion: Vec<Frame>,
-        scenery: Option<Scenery>,
-    ) {
+    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion, if any.
+    pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Option<RodMotion>, path: Vec<[f64; 2]>) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
         let complete = row.get("complete") == Some(&Value::Bool(true));
@@ -361,10 +353,10 @@ impl Cases {
             self.endings.insert(index, ending.to_string());
         }
         self.unsettled += usize::from(complete && row.get("cycles_periodic") == Some(&Value::Bool(false)));
-        if motion.len() > 1 {
-            self.motions.insert(index, motion);
-            self.sceneries.extend(scenery.map(|scenery| (index, scenery)));
+        if path.len() > 1 {
+            self.paths.insert(index, path);
         }
+        self.motions.extend(motion.filter(|motion| motion.frames.len() > 1).map(|motion| (index, motion)));
     }
 
     /// The levels that are shown separately, with the indices of their cases.
@@ -808,19 +800,18 @@ impl Cases {
         // Cases that failed or have a held head are left out.
         let way = QUANTITIES.iter().position(|quantity| quantity.key == "net_displacement_m")?;
         let complete = cases.iter().filter(|i| self.columns[way][**i].is_finite());
-        let mut moved: Vec<(usize, &Vec<Frame>)> =
-            complete.filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
-        let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
+        let mut moved: Vec<(usize, &Vec<[f64; 2]>)> =
+            complete.filter_map(|i| Some((*i, self.paths.get(&self.indices[*i])?))).collect();
+        let far = |path: &[[f64; 2]]| path[path.len() - 1][1] - path[0][1];
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
-        let path =
-            |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
+        let path = |path: &[[f64; 2]]| path.iter().map(|[time, x]| (*time, x - path[0][1])).collect();
         let stride = moved.len().div_ceil(MAX_PATHS).max(1);
         let mut series: Vec<_> =
-            moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
+            moved.iter().step_by(stride).map(|(_, own)| Series::new("", path(own), Mark::Ghost)).collect();
         let last = moved.len().checked_sub(1)?;
         for (what, at) in [("least far", 0), ("middle", last / 2), ("furthest", last)] {
-            let (i, frames) = moved[at];
-            series.push(Series::new(format!("{what}: case {}", self.indices[i]), path(frames), Mark::Line));
+            let (i, own) = moved[at];
+            series.push(Series::new(format!("{what}: case {}", self.indices[i]), path(own), Mark::Line));
         }
         Some(Chart {
             title: self.titled("paths of the centres of mass", label),
@@ -874,7 +865,7 @@ impl Cases {
                 motions: self
                     .motions
                     .iter()
-                    .map(|(index, frames)| (*index, Animation::of(frames).with_scenery(self.sceneries.get(index))))
+                    .map(|(index, motion)| (*index, Animation::of(motion)))
                     .collect(),
             }),
         };
@@ -917,16 +908,15 @@ mod tests {
         CaseAxis { name: name.to_string(), labels, numbers: Some(numbers.to_vec()), sampled: false, logarithmic: false }
     }
 
-    fn motion(way: f64) -> Vec<Frame> {
+    fn motion(way: f64) -> Option<RodMotion> {
         let frame = |time: f64| Frame {
             time,
             points: vec![[0.0; 2]; 3],
             com: [way * time, 0.0],
-            body: None,
             medium: None,
             loads: None,
         };
-        vec![frame(0.0), frame(1.0)]
+        Some(RodMotion { rod: DrawnRod::unknown(vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)], is_of_last_periods: false })
     }
 
     /// A sweep along one axis, whose last case fails before it moves.
@@ -935,13 +925,12 @@ mod tests {
         for (i, way) in [(0, -0.002), (1, -1.4)] {
             let row =
                 json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(way), None);
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
         }
         cases.add(
             2,
             &[2],
             json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(),
-            Vec::new(),
             None,
         );
         cases
@@ -987,7 +976,7 @@ mod tests {
         for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
             let strouhal = (i != 1).then_some(0.1 + way);
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
-            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way), None);
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
         }
         cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new(), None);
         let (figures, _) = cases.figures();

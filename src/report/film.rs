@@ -8,10 +8,10 @@ use std::ops::{ControlFlow, RangeInclusive};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use gif::{Encoder, Frame, Repeat};
+use gif::{Encoder, Repeat};
 use nalgebra::Vector2;
 
-pub use super::film_scene::{Appearance, RodMotion};
+pub use super::film_scene::FilmedMotion;
 use super::film_scene::{FilmScene, round_below};
 use super::picture::SvgRenderer;
 use crate::error::{Error, Result};
@@ -156,10 +156,10 @@ impl FilmSettings {
     pub fn write(
         &self,
         path: &Path,
-        motion: &RodMotion<'_>,
+        motion: &FilmedMotion<'_>,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<()> {
-        let run = [motion.times.first(), motion.times.last()].map(|time| time.copied().unwrap_or(f64::NAN));
+        let run = [motion.times().next(), motion.times().next_back()].map(|time| time.unwrap_or(f64::NAN));
         let FilmPlan { format, window: [first, last], count } = self.plan(path, run)?;
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
         if format == FilmFormat::Svg {
@@ -190,7 +190,7 @@ impl FilmSettings {
     ///
     /// # Errors
     /// A motion of too many cycles, in words.
-    fn svg(&self, motion: &RodMotion<'_>, window: [f64; 2]) -> std::result::Result<String, String> {
+    fn svg(&self, motion: &FilmedMotion<'_>, window: [f64; 2]) -> std::result::Result<String, String> {
         let is_chosen = self.window != Self::default().window;
         let cycle = motion.cycle.or_else(|| last_return(motion));
         let cycle = cycle.filter(|cycle| !is_chosen && closes(motion, *cycle));
@@ -247,7 +247,7 @@ impl FilmSettings {
                 new.set_repeat(Repeat::Infinite).map_err(failed)?;
                 encoder = Some(new);
             }
-            let mut frame = Frame::from_rgba_speed(width, height, &mut pixels.take(), 20);
+            let mut frame = gif::Frame::from_rgba_speed(width, height, &mut pixels.take(), 20);
             frame.delay = (end(n + 1) - end(n)) as u16;
             encoder.iter_mut().try_for_each(|encoder| encoder.write_frame(&frame)).map_err(failed)?;
         }
@@ -300,25 +300,25 @@ impl FilmSettings {
 }
 
 /// How far the shapes of the rod at two times are apart, wherever it travels: the largest distance of a node, m.
-fn shape_distance(motion: &RodMotion<'_>, times: [f64; 2]) -> f64 {
+fn shape_distance(motion: &FilmedMotion<'_>, times: [f64; 2]) -> f64 {
     let [one, other] = times.map(|time| motion.at(time));
     let travel = one.iter().zip(&other).map(|(a, b)| b - a).sum::<Vector2<f64>>() / one.len().max(1) as f64;
     one.iter().zip(&other).map(|(a, b)| (b - a - travel).norm()).fold(0.0, f64::max)
 }
 
 /// True if the rod has the same shape at both ends of the window (s), measured by how it changes in between.
-fn closes(motion: &RodMotion<'_>, [from, until]: [f64; 2]) -> bool {
+fn closes(motion: &FilmedMotion<'_>, [from, until]: [f64; 2]) -> bool {
     let at = |n: usize| from + (until - from) * n as f64 / LOOKS as f64;
     let most = (1..LOOKS).map(|n| shape_distance(motion, [from, at(n)])).fold(0.0, f64::max);
     shape_distance(motion, [from, until]) <= CLOSED * most // never of what is not finite
 }
 
 /// The last time (s) of a motion without a drive at which the rod had its last shape, and its last time: a cycle of a flutter or a spin.
-fn last_return(motion: &RodMotion<'_>) -> Option<[f64; 2]> {
-    let (begin, end) = (*motion.times.first()?, *motion.times.last()?);
-    let earlier = motion.times.iter().rev().filter(|time| **time >= 0.5 * (begin + end));
+fn last_return(motion: &FilmedMotion<'_>) -> Option<[f64; 2]> {
+    let (begin, end) = (motion.times().next()?, motion.times().next_back()?);
+    let earlier = motion.times().rev().filter(|time| *time >= 0.5 * (begin + end));
     let earlier: Vec<_> =
-        earlier.take(MAX_ROWS_BACK).map(|time| (*time, shape_distance(motion, [*time, end]))).collect();
+        earlier.take(MAX_ROWS_BACK).map(|time| (time, shape_distance(motion, [time, end]))).collect();
     let most = earlier.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
     let left = earlier.iter().position(|(_, distance)| *distance > 0.5 * most)?;
     let back = left + earlier[left..].iter().position(|(_, distance)| *distance < CLOSED * most)?;
@@ -345,18 +345,29 @@ type Frames<'a> = &'a mut dyn Iterator<Item = Result<resvg::tiny_skia::Pixmap>>;
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
 
+    use super::super::frame::Frame;
+    use super::super::rod_motion::{DrawnRod, RodMotion};
     use super::*;
 
-    fn motion(appearance: &Appearance) -> RodMotion<'_> {
-        const X: [f64; 6] = [0.0, 0.5, 1.0, 0.0, 0.5, 1.0];
-        const Y: [f64; 6] = [0.0, 0.1, 0.0, 0.0, 0.2, 0.1];
-        RodMotion { name: "rod", times: &[0.0, 1.0], x: &X, y: &Y, appearance, cycle: None }
+    /// A motion of an unknown rod, with a row of positions per time.
+    fn motion(times: &[f64], x: &[f64], y: &[f64]) -> RodMotion {
+        let nodes = x.len() / times.len();
+        let rows = x.chunks(nodes).zip(y.chunks(nodes)).zip(times);
+        let frame = |((x, y), time): ((&[f64], &[f64]), &f64)| Frame {
+            time: *time,
+            points: x.iter().zip(y).map(|(x, y)| [*x, *y]).collect(),
+            com: [0.0; 2],
+            medium: None,
+            loads: None,
+        };
+        RodMotion { rod: DrawnRod::unknown((0..nodes).collect()), frames: rows.map(frame).collect(), is_of_last_periods: false }
     }
 
     #[test]
     fn a_film_that_is_stopped_leaves_the_earlier_one() {
-        let (folder, appearance) = (tempfile::tempdir().unwrap(), Appearance::unknown(3));
-        let motion = motion(&appearance);
+        let folder = tempfile::tempdir().unwrap();
+        let motion = motion(&[0.0, 1.0], &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1]);
+        let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None };
         let path = folder.path().join("rod.gif");
         let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
         settings.write(&path, &motion, |_| ControlFlow::Continue(())).unwrap();
@@ -397,9 +408,8 @@ mod tests {
     }
 
     fn svg_of(length: f64, nodes: usize, periods: f64, cycle: Option<[f64; 2]>) -> std::result::Result<String, String> {
-        let appearance = Appearance::unknown(nodes);
         let (times, x, y) = wave(length, nodes, 1 + (40.0 * periods) as usize, periods);
-        let motion = RodMotion { name: "wave", times: &times, x: &x, y: &y, appearance: &appearance, cycle };
+        let motion = FilmedMotion { name: "wave", motion: &motion(&times, &x, &y), cycle };
         let window = [times[0], times[times.len() - 1]];
         FilmSettings::default().svg(&motion, window)
     }
@@ -459,16 +469,8 @@ mod tests {
 
     #[test]
     fn a_rod_at_rest_and_one_in_a_single_place_have_a_picture() {
-        let appearance = Appearance::unknown(3);
         for x in [[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], [0.0; 6]] {
-            let motion = RodMotion {
-                name: "<&>",
-                times: &[0.0, 1.0],
-                x: &x,
-                y: &[0.0; 6],
-                appearance: &appearance,
-                cycle: None,
-            };
+            let motion = FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None };
             let svg = FilmSettings::default().svg(&motion, [0.0, 1.0]).unwrap();
             assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains("&lt;&amp;&gt;"), "{svg}");
             assert!(SvgRenderer::new().pixels(&svg, 1.0).is_ok());

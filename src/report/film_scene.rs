@@ -5,9 +5,9 @@ use std::fmt::Write;
 
 use nalgebra::Vector2;
 
-use super::body_outline::BodyOutline;
+use super::frame::Medium;
+use super::rod_motion::RodMotion;
 use crate::fluid::{Fluid, Layers};
-use crate::model::Dynamics;
 use crate::number_format::{in_sentence, significant};
 
 /// Width of a picture, and the least and the largest height, px.
@@ -56,78 +56,48 @@ const TINTS: [[&str; 2]; 5] = [
     ["#a3cbe4", "#144868"],
 ];
 
-/// What is drawn of a rod in addition to its motion.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Appearance {
-    /// Its body.
-    body: BodyOutline,
-    /// The fluid, and its layers.
-    fluid: Fluid,
-    layers: Option<Layers>,
-    /// True if the flow changes, so that no constant velocity can be drawn.
-    is_unsteady: bool,
-}
-
-impl Appearance {
-    /// What `dynamics` has at present, of which these `nodes` are drawn.
-    pub fn of(dynamics: &Dynamics, nodes: &[usize]) -> Self {
-        let (model, inputs) = (&dynamics.model, &dynamics.inputs);
-        let layers = inputs.layers.filter(|layers| layers.iter().len() > 0);
-        Self {
-            body: BodyOutline::of(&model.rod, nodes),
-            fluid: inputs.fluid,
-            layers,
-            is_unsteady: model.flow.is_some(),
-        }
-    }
-
-    fn is_fluid(&self) -> bool {
-        self.fluid.density > 0.0 || self.fluid.viscosity > 0.0
-    }
-
-    /// A rod of unknown widths in an unknown fluid at rest.
-    pub fn unknown(nodes: usize) -> Self {
-        Self { body: BodyOutline::thin(nodes), fluid: Fluid::NONE, layers: None, is_unsteady: false }
-    }
-}
-
-/// The motion of a rod: positions in rows, one per time with one entry per node.
+/// A motion to be filmed.
 #[derive(Debug, Clone, Copy)]
-pub struct RodMotion<'a> {
+pub struct FilmedMotion<'a> {
     /// Name of the scene.
     pub name: &'a str,
-    /// Times, s, increasing.
-    pub times: &'a [f64],
-    /// Positions, m.
-    pub x: &'a [f64],
-    /// Positions, m.
-    pub y: &'a [f64],
-    /// What is drawn of it.
-    pub appearance: &'a Appearance,
+    /// The motion.
+    pub motion: &'a RodMotion,
     /// Start and end of its last whole cycle, s, if it has cycles.
     pub cycle: Option<[f64; 2]>,
 }
 
-impl RodMotion<'_> {
+impl<'a> FilmedMotion<'a> {
     /// The rod at a time, by linear interpolation.
     pub fn at(&self, time: f64) -> Vec<Vector2<f64>> {
-        let nodes = self.x.len() / self.times.len().max(1);
-        if self.times.len() < 2 {
-            return self.x.iter().zip(self.y).map(|(x, y)| Vector2::new(*x, *y)).collect();
-        }
-        let next = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
-        let [from, to] = [self.times[next - 1], self.times[next]];
-        let part = ((time - from) / (to - from)).clamp(0.0, 1.0);
-        let at =
-            |values: &[f64], k: usize| (1.0 - part) * values[(next - 1) * nodes + k] + part * values[next * nodes + k];
-        (0..nodes).map(|k| Vector2::new(at(self.x, k), at(self.y, k))).collect()
+        self.motion.points_at(time)
     }
+
+    /// Its times, s.
+    pub fn times(&self) -> impl DoubleEndedIterator<Item = f64> + use<'a> {
+        self.motion.frames.iter().map(|frame| frame.time)
+    }
+
+    /// The medium at first, if it is known.
+    fn medium(&self) -> Option<&'a Medium> {
+        self.motion.frames.first()?.medium.as_ref()
+    }
+
+    /// The velocity of a flow that is the same everywhere and at all times, m/s; `None` of another one, in no fluid, and if it is not known.
+    fn steady_flow(&self) -> Option<Vector2<f64>> {
+        let medium = self.medium().filter(|medium| medium.is_uniform() && is_fluid(medium))?;
+        self.motion.frames.iter().all(|frame| frame.medium.as_ref() == Some(medium)).then_some(medium.fluid.flow)
+    }
+}
+
+fn is_fluid(medium: &Medium) -> bool {
+    medium.fluid.density > 0.0 || medium.fluid.viscosity > 0.0
 }
 
 /// The properties that all pictures of a film share: camera and scale.
 #[derive(Debug, Clone)]
 pub struct FilmScene<'a> {
-    motion: RodMotion<'a>,
+    motion: FilmedMotion<'a>,
     /// First and last time, s.
     pub window: [f64; 2],
     /// Velocity of the camera, m/s.
@@ -147,28 +117,27 @@ pub struct FilmScene<'a> {
 
 impl<'a> FilmScene<'a> {
     /// The pictures of `motion` within `window` (s), looked at so many times; `closed` where the last is to equal the first.
-    pub fn of(motion: RodMotion<'a>, window: [f64; 2], pictures: usize, closed: bool) -> Self {
+    pub fn of(motion: FilmedMotion<'a>, window: [f64; 2], pictures: usize, closed: bool) -> Self {
         let [first, last] = window;
-        let appearance = motion.appearance;
+        let (rod, layers) = (&motion.motion.rod, motion.medium().and_then(Medium::interfaces));
         let (start, end) = (motion.at(first), motion.at(last));
         let nodes = start.len().max(1) as f64;
         let middle = |points: &[Vector2<f64>]| points.iter().sum::<Vector2<f64>>() / nodes;
         let travel = middle(&end) - middle(&start);
-        let extent = Bounds::of(start.iter().copied()).diagonal() + 2.0 * appearance.body.reach();
+        let extent = Bounds::of(start.iter().copied()).diagonal() + 2.0 * rod.reach();
         // With layers the camera is fixed.
-        let follows = appearance.layers.is_none() && (closed || travel.norm() > FOLLOWED * extent);
+        let follows = layers.is_none() && (closed || travel.norm() > FOLLOWED * extent);
         let velocity = if follows && last > first { travel / (last - first) } else { Vector2::zeros() };
         let gap = match closed {
             true => end.iter().zip(&start).map(|(end, start)| end - start - velocity * (last - first)).collect(),
             false => vec![Vector2::zeros(); start.len()],
         };
-        let drift = (appearance.layers.is_none() && appearance.is_fluid() && !appearance.is_unsteady)
-            .then(|| appearance.fluid.flow - velocity);
+        let drift = motion.steady_flow().map(|flow| flow - velocity);
         let mut scene = Self { motion, window, velocity, drift, corner: Vector2::zeros(), unit: 1.0, height: 0.0, gap };
         let times = (0..pictures.max(2)).map(|n| first + (last - first) * n as f64 / (pictures.max(2) - 1) as f64);
         let seen = times.flat_map(|time| {
             let points = scene.points(time);
-            let outline = appearance.body.polygons(&points, 1.0, 0.0);
+            let outline = rod.polygons(&points, 1.0, 0.0);
             points.into_iter().chain(outline.into_iter().flatten())
         });
         let bounds = Bounds::of(seen.filter(|point| point.iter().all(|x| x.is_finite())));
@@ -207,14 +176,14 @@ impl<'a> FilmScene<'a> {
     /// The outline of the body at a time, as the data of a path, and the centre of the mark at its head, px.
     pub fn body(&self, time: f64) -> (String, [f64; 2]) {
         let points: Vec<_> = self.points(time).into_iter().map(|point| self.pixel(point)).collect();
-        let polygons = self.motion.appearance.body.polygons(&points, self.unit, LEAST_HALF_WIDTH);
+        let polygons = self.motion.motion.rod.polygons(&points, self.unit, LEAST_HALF_WIDTH);
         let head = points.first().copied().unwrap_or_default();
         (polygons.iter().map(|polygon| path(polygon)).collect(), [head.x, head.y])
     }
 
     /// Radius of the mark at the head, px; `None` where it has no room.
     fn mark(&self) -> Option<f64> {
-        let radius = 0.3 * self.motion.appearance.body.head_half_width() * self.unit;
+        let radius = 0.3 * self.motion.motion.rod.head_half_width() * self.unit;
         (radius > 1.0).then(|| radius.min(4.0))
     }
 
@@ -305,12 +274,13 @@ impl<'a> FilmScene<'a> {
              font-family=\"system-ui, sans-serif\" font-size=\"{FONT}\">\n<title>{title}</title>\n<style>@media (prefers-color-scheme:dark){{{dark}}}\
              @media (prefers-reduced-motion:reduce){{.moving{{display:none}}.still{{display:inline}}}}</style>\n"
         );
-        let (class, paint) = match &self.motion.appearance.layers {
-            Some(layers) => {
-                self.put_layers(&mut svg, layers);
+        let medium = self.motion.medium();
+        let (class, paint) = match medium.and_then(|medium| Some((&medium.fluid, medium.interfaces()?))) {
+            Some((first, layers)) => {
+                self.put_layers(&mut svg, first, layers);
                 ("layers", " fill=\"url(#layers)\"".to_string())
             }
-            None if self.motion.appearance.is_fluid() => ("water", fill("water")),
+            None if medium.is_some_and(is_fluid) => ("water", fill("water")),
             None => ("empty", fill("empty")),
         };
         let _ = writeln!(svg, "<rect class=\"{class}\" width=\"{width}\" height=\"{height}\"{corners}{paint}/>");
@@ -318,11 +288,10 @@ impl<'a> FilmScene<'a> {
     }
 
     /// The tints of layered media, which blend where the fluids do.
-    fn put_layers(&self, svg: &mut String, layers: &Layers) {
+    fn put_layers(&self, svg: &mut String, first: &Fluid, layers: &Layers) {
         let edges = || layers.iter().flat_map(|layer| [-0.5, 0.5].map(|part| layer.offset + part * layer.thickness));
         let (low, high) = edges().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (x.min(low), x.max(high)));
-        let fluids: Vec<_> =
-            std::iter::once(&self.motion.appearance.fluid).chain(layers.iter().map(|layer| &layer.fluid)).collect();
+        let fluids: Vec<_> = std::iter::once(first).chain(layers.iter().map(|layer| &layer.fluid)).collect();
         let lighter =
             |a: &Fluid, b: &Fluid| a.density.total_cmp(&b.density).then(a.viscosity.total_cmp(&b.viscosity)).is_lt();
         let rank = |own: &Fluid| fluids.iter().filter(|other| lighter(other, own)).count();

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::fluid::{Fluid, Layers};
-use crate::rod::{Rod, Spheroid, bend, node};
+use crate::model::{Inputs, Model};
+use crate::rod::bend;
 use crate::variable::View;
 
 /// The rod at a time, for the animation.
@@ -11,19 +12,51 @@ use crate::variable::View;
 pub struct Frame {
     /// Time, s.
     pub time: f64,
-    /// Positions of some nodes, including head and tip, m.
+    /// Positions of the nodes that are drawn, m.
     pub points: Vec<[f64; 2]>,
     /// Centre of mass, m.
     pub com: [f64; 2],
-    /// Semi-axes (m) and angle (rad) of the body at the head, if there is one.
+    /// The medium; `None` if it is unknown, which is not the same as none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub body: Option<[f64; 3]>,
-    /// The medium, if it has layers.
-    #[serde(default)]
-    pub medium: Option<(Fluid, Layers)>,
-    /// What is drawn along the rod and around it.
+    pub medium: Option<Medium>,
+    /// What is drawn along the rod.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loads: Option<FrameLoads>,
+}
+
+/// The fluid around the rod and its flow at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Medium {
+    /// The fluid; with layers, the one before the first interface.
+    pub fluid: Fluid,
+    /// Interfaces with the fluids beyond them, and the shear of the flow.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layers: Option<Layers>,
+}
+
+impl Medium {
+    /// The medium of a model at time `t` (s), if no host changes it.
+    pub fn at(model: &Model, t: f64) -> Self {
+        let mut fluid = model.fluid;
+        if let Some(signals) = &model.flow {
+            fluid.flow = signals.each_ref().map(|signal| signal.at(t).value).into();
+        }
+        Self { fluid, layers: model.layers }
+    }
+
+    fn of(inputs: &Inputs) -> Self {
+        Self { fluid: inputs.fluid, layers: inputs.layers }
+    }
+
+    /// The layers, if there is an interface.
+    pub fn interfaces(&self) -> Option<&Layers> {
+        self.layers.as_ref().filter(|layers| layers.iter().len() > 0)
+    }
+
+    /// True if fluid and flow are the same everywhere.
+    pub fn is_uniform(&self) -> bool {
+        self.layers.is_none_or(|layers| layers.iter().len() == 0 && layers.flow_together())
+    }
 }
 
 /// Moments, powers and forces at the time of a frame.
@@ -35,61 +68,34 @@ pub struct FrameLoads {
     pub power: Vec<f64>,
     /// Force of the tail on a held head, N.
     pub head_force: Option<[f64; 2]>,
-    /// Velocity of the flow before the first interface, or where a shear begins, m/s.
-    pub flow: [f64; 2],
 }
 
 impl Frame {
-    /// Approximate limit of the number of nodes.
-    pub const POINTS: usize = 120;
-
-    /// Semi-axes (m) and angle (rad) of the body at the head of `rod`, whose nodes are at `q`.
-    pub fn body(rod: &Rod, q: &[f64]) -> Option<[f64; 3]> {
-        rod.body.map(|body| Self::place_body(body, node(q, 0).into(), node(q, 1).into()))
-    }
-
-    /// Semi-axes (m) and angle (rad) of a `body` whose centre is the `head` and whose axis points to the `next` point.
-    pub(super) fn place_body(body: Spheroid, head: [f64; 2], next: [f64; 2]) -> [f64; 3] {
-        [body.along, body.across, (next[1] - head[1]).atan2(next[0] - head[0])]
-    }
-
-    /// The current frame.
-    pub fn of(view: &View<'_>) -> Self {
-        let nodes = view.state.q.len() / 2;
-        let point = |k: usize| [view.state.q[2 * k], view.state.q[2 * k + 1]];
-        let inputs = &view.dynamics.inputs;
+    /// The current frame, with these `nodes` as points.
+    pub fn of(view: &View<'_>, nodes: &[usize]) -> Self {
         Self {
             time: view.state.t,
-            points: Self::nodes(nodes).map(point).collect(),
+            points: nodes.iter().map(|k| [view.state.q[2 * k], view.state.q[2 * k + 1]]).collect(),
             com: view.metrics.now.com.into(),
-            body: Self::body(&view.dynamics.model.rod, &view.state.q),
-            medium: inputs.layers.filter(|layers| layers.iter().len() > 0).map(|layers| (inputs.fluid, layers)),
+            medium: Some(Medium::of(&view.dynamics.inputs)),
             loads: None,
         }
     }
 
     /// The current frame with its loads.
-    pub fn with_loads(view: &View<'_>) -> Self {
+    pub fn with_loads(view: &View<'_>, nodes: &[usize]) -> Self {
         let View { dynamics, state, metrics, .. } = view;
         let rod = &dynamics.model.rod;
         let joints = rod.joints();
         let at_joints = |value: &dyn Fn(usize) -> f64| {
-            let at = |k: usize| if joints.contains(&k) { value(k) } else { 0.0 };
-            Self::nodes(rod.nodes).map(at).collect()
+            nodes.iter().map(|k| if joints.contains(k) { value(*k) } else { 0.0 }).collect()
         };
         let powers = metrics.now.actuation_powers(dynamics, state);
         let loads = FrameLoads {
             moment: at_joints(&|k| metrics.now.moment[k] * bend::curvature_per_turning(metrics.now.kappa[k])),
             power: at_joints(&|k| powers[k] / (rod.joint_part(k) * rod.spacing)),
             head_force: dynamics.model.head.is_some().then(|| metrics.now.head_force.into()),
-            flow: dynamics.inputs.fluid.flow.into(),
         };
-        Self { loads: Some(loads), ..Self::of(view) }
-    }
-
-    /// The nodes at which a frame has points, for a rod with this number of nodes.
-    pub fn nodes(nodes: usize) -> impl Iterator<Item = usize> + Clone {
-        let points = Self::POINTS.min(nodes);
-        (0..points).map(move |i| i * (nodes - 1) / (points - 1).max(1))
+        Self { loads: Some(loads), ..Self::of(view, nodes) }
     }
 }

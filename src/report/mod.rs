@@ -25,10 +25,10 @@ pub mod parquet;
 #[cfg(feature = "pictures")]
 pub mod picture;
 pub mod recorded_run;
+mod rod_motion;
 mod run_figures;
 mod run_record;
 pub mod sampling;
-mod scenery;
 mod summary;
 mod svg;
 pub mod tables;
@@ -38,13 +38,14 @@ pub mod vtk;
 pub use chart::Figure;
 pub use findings::{Findings, Table};
 pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner, VTK_FOLDER};
-pub use frame::Frame;
+pub use frame::{Frame, Medium};
 pub use output::RunOutput;
 pub use page::Animation;
 pub use recorded_run::recorded_overrides;
+pub use rod_motion::{DrawnRod, MAX_POINTS, RodMotion, drawn_nodes};
 #[cfg(test)]
 pub(crate) use run_figures::energy_balance;
 #[cfg(test)]
 pub(crate) use run_record::RunRecord;
-pub use scenery::Scenery;
+pub use run_record::RecordingTimes;
 pub use summary::{FluidError, Summary, TendonMaxima};

@@ -156,15 +156,7 @@ impl RunOutput {
             results.put_file(file, Ok(svg));
         }
         let scene = (document.text(), document.overrides());
-        let page = Page {
-            summary,
-            scene,
-            notes,
-            frames: record.motion(),
-            motion_note: record.motion_note(),
-            scenery: record.scenery(),
-            figures: &figures,
-        };
+        let page = Page { summary, scene, notes, motion: &record.motion(), figures: &figures };
         let page = page.html();
         results.put_file("report.html", page);
         results.finish()

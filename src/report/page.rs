@@ -7,13 +7,15 @@ use serde::{Serialize, Serializer};
 
 use super::Summary;
 use super::chart::{CellCases, Figure, InteractiveChart};
-use super::frame::Frame;
+use super::frame::{Frame, Medium};
 use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
 use super::packed_numbers::{PackedCurve, PackedNumbers, QuantizedNumbers};
-use super::scenery::Scenery;
+use super::rod_motion::{HeadSupport, RodMotion, TendonPath};
+use super::sampling::whole_run_in_words;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
+use crate::fluid::Layers;
 use crate::number_format::{in_sentence, number, significant, typeset};
 
 /// Number of colours of other rods in an animation: `--companion-0` and so on in the style sheet.
@@ -27,12 +29,8 @@ pub struct Page<'a> {
     pub scene: (&'a str, &'a [String]),
     /// The assessment of the scene, line by line.
     pub notes: &'a [String],
-    /// Frames of the animation.
-    pub frames: &'a [Frame],
-    /// What is to be said of them.
-    pub motion_note: Option<String>,
-    /// Data that frames do not contain.
-    pub scenery: &'a Scenery,
+    /// The motion.
+    pub motion: &'a RodMotion,
     /// Figures.
     pub figures: &'a [Figure],
 }
@@ -126,25 +124,67 @@ impl<'a> Figures<'a> {
 #[derive(Debug, Clone, Serialize)]
 pub struct Animation {
     times: Vec<f64>,
-    /// Coordinates of the points of all frames.
-    points: PackedNumbers,
     com: Vec<[f64; 2]>,
-    /// Semi-axes and angle of the body at the head.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    body: Option<Vec<[f64; 3]>>,
-    /// Other rods at the same times, with their names.
-    beside: Vec<Companion>,
+    #[serde(flatten)]
+    rod: AnimatedRod,
+    /// Other rods at the same times.
+    beside: Vec<AnimatedRod>,
     /// The media in the background, if there are several.
     media: Option<Media>,
-    /// Objects that do not move by themselves, if known.
-    #[serde(flatten, skip_serializing_if = "Option::is_none")]
-    scenery: Option<Scenery>,
+    /// The flow, if it is known and not at rest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flow: Option<Flow>,
     /// Loads on the rod, if known.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     loads: Option<Loads>,
     /// What is to be said of it, as that it is only a part of a run.
     #[serde(skip_serializing_if = "Option::is_none")]
     note: Option<String>,
+}
+
+/// A rod of an animation.
+#[derive(Debug, Clone, Serialize)]
+struct AnimatedRod {
+    /// Its name, if it is told apart from others.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    name: String,
+    /// The series of charts that has its colour.
+    series: usize,
+    /// Coordinates of the points of all frames, relative to the centres of mass of the first rod.
+    points: PackedNumbers,
+    /// Half the width of the body at each point, m, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half_widths: Option<Vec<f64>>,
+    /// Semi-axes of the body at the head, if there is one and its direction is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    body: Option<[f64; 2]>,
+    /// How the head is held, if it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    head: Option<HeadSupport>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    tendons: Vec<TendonPath>,
+    /// The first and last point with a joint.
+    joints: [usize; 2],
+    /// True if the first point is not the head.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    headless: bool,
+}
+
+impl AnimatedRod {
+    fn of(name: &str, series: usize, motion: &RodMotion, centres: &[[f64; 2]]) -> Self {
+        let rod = &motion.rod;
+        Self {
+            name: name.to_string(),
+            series,
+            points: relative(&motion.frames, centres),
+            half_widths: rod.half_widths.clone(),
+            body: rod.body,
+            head: rod.head,
+            tendons: rod.tendons.clone(),
+            joints: rod.joints,
+            headless: !rod.shows_head(),
+        }
+    }
 }
 
 /// Loads on the rod at all times.
@@ -159,39 +199,58 @@ struct Loads {
     /// Forces on a held head, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     head_force: Option<PackedNumbers>,
-    /// Velocities of the flow, m/s, if there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    flow: Option<PackedNumbers>,
 }
 
 impl Loads {
     fn of(frames: &[Frame]) -> Option<Self> {
         let all: Vec<_> = frames.iter().map(|frame| frame.loads.as_ref()).collect::<Option<_>>()?;
-        let some = |vectors: Vec<[f64; 2]>| {
-            let is_there = vectors.iter().any(|vector| *vector != [0.0; 2]);
-            is_there.then(|| vectors.into_iter().flatten().collect())
-        };
+        let forces: Vec<[f64; 2]> = all.iter().filter_map(|loads| loads.head_force).collect();
         Some(Self {
             moment: QuantizedNumbers::of(all.iter().flat_map(|loads| &loads.moment).copied()),
             power: QuantizedNumbers::of(all.iter().flat_map(|loads| &loads.power).copied()),
-            head_force: some(all.iter().filter_map(|loads| loads.head_force).collect()),
-            flow: some(all.iter().map(|loads| loads.flow).collect()),
+            head_force: forces.iter().any(|force| *force != [0.0; 2]).then(|| forces.into_iter().flatten().collect()),
         })
     }
 }
 
-/// Another rod in the same animation.
+/// The velocity of the flow relative to the ground.
 #[derive(Debug, Clone, Serialize)]
-struct Companion {
-    name: String,
-    /// Coordinates of the points of all frames, relative to the centres of mass of the first rod.
-    points: PackedNumbers,
-    /// Half the width of the body at each point, m, if it is known.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    half_widths: Option<Vec<f64>>,
-    /// Semi-axes and angle of the body at the head.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    body: Option<Vec<[f64; 3]>>,
+struct Flow {
+    /// The velocities before the first interface and beyond each, or of all media together, m/s: at all times, or one if it is constant.
+    /// Those of a shear are where the height along the normal is zero.
+    layers: Vec<PackedNumbers>,
+    /// Shear rate, 1/s, and the normal along which the flow changes.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    change: Option<FlowChange>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct FlowChange {
+    rate: f64,
+    normal: [f64; 2],
+}
+
+impl Flow {
+    /// The flow of all frames; `None` if one of them does not know it, or if the fluid is at rest.
+    fn of(frames: &[Frame]) -> Option<Self> {
+        let media: Vec<&Medium> = frames.iter().map(|frame| frame.medium.as_ref()).collect::<Option<_>>()?;
+        let layers = media.first()?.layers.as_ref().filter(|_| media.iter().any(|medium| !medium.is_uniform()));
+        let velocities = |j: usize| -> Vec<[f64; 2]> {
+            let beyond = |medium: &Medium| Some(medium.layers.as_ref()?.get(j.checked_sub(1)?)?.fluid.flow);
+            media.iter().map(|medium| (medium.fluid.flow + beyond(medium).unwrap_or_default()).into()).collect()
+        };
+        let all: Vec<_> = (0..=layers.map_or(0, |layers| layers.iter().len())).map(velocities).collect();
+        let rate = layers.map_or(0.0, |layers| layers.shear);
+        let packed = |velocities: Vec<[f64; 2]>| {
+            let constant = velocities.iter().all(|velocity| *velocity == velocities[0]);
+            let count = if constant { 1 } else { velocities.len() };
+            velocities.into_iter().take(count).flatten().collect()
+        };
+        (rate != 0.0 || all.iter().flatten().any(|velocity| *velocity != [0.0; 2])).then(|| Self {
+            layers: all.into_iter().map(packed).collect(),
+            change: layers.map(|layers| FlowChange { rate, normal: layers.normal.into() }),
+        })
+    }
 }
 
 /// Layered media in the background.
@@ -211,9 +270,10 @@ struct Media {
 
 impl Media {
     fn of(frames: &[Frame]) -> Option<Self> {
-        let (first, layers) = frames.first()?.medium.as_ref()?;
+        let Medium { fluid: first, .. } = frames.first()?.medium.as_ref()?;
+        let layers = frames.first()?.medium.as_ref()?.interfaces()?;
         let edges = |frame: &Frame| -> Vec<[f64; 2]> {
-            let layers = frame.medium.iter().flat_map(|(_, layers)| layers.iter());
+            let layers = frame.medium.iter().flat_map(Medium::interfaces).flat_map(Layers::iter);
             layers.map(|layer| [-0.5, 0.5].map(|part| layer.offset + part * layer.thickness)).collect()
         };
         let all: Vec<_> = frames.iter().map(edges).collect();
@@ -299,15 +359,21 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: RawJson(Animation::of(self.frames).with_scenery(Some(self.scenery)).with_note(self.motion_note.clone())),
+            motion: RawJson(Animation::of(self.motion)),
         };
         render(include_str!("page.html"), &content)
     }
 }
 
 impl Animation {
-    /// The animation of `frames`.
-    pub fn of(frames: &[Frame]) -> Self {
+    /// The animation of a motion.
+    pub fn of(motion: &RodMotion) -> Self {
+        Self::of_named("", 0, motion)
+    }
+
+    /// The animation of a motion whose rod has a name, and the colour of this series of charts.
+    pub fn of_named(name: &str, series: usize, motion: &RodMotion) -> Self {
+        let frames = &motion.frames[..];
         // Six digits of the rod's own extent, wherever it is.
         let side = |frame: &Frame, axis: usize| {
             let along = frame.points.iter().map(|point| point[axis]);
@@ -318,14 +384,13 @@ impl Animation {
         let com: Vec<_> = frames.iter().map(|frame| frame.com.map(|x| (x * unit).round() / unit)).collect();
         Self {
             times: frames.iter().map(|frame| in_digits(frame.time, 9)).collect(),
-            points: relative(frames, &com),
-            body: head_bodies(frames),
+            rod: AnimatedRod::of(name, series, motion, &com),
             com,
             beside: Vec::new(),
             media: Media::of(frames),
-            scenery: None,
+            flow: Flow::of(frames),
             loads: Loads::of(frames),
-            note: None,
+            note: motion.is_of_last_periods.then(|| whole_run_in_words(frames)).flatten(),
         }
     }
 
@@ -334,33 +399,17 @@ impl Animation {
         Self { note, ..self }
     }
 
-    /// Adds the data that frames do not contain.
-    pub fn with_scenery(self, scenery: Option<&Scenery>) -> Self {
-        Self { scenery: scenery.cloned(), ..self }
-    }
-
     /// The series of charts that has the colour of the `i`-th rod with a name beside the first: neither that of the first rod, which is the
     /// first series, nor that of centres of mass.
     pub fn series_of_companion(i: usize) -> usize {
         2 + i % COMPANION_COLOURS + SERIES * (i / COMPANION_COLOURS)
     }
 
-    /// Adds another rod with `frames` at the same times: in the background, or with its own colour if it has a name. Without its
-    /// scenery it is a line.
-    pub fn with_companion(mut self, name: &str, frames: &[Frame], scenery: Option<&Scenery>) -> Self {
-        self.beside.push(Companion {
-            name: name.to_string(),
-            points: relative(frames, &self.com),
-            half_widths: scenery.map(|scenery| scenery.half_widths().to_vec()),
-            body: head_bodies(frames),
-        });
+    /// Adds another rod, which moves at the same times, in the colour of this series of charts.
+    pub fn with_companion(mut self, name: &str, series: usize, motion: &RodMotion) -> Self {
+        self.beside.push(AnimatedRod::of(name, series, motion, &self.com));
         self
     }
-}
-
-/// Semi-axes (m) and angle (rad) of the body at the head in all frames, if they have one.
-fn head_bodies(frames: &[Frame]) -> Option<Vec<[f64; 3]>> {
-    frames.iter().map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4])).collect()
 }
 
 /// The points of all frames relative to these centres.

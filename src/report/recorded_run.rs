@@ -8,12 +8,10 @@ use csv::{Reader, StringRecord};
 use serde_json::{Map, Value};
 
 use super::folder::{Folder, MANIFEST};
-use super::frame::Frame;
+use super::rod_motion::{DrawnRod, MAX_POINTS, drawn_nodes};
 use super::run_record::{Envelope, MAX_SAMPLES, Thinned};
 use super::sampling::{fastest_drive, interpolate};
-use super::scenery::Scenery;
 use crate::error::{Error, Result};
-use crate::rod::Spheroid;
 use crate::scene::Document;
 use crate::wording::Phrase;
 
@@ -137,9 +135,12 @@ impl RecordedRun {
                 entry("scene_file")
             ));
         }
-        let nodes = NodeTable::at(path);
+        let mut nodes = NodeTable::at(path);
         if matches!(nodes, NodeTable::None) {
             missing.push("it has no table of nodes (record.nodes_table): it is not in the film".to_string());
+        } else if nodes.start()?.is_none() {
+            missing.push("its table of nodes has no row (record.nodes_from_s): it is not in the film".to_string());
+            nodes = NodeTable::None;
         }
         Ok(Self { path: Some(path.to_path_buf()), name, summary, scene, curves, missing, nodes })
     }
@@ -204,7 +205,7 @@ impl RecordedRun {
         self.nodes.start()
     }
 
-    /// The motion within a window of time (s), of at most [`Frame::POINTS`] nodes.
+    /// The motion within a window of time (s), of at most [`MAX_POINTS`] nodes.
     ///
     /// # Errors
     /// [`Error::Read`].
@@ -220,19 +221,15 @@ impl RecordedRun {
         fastest_drive(&scene, &scene.model().ok()?)
     }
 
-    /// The widths of the body at the nodes of its [`motion`](Self::motion), and the body at its head, if there is
-    /// one; `None` if its scene is not known.
+    /// The rod of its [`motion`](Self::motion), without its looks if its scene is not known.
     ///
     /// # Errors
     /// [`Error::Read`] for a damaged table of nodes.
-    pub fn body(&self) -> Result<Option<(Scenery, Option<Spheroid>)>> {
-        let Some(scene) = self.scene.as_ref().and_then(|document| document.scene().ok()) else { return Ok(None) };
-        let (rod, nodes) = (scene.rod_on(scene.rod.nodes.get()), self.nodes.nodes()?);
-        let shown: Vec<usize> = Frame::nodes(nodes.len()).map(|place| nodes[place]).collect();
-        if shown.iter().any(|node| *node >= rod.nodes) {
-            return Ok(None);
-        }
-        Ok(Some((Scenery::of_nodes(&rod, shown.iter().copied()), rod.body)))
+    pub fn rod(&self) -> Result<DrawnRod> {
+        let nodes = self.nodes.nodes()?;
+        let shown = drawn_nodes(nodes.len(), MAX_POINTS).into_iter().map(|place| nodes[place]).collect();
+        let model = self.scene.as_ref().and_then(|document| document.scene().ok()?.model().ok());
+        Ok(DrawnRod::at(model.as_ref(), shown))
     }
 }
 
@@ -445,11 +442,11 @@ impl CurvesBuilder {
             if let Some(previous) = self.previous.filter(|previous| now[0] > previous[0]) {
                 let step = now[0] - previous[0];
                 let slope = |i: usize| (now[i] - previous[i]) / step;
-                self.velocity.take(vec![previous[0] + 0.5 * step, slope(1), slope(2)]);
+                self.velocity.take(3, |k| if k == 0 { previous[0] + 0.5 * step } else { slope(k) });
             }
             self.previous = Some(now);
         }
-        self.over_time.take(row);
+        self.over_time.take(row.len(), |k| row[k]);
         self.row += 1;
         Ok(())
     }
@@ -476,7 +473,7 @@ impl WindowBuilder {
 
     /// Takes the positions of `count` nodes at the next time; false if no more are needed.
     fn take(&mut self, time: f64, count: usize, at: impl Fn(usize) -> Result<[f64; 2]>) -> Result<bool> {
-        let positions = Frame::nodes(count).map(at).collect::<Result<Vec<_>>>()?;
+        let positions = drawn_nodes(count, MAX_POINTS).into_iter().map(at).collect::<Result<Vec<_>>>()?;
         if time < self.window[0] {
             self.before = Some((time, positions));
             return Ok(true);

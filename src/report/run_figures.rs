@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
-use super::frame::Frame;
+use super::frame::{Frame, Medium};
 use super::heat_map::{HeatMapAxis, Raster};
 use super::run_record::RunRecord;
 use crate::number_format::in_sentence;
@@ -286,7 +286,7 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     let frames = record.frames();
     let end = frames.last()?.time;
     let recent = record.frames_since(frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since)));
-    let arcs = record.scenery().arc_lengths();
+    let arcs = record.rod().arc_lengths();
     let inner = 1..arcs.len().saturating_sub(1);
     if recent.len() < LEAST_SAMPLES || inner.len() < 2 {
         return None;
@@ -340,7 +340,7 @@ fn curvatures(points: &[[f64; 2]]) -> Vec<f64> {
 /// Half the lateral excursion of each point from time `since` (s) on, over arc length.
 fn amplitude(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
     let shapes = seen_along(record, since)?;
-    let arcs = record.scenery().arc_lengths();
+    let arcs = record.rod().arc_lengths();
     let side =
         |i: usize, furthest: fn(f64, f64) -> f64, start| shapes.iter().map(|shape| shape[i].1).fold(start, furthest);
     let half = |i: usize| 0.5 * (side(i, f64::max, f64::NEG_INFINITY) - side(i, f64::min, f64::INFINITY));
@@ -370,7 +370,7 @@ fn of_last_period(record: &RunRecord, period: f64) -> Option<Vec<(&Frame, f64)>>
 /// The lag of the curvature's first harmonic behind that nearest to the head, rad, over arc length, over the last `period` (s).
 fn phase(record: &RunRecord, period: f64) -> Option<Vec<(f64, f64)>> {
     let cycle = of_last_period(record, period)?;
-    let arcs = record.scenery().arc_lengths();
+    let arcs = record.rod().arc_lengths();
     let curvatures: Vec<Vec<f64>> = cycle.iter().map(|(frame, _)| curvatures(&frame.points)).collect();
     let mut harmonics = vec![Vector2::zeros(); arcs.len()];
     for (k, harmonic) in harmonics.iter_mut().enumerate() {
@@ -414,7 +414,7 @@ fn power_along(record: &RunRecord, period: Option<f64>) -> Option<Vec<(f64, f64)
         }
     };
     let span = period.unwrap_or(span);
-    let arcs = record.scenery().arc_lengths();
+    let arcs = record.rod().arc_lengths();
     let power = |frame: &Frame, i: usize| frame.loads.as_ref().map_or(0.0, |loads| loads.power[i]);
     let mean = |i: usize| weighted.iter().map(|(frame, weight)| weight * power(frame, i)).sum::<f64>() / span;
     // A clamped head also has a joint.
@@ -454,7 +454,7 @@ fn shapes(frames: &[Frame], since: f64) -> Vec<Series> {
 
 /// The middles of the interfaces of a layered medium, as lines past the points of `series`.
 fn interfaces(frame: &Frame, series: &[Series]) -> Vec<Series> {
-    let Some((_, layers)) = &frame.medium else { return Vec::new() };
+    let Some(layers) = frame.medium.as_ref().and_then(Medium::interfaces) else { return Vec::new() };
     let (normal, tangent) = (layers.normal, Vector2::new(layers.normal.y, -layers.normal.x));
     let along = || series.iter().flat_map(|series| &series.points).map(|(x, y)| tangent.dot(&Vector2::new(*x, *y)));
     let (low, high) = along().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (x.min(low), x.max(high)));
@@ -468,7 +468,7 @@ fn interfaces(frame: &Frame, series: &[Series]) -> Vec<Series> {
 
 /// What the lines of [`interfaces`] are, if there are any.
 fn interfaces_in_words(record: &RunRecord) -> &'static str {
-    match record.frames().last().and_then(|frame| frame.medium.as_ref()) {
+    match record.frames().last().and_then(|frame| frame.medium.as_ref()).and_then(Medium::interfaces) {
         Some(_) => " Thin lines: the middles of the interfaces between the fluids.",
         None => "",
     }
@@ -548,7 +548,7 @@ mod tests {
             let name = file.file_name().unwrap().to_string_lossy().into_owned();
             let text = std::fs::read_to_string(&file).unwrap_or_default();
             let Ok(scene) = Document::read(&file).and_then(|document| document.scene()) else { continue };
-            if scene.rod.nodes.get() > Frame::POINTS || !text.contains("[solver]") {
+            if scene.rod.nodes.get() > MAX_POINTS || !text.contains("[solver]") {
                 continue;
             }
             let mut stepper = Stepper::of(&scene).unwrap();
@@ -556,7 +556,7 @@ mod tests {
                 stepper.do_step(7.3e-3).unwrap();
                 let view = stepper.view();
                 let rod = &view.dynamics.model.rod;
-                let power = Frame::with_loads(&view).loads.unwrap().power;
+                let power = Frame::with_loads(&view, RodMotion::of(&view.dynamics.model).rod.nodes()).loads.unwrap().power;
                 let parts: Vec<f64> = rod.joints().map(|k| power[k] * rod.joint_part(k) * rod.spacing).collect();
                 let expected = view.metrics.now.power.actuation;
                 let size = parts.iter().map(|part| part.abs()).sum::<f64>().max(f64::MIN_POSITIVE);

@@ -3,8 +3,8 @@
 use std::ops::{ControlFlow, RangeInclusive};
 
 use super::frame::Frame;
-use super::sampling::{MotionRecord, fastest_drive, last_periods_in_words, tick};
-use super::scenery::Scenery;
+use super::rod_motion::{DrawnRod, RodMotion};
+use super::sampling::{FrameRecord, fastest_drive, tick};
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::scene::Scene;
@@ -34,6 +34,14 @@ impl RecordingTimes {
             (Some(interval), ..) => Self::Every(interval.get(), 1),
             (None, StepControl::Fixed(step), StepControl::Adaptive(_)) => Self::Every(step * every as f64, 1),
             (None, ..) => Self::Steps(every, 0),
+        }
+    }
+
+    /// Every step or, for adaptive steps, equidistant times at this `tick` (s).
+    pub fn sampled(control: StepControl, tick: f64) -> Self {
+        match control {
+            StepControl::Fixed(_) => Self::Steps(1, 0),
+            StepControl::Adaptive(_) => Self::Every(tick, 1),
         }
     }
 
@@ -133,10 +141,10 @@ impl Envelope {
         Self { parts: Vec::new(), every: 2, in_last: 0, limit: (rows / 2).max(2) }
     }
 
-    /// Takes the next row.
-    pub(super) fn take(&mut self, row: Vec<f64>) {
+    /// Takes the next row, by the value in each of so many columns.
+    pub(super) fn take(&mut self, columns: usize, value: impl Fn(usize) -> f64) {
         if let Some(last) = self.parts.last_mut().filter(|_| self.in_last < self.every) {
-            extend(last, &row);
+            extend(last, value);
             self.in_last += 1;
             return;
         }
@@ -144,14 +152,15 @@ impl Envelope {
             let mut parts = std::mem::take(&mut self.parts).into_iter();
             while let Some(mut part) = parts.next() {
                 if let Some([first, second]) = parts.next() {
-                    extend(&mut part, &first);
-                    extend(&mut part, &second);
+                    extend(&mut part, |k| first[k]);
+                    extend(&mut part, |k| second[k]);
                     self.in_last = 2 * self.every;
                 }
                 self.parts.push(part);
             }
             self.every *= 2;
         }
+        let row: Vec<f64> = (0..columns).map(value).collect();
         self.parts.push([row.clone(), row]);
         self.in_last = 1;
     }
@@ -175,16 +184,17 @@ impl Envelope {
 }
 
 /// Adds a row to a part.
-fn extend([first, second]: &mut [Vec<f64>; 2], row: &[f64]) {
-    second[0] = row[0];
-    for ((a, b), value) in first.iter_mut().zip(second.iter_mut()).zip(row).skip(1) {
+fn extend([first, second]: &mut [Vec<f64>; 2], value: impl Fn(usize) -> f64) {
+    second[0] = value(0);
+    for (k, (a, b)) in first.iter_mut().zip(second.iter_mut()).enumerate().skip(1) {
+        let value = value(k);
         let (low, high) = (a.min(*b), a.max(*b));
         if high.is_nan() {
-            (*a, *b) = (*value, *value);
-        } else if *value > high {
-            (*a, *b) = (low, *value);
-        } else if *value < low {
-            (*a, *b) = (high, *value);
+            (*a, *b) = (value, value);
+        } else if value > high {
+            (*a, *b) = (low, value);
+        } else if value < low {
+            (*a, *b) = (high, value);
         }
     }
 }
@@ -199,11 +209,11 @@ pub struct RunRecord {
     samples: Thinned<Vec<f64>>,
     /// Frames for figures of the whole run, and those of the animation.
     frames: Thinned<Frame>,
-    motion: MotionRecord,
+    motion: FrameRecord,
     /// Frames and samples of the last periods before the end, since those of a long run are too far apart.
     last: Vec<(Frame, Vec<f64>)>,
     last_times: Option<RecordingTimes>,
-    scenery: Scenery,
+    rod: DrawnRod,
     step: u64,
 }
 
@@ -224,10 +234,7 @@ impl RunRecord {
         let duration = scene.solver.duration_s.get();
         let drive = fastest_drive(scene, stepper.model());
         let tick = tick(duration, drive, stepper.step_control(), SAMPLES_PER_RUN);
-        let times = match stepper.step_control() {
-            StepControl::Fixed(_) => RecordingTimes::Steps(1, 0),
-            StepControl::Adaptive(_) => RecordingTimes::Every(tick, 1),
-        };
+        let times = RecordingTimes::sampled(stepper.step_control(), tick);
         // The last periods before the end, if they are only a part of the run.
         let last_times = drive.and_then(|frequency| {
             let spacing = 1.0 / (FRAMES_PER_PERIOD * frequency);
@@ -248,8 +255,8 @@ impl RunRecord {
             over_time: Envelope::new(MAX_SAMPLES),
             samples: Thinned::new(MAX_SAMPLES),
             frames: Thinned::new(*FRAMES.end()),
-            motion: MotionRecord::start(duration, drive, &FRAMES, tick),
-            scenery: Scenery::of(stepper.model()),
+            motion: FrameRecord::start(duration, drive, &FRAMES, tick),
+            rod: DrawnRod::of(stepper.model()),
             step: 0,
         };
         record.offer(&stepper.view());
@@ -270,7 +277,7 @@ impl RunRecord {
         let _ = outcome?;
         if let Some(mut times) = self.last_times {
             let outcome = times.pass(stepper, |view, _| {
-                self.last.push((Frame::with_loads(view), sample(&self.columns, view)));
+                self.last.push((Frame::with_loads(view, self.rod.nodes()), sample(&self.columns, view)));
                 Ok(ControlFlow::Continue(()))
             });
             self.last_times = Some(times);
@@ -285,11 +292,12 @@ impl RunRecord {
     }
 
     fn offer(&mut self, view: &View<'_>) {
-        let row = sample(&self.columns, view);
-        self.samples.offer(self.step, || row.clone());
-        self.over_time.take(row);
-        self.frames.offer(self.step, || Frame::with_loads(view));
-        self.motion.offer(self.step, || Frame::with_loads(view));
+        let value = |k: usize| self.columns[k].first(view);
+        self.samples.offer(self.step, || sample(&self.columns, view));
+        self.over_time.take(self.columns.len(), value);
+        let frame = || Frame::with_loads(view, self.rod.nodes());
+        self.frames.offer(self.step, frame);
+        self.motion.offer(self.step, frame);
     }
 
     /// Records the final state, unless it was recorded.
@@ -299,24 +307,12 @@ impl RunRecord {
             self.samples.kept.push(sample(&self.columns, view));
         }
         if self.over_time.end() != now {
-            self.over_time.take(sample(&self.columns, view));
+            self.over_time.take(self.columns.len(), |k| self.columns[k].first(view));
         }
         if self.frames.kept.last().map(|frame| frame.time) != now {
-            self.frames.kept.push(Frame::with_loads(view));
+            self.frames.kept.push(Frame::with_loads(view, self.rod.nodes()));
         }
-        self.motion.finish(view.state.t, || Frame::with_loads(view));
-    }
-
-    /// The frames of the animation; complete after [`finish`](Self::finish).
-    pub fn motion(&self) -> &[Frame] {
-        self.motion.frames()
-    }
-
-    /// What a page says of the animation, if it does not play the whole run.
-    pub fn motion_note(&self) -> Option<String> {
-        let frames = self.motion.frames();
-        let [first, last] = [frames.first()?.time, frames.last()?.time];
-        self.motion.is_of_last_periods().then(|| last_periods_in_words([first, last], "the whole run"))
+        self.motion.finish(view.state.t, || Frame::with_loads(view, self.rod.nodes()));
     }
 
     /// The curve of variable `y` against variable `x`; empty if the scene lacks one of them.
@@ -329,9 +325,14 @@ impl RunRecord {
         }
     }
 
-    /// Data that frames do not contain, since it does not move by itself.
-    pub fn scenery(&self) -> &Scenery {
-        &self.scenery
+    /// The rod that moves.
+    pub fn rod(&self) -> &DrawnRod {
+        &self.rod
+    }
+
+    /// The motion for the animation; complete after [`finish`](Self::finish).
+    pub fn motion(&self) -> RodMotion {
+        self.motion.motion(self.rod.clone())
     }
 
     /// True if the frames and samples of the last periods reach back to `since` (s).

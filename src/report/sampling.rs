@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 
 use super::frame::Frame;
+use super::rod_motion::{DrawnRod, RodMotion};
 use crate::integrator::StepControl;
 use crate::model::Model;
 use crate::number_format::in_sentence;
@@ -79,6 +80,11 @@ pub fn last_periods_in_words([from, until]: [f64; 2], what: &str) -> String {
     )
 }
 
+/// What a page says of the last periods of a run.
+pub fn whole_run_in_words(frames: &[Frame]) -> Option<String> {
+    Some(last_periods_in_words([frames.first()?.time, frames.last()?.time], "the whole run"))
+}
+
 /// Digits that tell two times apart, with two more, at least four.
 pub fn digits_of([from, until]: [f64; 2]) -> usize {
     let ratio = until.abs().max(from.abs()) / (until - from).abs();
@@ -145,18 +151,20 @@ pub fn tick(duration: f64, drive: Option<f64>, steps: StepControl, least: f64) -
 
 /// The frames of a run for its animation: evenly over the run, or those of its last periods, whenever it ends.
 #[derive(Debug)]
-pub struct MotionRecord {
+pub struct FrameRecord {
     frames: VecDeque<Frame>,
     most: usize,
     every: u64,
     last: Option<f64>,
+    is_of_last_periods: bool,
 }
 
-impl MotionRecord {
+impl FrameRecord {
     /// Starts a record of a number of `pictures` of a run of this `duration` (s), to which a frame is offered per `tick` (s).
     pub fn start(duration: f64, drive: Option<f64>, pictures: &RangeInclusive<usize>, tick: f64) -> Self {
         let (Sampling { last, .. }, every) = Sampling::on_ticks(duration, drive, pictures, tick);
-        Self { frames: VecDeque::new(), most: (*pictures.end()).max(1), every, last }
+        let most = (*pictures.end()).max(1);
+        Self { frames: VecDeque::new(), most, every, last, is_of_last_periods: false }
     }
 
     /// Keeps the frame of tick number `tick`, unless it is skipped.
@@ -166,6 +174,7 @@ impl MotionRecord {
         }
         if self.last.is_some() && self.frames.len() == self.most {
             self.frames.pop_front();
+            self.is_of_last_periods = true;
         }
         self.frames.push_back(frame());
     }
@@ -175,27 +184,16 @@ impl MotionRecord {
         if self.frames.back().is_none_or(|last| last.time != end) {
             self.frames.push_back(frame());
         }
-        if let Some(last) = self.last {
-            let since = end - last * (1.0 + TICK_TOLERANCE);
-            let before = self.frames.partition_point(|frame| frame.time < since);
-            self.frames.drain(..before);
-        }
-        self.frames.make_contiguous();
+        let since = self.last.map_or(f64::NEG_INFINITY, |last| end - last * (1.0 + TICK_TOLERANCE));
+        let before = self.frames.partition_point(|frame| frame.time < since);
+        self.is_of_last_periods |= before > 0;
+        self.frames.drain(..before);
     }
 
-    /// The frames in order of time; all of them after [`finish`](Self::finish).
-    pub fn frames(&self) -> &[Frame] {
-        self.frames.as_slices().0
-    }
-
-    /// True if the frames of the start are left out.
-    pub fn is_of_last_periods(&self) -> bool {
-        self.last.is_some() && self.frames.front().is_some_and(|frame| frame.time > 0.0)
-    }
-
-    /// The frames, to keep.
-    pub fn into_frames(self) -> Vec<Frame> {
-        self.frames.into()
+    /// The motion of this rod; complete after [`finish`](Self::finish).
+    pub fn motion(&self, rod: DrawnRod) -> RodMotion {
+        let Self { frames, is_of_last_periods, .. } = self;
+        RodMotion { rod, frames: frames.iter().cloned().collect(), is_of_last_periods: *is_of_last_periods }
     }
 }
 

@@ -131,9 +131,7 @@ impl TrajectoryTable {
             summary: &'a Summary,
             motion: RawJson<Animation>,
         }
-        let motion = Animation::of(self.record.motion())
-            .with_scenery(Some(self.record.scenery()))
-            .with_note(self.record.motion_note());
+        let motion = Animation::of(&self.record.motion());
         render(include_str!("inline.html"), &Content { summary, motion: RawJson(motion) })
     }
 }

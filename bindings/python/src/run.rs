@@ -8,7 +8,8 @@ use caudal::Error;
 use caudal::assessment::Assessment;
 use caudal::model::Dynamics;
 use caudal::report::Summary;
-use caudal::report::film::{Appearance, FilmSettings, RodMotion};
+use caudal::report::RodMotion;
+use caudal::report::film::{FilmSettings, FilmedMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::{TrajectoryColumn, TrajectoryTable};
 use caudal::report::vtk;
@@ -178,12 +179,13 @@ pub fn write_film(
     let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
     let (per_second, speed, sharpness, window) = look;
     let Scene { scene, .. } = scene.get();
-    let dynamics = Dynamics::new(Arc::new(scene.model().or_raise(py)?));
+    let model = scene.model().or_raise(py)?;
     let mut attention = Attention::new();
     let written = py.detach(|| {
-        let (name, appearance) = (&scene.name, Appearance::of(&dynamics, &scene.recorded_nodes()));
-        let (x, y) = (&positions[0], &positions[1]);
-        let motion = RodMotion { name, times: &times, x, y, appearance: &appearance, cycle: None };
+        let (nodes, [x, y]) = (scene.recorded_nodes(), &positions);
+        let row = |(n, time): (usize, f64)| (time, move |place: usize| [x, y].map(|all| all[n * nodes.len() + place]));
+        let motion = RodMotion::of_positions(&model, &nodes, times.into_iter().enumerate().map(row));
+        let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle: None };
         let film = FilmSettings { per_second, speed: Some(speed), sharpness, window };
         film.write(&path, &motion, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
     });

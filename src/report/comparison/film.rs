@@ -3,12 +3,11 @@
 use super::super::frame::Frame;
 use super::super::page::Animation;
 use super::super::recorded_run::{RecordedMotion, RecordedRun};
+use super::super::rod_motion::RodMotion;
 use super::super::run_record::FRAMES;
 use super::super::sampling::{LEAST_PER_PERIOD, Sampling, last_periods_in_words};
-use super::super::scenery::Scenery;
 use crate::error::Result;
 use crate::number_format::in_sentence;
-use crate::rod::Spheroid;
 
 /// Rods smaller than the largest by this factor are dots.
 const SPECK: f64 = 1e-2;
@@ -21,17 +20,19 @@ const ROUNDING: f64 = 1e-6;
 pub struct Film {
     /// The rods.
     pub animation: Animation,
+    /// The places of the runs that it shows.
+    pub shown: Vec<usize>,
     /// First and last time that it shows, s.
     pub window: [f64; 2],
     /// The names of the rods that are too small, compared with the others, to be seen.
     pub specks: Vec<String>,
 }
 
-/// The film of the `runs` that have recorded positions; `None` without a time in common, or if fewer than two have any.
-pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
-    let shown: Vec<(&RecordedRun, &String)> = runs.iter().zip(labels).filter(|(run, _)| run.has_motion()).collect();
+/// The film of the `runs` that have recorded positions, with these labels and colours; `None` without a time in common, or if fewer than two have any.
+pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Result<Option<Film>> {
+    let shown: Vec<usize> = (0..runs.len()).filter(|i| runs[*i].has_motion()).collect();
     let mut window = [f64::NEG_INFINITY, f64::INFINITY];
-    for (run, _) in &shown {
+    for run in shown.iter().map(|i| &runs[*i]) {
         let Some(start) = run.motion_start()? else { return Ok(None) };
         window = [window[0].max(start), window[1].min(run.number("end_time_s").unwrap_or(f64::INFINITY))];
     }
@@ -39,7 +40,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
         return Ok(None);
     }
     // Of several drives the fastest decides.
-    let drives: Vec<Option<f64>> = shown.iter().map(|(run, _)| run.fastest_drive()).collect();
+    let drives: Vec<Option<f64>> = shown.iter().map(|i| runs[*i].fastest_drive()).collect();
     let drive = drives.iter().flatten().copied().reduce(f64::max);
     let most = (2 * FRAMES.end() / shown.len()).min(*FRAMES.end());
     let common = window;
@@ -48,7 +49,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
     loop {
         sampling = Sampling::of(window[1] - common[0], drive, &(most / 2..=most));
         window[0] = sampling.last.map_or(common[0], |last| window[1] - last);
-        motions = shown.iter().map(|(run, _)| run.motion(window)).collect::<Result<Vec<_>>>()?;
+        motions = shown.iter().map(|i| runs[*i].motion(window)).collect::<Result<Vec<_>>>()?;
         let end = motions.iter().map(|motion| motion.end().unwrap_or(f64::NEG_INFINITY)).fold(window[1], f64::min);
         if end <= common[0] {
             return Ok(None);
@@ -64,9 +65,9 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
     let frames = 1 + ((span / sampling.spacing.max(finest)).round() as usize).clamp(1, most - 1);
     let time = |k: usize| window[0] + span * k as f64 / (frames - 1) as f64;
     let of_last_periods = sampling.last.map(|_| last_periods_in_words(window, "the whole time that the runs have in common"));
-    let rates = shown.iter().zip(&motions).zip(&drives).filter_map(|(((_, label), motion), drive)| {
+    let rates = shown.iter().zip(&motions).zip(&drives).filter_map(|((i, motion), drive)| {
         let rate = 1.0 / (motion.spacing? * (*drive)?);
-        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING)).then(|| format!("{label} has {} rows", in_sentence(rate, 2)))
+        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING)).then(|| format!("{} has {} rows", labels[*i], in_sentence(rate, 2)))
     });
     let rates: Vec<String> = rates.collect();
     let too_coarse = (!rates.is_empty()).then(|| {
@@ -77,35 +78,30 @@ pub fn film(runs: &[RecordedRun], labels: &[String]) -> Result<Option<Film>> {
         )
     });
     let note = of_last_periods.into_iter().chain(too_coarse).collect::<Vec<_>>().join(" ");
-    let frames_of = |run: &RecordedRun, motion: &RecordedMotion, head: Option<Spheroid>| -> Vec<Frame> {
+    let frames_of = |run: &RecordedRun, motion: &RecordedMotion| -> Vec<Frame> {
         let frame = |time: f64| {
             let points = motion.at(time);
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
             let com = run.curves.centre_of_mass(time).unwrap_or_else(|| [mean(0), mean(1)]);
-            let body = match (head, &points[..]) {
-                (Some(body), [head, next, ..]) => Some(Frame::place_body(body, *head, *next)),
-                _ => None,
-            };
-            Frame { time, points, com, body, medium: None, loads: None }
+            // The media of the runs may differ.
+            Frame { time, points, com, medium: None, loads: None }
         };
         (0..frames).map(time).map(frame).collect()
     };
-    let rods = shown.iter().zip(&motions).map(|((run, label), motion)| {
-        let body = run.body()?;
-        let frames = frames_of(run, motion, body.as_ref().and_then(|(_, head)| *head));
-        Ok((*label, frames, body.map(|(scenery, _)| scenery)))
-    });
-    let rods: Vec<(&String, Vec<Frame>, Option<Scenery>)> = rods.collect::<Result<_>>()?;
-    let size = |frames: &[Frame]| frames.first().map_or(0.0, |frame| length(&frame.points));
-    let largest = rods.iter().map(|(_, frames, _)| size(frames)).fold(0.0, f64::max);
-    let specks =
-        rods.iter().filter(|(_, frames, _)| size(frames) < SPECK * largest).map(|(label, ..)| label.to_string());
+    let motion = |(i, motion): (&usize, &RecordedMotion)| {
+        let (rod, frames) = (runs[*i].rod()?, frames_of(&runs[*i], motion));
+        Ok((*i, RodMotion { rod, frames, is_of_last_periods: false }))
+    };
+    let rods: Vec<(usize, RodMotion)> = shown.iter().zip(&motions).map(motion).collect::<Result<_>>()?;
+    let size = |motion: &RodMotion| motion.frames.first().map_or(0.0, |frame| length(&frame.points));
+    let largest = rods.iter().map(|(_, motion)| size(motion)).fold(0.0, f64::max);
+    let specks = rods.iter().filter(|(_, motion)| size(motion) < SPECK * largest).map(|(i, _)| labels[*i].clone());
     let specks = specks.collect();
-    let Some(((_, first, scenery), others)) = rods.split_first() else { return Ok(None) };
-    let one = Animation::of(first).with_scenery(scenery.as_ref()).with_note((!note.is_empty()).then_some(note));
+    let Some(((i, first), others)) = rods.split_first() else { return Ok(None) };
+    let one = Animation::of_named(&labels[*i], colours[*i], first).with_note((!note.is_empty()).then_some(note));
     let animation =
-        others.iter().fold(one, |film, (label, frames, scenery)| film.with_companion(label, frames, scenery.as_ref()));
-    Ok(Some(Film { animation, window, specks }))
+        others.iter().fold(one, |film, (i, motion)| film.with_companion(&labels[*i], colours[*i], motion));
+    Ok(Some(Film { animation, shown, window, specks }))
 }
 
 /// The length of the line through points, m.

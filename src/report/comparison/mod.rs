@@ -87,7 +87,7 @@ impl Comparison {
         let results = results::rows(&runs, &errors);
         let colours: Vec<usize> = (0..runs.len()).map(colour).collect();
         let figures = figures::all(&runs, &labels, &colours);
-        let film = film::film(&runs, &labels)?;
+        let film = film::film(&runs, &labels, &colours)?;
         let answers = answers(&labels, &runs, &keys, &results, &errors);
         let notes = notes(&labels, &runs, film.as_ref());
         Ok(Self { labels, keys, results, answers, notes, runs, figures, film })
@@ -262,7 +262,8 @@ impl Comparison {
         let runs = self.labels.iter().zip(&self.runs).enumerate().map(|(i, (label, run))| RunOnPage {
             label,
             swatch: swatch(i),
-            dashed: i > DISTINCT,
+            dashed: colour(i) >= SERIES,
+            filmed: self.film.as_ref().is_some_and(|film| film.shown.contains(&i)),
             folder: run.path.as_ref().map_or_else(|| "in memory".to_string(), |path| path.display().to_string()),
             scene: run.text("scene_file").unwrap_or_default(),
             nodes: run.number("nodes").map_or_else(String::new, |nodes| format!("{nodes}")),
@@ -342,9 +343,6 @@ impl Comparison {
     }
 }
 
-/// Runs whose colours in the film are their own; the lines of others are dashed.
-const DISTINCT: usize = 6;
-
 /// The colour of run `i` in charts, which is that of its rod in the film.
 fn colour(i: usize) -> usize {
     i.checked_sub(1).map_or(0, Animation::series_of_companion)
@@ -352,8 +350,7 @@ fn colour(i: usize) -> usize {
 
 /// The variable of the style sheet that has the colour of run `i`.
 fn swatch(i: usize) -> String {
-    i.checked_sub(1)
-        .map_or_else(|| "--rod".to_string(), |i| format!("--series-{}", Animation::series_of_companion(i) % SERIES))
+    format!("--series-{}", colour(i) % SERIES)
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -619,6 +616,7 @@ struct RunOnPage<'a> {
     label: &'a str,
     swatch: String,
     dashed: bool,
+    filmed: bool,
     folder: String,
     scene: &'a str,
     nodes: String,

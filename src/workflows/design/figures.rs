@@ -8,13 +8,13 @@ use super::identify::Identifiability;
 use super::markers::distances;
 use super::scenarios::ScenarioResult;
 use super::search::EstimatedNumber;
-use super::solve::{ALONE, Answer, ComparedProfile, Design};
+use super::solve::{ALONE, Answer, ComparedProfile, Design, DesignMotion};
 use super::stl;
 use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, SERIES, Scale, Series};
-use crate::report::{Animation, Figure, Findings, Frame, Scenery, Table};
+use crate::report::{Animation, Figure, Findings, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 
@@ -27,7 +27,7 @@ const SHAPES: usize = 9;
 /// Stations of a drawn body.
 const STATIONS: usize = 100;
 
-/// Points of a curve, and frames of the animation.
+/// Points of a curve.
 const POINTS: usize = 600;
 
 type Drawn = (&'static str, Chart);
@@ -42,7 +42,7 @@ impl Design {
         figures.extend(self.numbers_figure());
         figures.extend(self.front_figure());
         figures.extend(self.cases_figure());
-        figures.extend(self.goal_figures(&rod));
+        figures.extend(self.goal_figures());
         figures.extend(self.cycle_figures());
         figures.extend(self.search_figures());
         let figures = figures.into_iter().map(|(name, chart)| Figure::of_chart(name, caption(name), &chart));
@@ -59,7 +59,7 @@ impl Design {
             answers: self.answers(),
             figures: figures.collect(),
             tables: self.tables(&rod)?,
-            motion: self.motion(&rod).map(Box::new),
+            motion: self.motion().map(Box::new),
             ..Findings::default()
         })
     }
@@ -276,7 +276,7 @@ impl Design {
     }
 
     /// The goal over time: tip and target, distance, or markers.
-    fn goal_figures(&self, rod: &Rod) -> Vec<Drawn> {
+    fn goal_figures(&self) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let target = self.evidence.target.as_ref();
         if let (Goal::StaticShape, Some(target)) = (self.table.goal, target) {
@@ -295,7 +295,7 @@ impl Design {
                     target.times.iter().zip(&target.positions).map(|(t, q)| (*t, own(q))).collect();
                 let label = if self.table.goal == Goal::Identify { "markers" } else { "target" };
                 let mut series = vec![Series::new(label, thinned(points, 120), Mark::Dots).coloured(2)];
-                series.extend(self.own_and_designed(both, |motion| curve(motion, own)));
+                series.extend(self.own_and_designed(both, |motion| curve(&motion.trajectory, own)));
                 figures.push((file, self.chart(title, "time (s)", y, Scale::Linear, series)));
             }
             let error = |motion: &Trajectory| -> Vec<(f64, f64)> {
@@ -319,7 +319,7 @@ impl Design {
             } else {
                 ("distance of the tip from its target", "distance (m)")
             };
-            let series = self.own_and_designed(both, |motion| thinned(error(motion), POINTS));
+            let series = self.own_and_designed(both, |motion| thinned(error(&motion.trajectory), POINTS));
             figures.push((
                 "error.svg",
                 self.chart(
@@ -331,7 +331,7 @@ impl Design {
                 ),
             ));
         } else {
-            let series = self.own_and_designed(both, |motion| {
+            let series = self.own_and_designed(both, |DesignMotion { trajectory: motion, rod, .. }| {
                 let start = rod.mean(motion.positions(0)).x;
                 curve(motion, |q| rod.mean(q).x - start)
             });
@@ -345,7 +345,7 @@ impl Design {
     /// The shapes of the last cycle before and after, with equal axes.
     fn cycle_figures(&self) -> Vec<Drawn> {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
-        let all = [self.shapes(before, GREY), self.shapes(after, 0)];
+        let all = [self.shapes(&before.trajectory, GREY), self.shapes(&after.trajectory, 0)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
         let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
         let files = [("before.svg", format!("{what}, {BASELINE}")), ("after.svg", format!("{what}, {}", self.after()))];
@@ -623,27 +623,10 @@ impl Design {
         Table { file: "joints.csv", title: "Joints", columns: columns.into_iter().map(str::to_string).collect(), rows }
     }
 
-    fn motion(&self, rod: &Rod) -> Option<(Animation, String)> {
+    fn motion(&self) -> Option<(Animation, String)> {
         let [before, after] = &self.evidence.motions[..] else { return None };
-        let frames = |motion: &Trajectory| -> Vec<Frame> {
-            let every = motion.times.len().div_ceil(POINTS);
-            let frame = |n: usize| {
-                let q = motion.positions(n);
-                Frame {
-                    time: motion.times[n],
-                    points: Frame::nodes(rod.nodes).map(|k| [q[2 * k], q[2 * k + 1]]).collect(),
-                    com: rod.mean(q).into(),
-                    body: Frame::body(rod, q),
-                    medium: None,
-                    loads: None,
-                }
-            };
-            (0..motion.times.len()).step_by(every).map(frame).collect()
-        };
         let shown = format!("In grey: the same with {BASELINE}.");
-        let scenery = Scenery::of_rod(rod);
-        let motion = Animation::of(&frames(after)).with_scenery(Some(&scenery));
-        Some((motion.with_companion("", &frames(before), Some(&scenery)), shown))
+        Some((Animation::of(&after.drawn).with_companion("", GREY, &before.drawn), shown))
     }
 }
 

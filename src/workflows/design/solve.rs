@@ -34,7 +34,8 @@ use crate::linear_stability::{REST_TOLERANCE, SteadyState, continue_to_rest, gro
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::number_format::in_sentence;
-use crate::report::{Claim, Folder, Owner};
+use crate::report::{Claim, Folder, Owner, RodMotion};
+use crate::rod::Rod;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Problem, Trajectory};
 use crate::stepper::Stepper;
@@ -80,7 +81,7 @@ pub(super) struct Evidence {
     /// Profiles for comparison, with their objectives; the design is the last.
     pub profiles: Vec<ComparedProfile>,
     /// The motions of baseline and design; empty if a simulation fails, or there is none.
-    pub motions: Vec<Trajectory>,
+    pub motions: Vec<DesignMotion>,
     /// The target trajectory or markers.
     pub target: Option<Markers>,
     /// Dimensionless numbers.
@@ -93,6 +94,34 @@ pub(super) struct Evidence {
     pub cases: Vec<ScenarioResult>,
     /// Whether the gain survives in the other simulations.
     pub trust: Option<Robustness>,
+}
+
+/// A simulated motion, and the rod that moved.
+#[derive(Debug)]
+pub(super) struct DesignMotion {
+    pub trajectory: Trajectory,
+    pub rod: Rod,
+    /// Some of its times, to be drawn.
+    pub drawn: RodMotion,
+}
+
+/// Most frames of a motion that is drawn.
+const MAX_FRAMES: usize = 600;
+
+impl DesignMotion {
+    /// Simulates `problem`.
+    fn of(problem: &mut Problem) -> Result<Self> {
+        let trajectory = problem.simulate()?;
+        let model = problem.model();
+        let all: Vec<usize> = (0..model.rod.nodes).collect();
+        let shown = (0..trajectory.times.len()).step_by(trajectory.times.len().div_ceil(MAX_FRAMES).max(1));
+        let row = |n: usize| {
+            let q = trajectory.positions(n);
+            (trajectory.times[n], move |k: usize| [q[2 * k], q[2 * k + 1]])
+        };
+        let drawn = RodMotion::of_positions(model, &all, shown.map(row));
+        Ok(Self { rod: model.rod.clone(), drawn, trajectory })
+    }
 }
 
 /// A profile that the design is compared with.
@@ -537,21 +566,21 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
 }
 
 /// The motions of two designs.
-fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector) -> Result<[Trajectory; 2]> {
+fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector) -> Result<[DesignMotion; 2]> {
     let mut motion = |profile: &DesignVector| {
         search.objective.set(&mut search.problem, profile)?;
-        search.problem.simulate()
+        DesignMotion::of(&mut search.problem)
     };
     Ok([motion(before)?, motion(after)?])
 }
 
 /// The motions of the original scene and with `profile`.
-fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[Trajectory; 2]> {
+fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[DesignMotion; 2]> {
     let mut problem = Problem::of(scene)?;
-    let before = problem.simulate()?;
+    let before = DesignMotion::of(&mut problem)?;
     problem.set_stiffness(&profile.stiffness_n_m2)?;
     problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
-    Ok([before, problem.simulate()?])
+    Ok([before, DesignMotion::of(&mut problem)?])
 }
 
 /// The distance of the rod from `markers` without and with the identified profile, in several simulations.

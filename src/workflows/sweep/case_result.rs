@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::report::{Frame, Scenery};
+use crate::report::RodMotion;
 
 /// The result of a case.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -12,11 +12,12 @@ pub struct CaseResult {
     pub scene_hash: String,
     /// The quantities of its summary; for a case that could not start, only `complete` and `ending` (the error).
     pub quantities: Map<String, Value>,
-    /// Frames of its motion, if recorded.
-    pub frames: Vec<Frame>,
-    /// What the animation shows in addition to the nodes.
+    /// Its motion, if recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scenery: Option<Scenery>,
+    pub motion: Option<RodMotion>,
+    /// Times (s) with the x of the centre of mass (m), over the whole run, of a case whose motion is recorded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub path: Vec<[f64; 2]>,
     /// Time (s) and centre of mass (m) along its path, if recorded.
     pub trace: Vec<[f64; 3]>,
     /// Wall-clock time, s.

@@ -12,7 +12,7 @@ use super::case_result::CaseResult;
 use crate::error::{Error, Result, bytes, did_you_mean, nearest};
 use crate::files::free_space;
 use crate::jobs::{self, Job, Journal};
-use crate::report::{Claim, Folder, Frame, Owner};
+use crate::report::{Claim, Folder, MAX_POINTS, Owner};
 use crate::scene::{Document, Files, KeyError, Scene, exclusive_keys};
 use crate::wording::Phrase;
 
@@ -390,7 +390,7 @@ impl Sweep {
     /// Approximate size of the recorded motion of a case, bytes.
     fn motion_bytes(&self) -> f64 {
         let nodes = axis::look_up(&self.tables, "rod.nodes").and_then(axis::number).unwrap_or(f64::INFINITY);
-        self.record.frames as f64 * (nodes.min(Frame::POINTS as f64) + 1.5) * 2.0 * BYTES_PER_COORDINATE
+        self.record.frames as f64 * (nodes.min(MAX_POINTS as f64) + 1.5) * 2.0 * BYTES_PER_COORDINATE
     }
 
     /// Checks that the results of `cases` cases fit into `folder`.
@@ -598,9 +598,9 @@ impl Sweep {
                 continue;
             };
             if !self.plays(index) {
-                row.frames.clear();
-                row.scenery = None;
-            } else if row.frames.is_empty() {
+                row.motion = None;
+                row.path.clear();
+            } else if row.motion.is_none() {
                 continue; // its motion is now to be recorded
             }
             new.add(index, &row)?;

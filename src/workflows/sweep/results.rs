@@ -130,9 +130,9 @@ impl<'a> SweepResults<'a> {
             }
             match row {
                 Cow::Borrowed(row) => {
-                    cases.add(index, &case.levels, &row.quantities, row.frames.clone(), row.scenery.clone())
+                    cases.add(index, &case.levels, &row.quantities, row.motion.clone(), row.path.clone())
                 }
-                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.frames, row.scenery),
+                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.motion, row.path),
             }
         }
         // A quantity that is a list in some cases and null in others is a list.

@@ -4,14 +4,14 @@ use super::explanations::{FluidModelRow, FluidReport};
 use super::model_run::{ForceBreakdown, PHASES};
 use crate::number_format::percent;
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::{Animation, Findings, Frame};
+use crate::report::{Animation, Findings, Medium, RodMotion};
 
 /// Width of a lane of the animation over the widest motion, and its minimum over the length.
 const LANE_WIDTH: f64 = 1.15;
 const MIN_LANE_WIDTH: f64 = 0.2;
 
 fn has_moved(row: &FluidModelRow<'_>) -> bool {
-    row.swim.frames.len() > 1
+    row.swim.motion.as_ref().is_some_and(|motion| motion.frames.len() > 1)
 }
 
 /// The models in the order of the animation: the reference first, models without motion last.
@@ -120,38 +120,41 @@ impl FluidReport<'_> {
         );
     }
 
-    /// An animation of all completed runs, each on its own lane.
+    /// An animation of all completed runs, each on its own lane; in layers of fluids or a sheared flow, which a lane would leave, all
+    /// are at their own places.
     pub(super) fn motions(rows: &[FluidModelRow<'_>]) -> Option<Box<(Animation, String)>> {
         let mut swam = in_order(rows);
         swam.retain(|row| has_moved(row));
-        let frames = swam.iter().map(|row| row.swim.frames.len()).min()?;
-        let heights = |row: &&&FluidModelRow<'_>| {
-            let ys = || row.swim.frames.iter().flat_map(|frame| &frame.points).map(|point| point[1]);
+        let mut motions: Vec<RodMotion> = swam.iter().filter_map(|row| row.swim.motion.clone()).collect();
+        let count = motions.iter().map(|motion| motion.frames.len()).min()?;
+        let height = |motion: &RodMotion| {
+            let ys = || motion.frames.iter().flat_map(|frame| &frame.points).map(|point| point[1]);
             ys().fold(f64::NEG_INFINITY, f64::max) - ys().fold(f64::INFINITY, f64::min)
         };
-        let first = &swam.first()?.swim.frames[0].points;
-        let length: f64 = first.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum();
-        let lane = swam.iter().map(|row| heights(&row)).fold(MIN_LANE_WIDTH * length, f64::max) * LANE_WIDTH;
-        let on_lane = |i: usize, row: &FluidModelRow<'_>| -> Vec<Frame> {
+        let first = &motions.first()?.frames[0];
+        let length: f64 = first.points.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum();
+        let in_lanes = first.medium.as_ref().is_some_and(Medium::is_uniform);
+        let lane = match in_lanes {
+            true => motions.iter().map(height).fold(MIN_LANE_WIDTH * length, f64::max) * LANE_WIDTH,
+            false => 0.0,
+        };
+        for (i, motion) in motions.iter_mut().enumerate() {
             let down = i as f64 * lane;
-            let mut frames = row.swim.frames[..frames].to_vec();
-            for frame in &mut frames {
+            motion.frames.truncate(count);
+            for frame in &mut motion.frames {
                 frame.points.iter_mut().for_each(|point| point[1] -= down);
                 frame.com[1] -= down;
             }
-            frames
-        };
+        }
         let names: Vec<String> = swam.iter().map(|row| row.model.to_string()).collect();
-        let motion = Animation::of(&on_lane(0, swam[0]));
-        let motion = swam
-            .iter()
-            .enumerate()
-            .skip(1)
-            .fold(motion, |motion, (i, row)| motion.with_companion(&names[i], &on_lane(i, row), None));
-        let shown = format!(
-            "The same rod under every law, one lane each, from above: {}. All start at the same place.",
-            names.join(", ")
-        );
-        Some(Box::new((motion, shown)))
+        let animation = Animation::of_named(if in_lanes { "" } else { &names[0] }, 0, &motions[0]);
+        let others = motions.iter().zip(&names).skip(1).enumerate();
+        let animation = others.fold(animation, |animation, (i, (motion, name))| {
+            animation.with_companion(name, Animation::series_of_companion(i), motion)
+        });
+        let places = if in_lanes { "one lane each, from above" } else { "all at their own places in the medium" };
+        let shown =
+            format!("The same rod under every law, {places}: {}. All start at the same place.", names.join(", "));
+        Some(Box::new((animation, shown)))
     }
 }

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::{Force, body};
 use crate::reduced::MotionAndPower;
-use crate::report::Frame;
+use crate::report::{DrawnRod, Frame, RodMotion, drawn_nodes};
 use crate::rod::{Edge, Rod, node};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -55,7 +55,8 @@ pub struct FluidModelRun {
     pub efficiency: Option<f64>,
     /// Forces by source.
     pub parts: Vec<ForceBreakdown>,
-    pub frames: Vec<Frame>,
+    /// Its motion, if it has been run.
+    pub motion: Option<RodMotion>,
 }
 
 /// Equidistant times.
@@ -82,7 +83,7 @@ impl FluidModelRun {
     pub fn of(scene: &Scene, interrupted: &AtomicBool) -> Option<Self> {
         let run = StudyRun::of(scene, RUN_OPTIONS, interrupted)?;
         let mut swim =
-            Self { run, means: None, actuation_power: None, efficiency: None, parts: Vec::new(), frames: Vec::new() };
+            Self { run, means: None, actuation_power: None, efficiency: None, parts: Vec::new(), motion: None };
         if swim.is_complete()
             && let Err(error) = swim.follow(scene, interrupted)
         {
@@ -112,6 +113,9 @@ impl FluidModelRun {
         let mut shown = SampleTimes { next: 1, count: count as usize + 1, from: 0.0, by: played / count };
         let causes = scene.parts_of_fluid(&stepper.model().rod)?;
         let mut forces = ForceSamples::new(causes.iter().map(|(_, force)| &**force).collect());
+        let model = stepper.model();
+        let rod = DrawnRod::at(Some(model), drawn_nodes(model.rod.nodes, MAX_FRAME_POINTS));
+        let frame = |view: &View<'_>| Frame::of(view, rod.nodes());
         let mut frames = vec![frame(&stepper.view())];
         let mut failed = None;
         for span in scene.spans() {
@@ -145,7 +149,7 @@ impl FluidModelRun {
         self.means = MotionAndPower::of(stepper.cycles(), dynamics);
         let averages = stepper.cycles().averages(dynamics);
         (self.actuation_power, self.efficiency) = (averages.mean(&ACTUATION_POWER), averages.mean(&EFFICIENCY));
-        self.frames = frames;
+        self.motion = Some(RodMotion { rod, frames, is_of_last_periods: false });
         let names = causes.iter().map(|(name, _)| *name);
         self.parts = names.enumerate().map(|(i, name)| forces.part(&stepper.model().rod, i, name)).collect();
         Ok(())
@@ -158,15 +162,6 @@ fn at<T>(stepper: &mut Stepper, t: f64, mut look: impl FnMut(&View<'_>) -> T) ->
         Err(Error::OutsideStep { .. }) => Ok(look(&stepper.view())),
         outcome => outcome,
     }
-}
-
-fn frame(view: &View<'_>) -> Frame {
-    let mut frame = Frame::of(view);
-    let last = frame.points.len() - 1;
-    if last >= MAX_FRAME_POINTS {
-        frame.points = (0..MAX_FRAME_POINTS).map(|i| frame.points[i * last / (MAX_FRAME_POINTS - 1)]).collect();
-    }
-    frame
 }
 
 /// The forces of each source on each node, at all sampled times.
