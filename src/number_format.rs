@@ -55,7 +55,7 @@ const UNITS: [&str; 21] = [
 /// follows an equals sign stays as written in a scene.
 pub fn typeset(text: &str) -> String {
     let mut out = String::with_capacity(text.len() + 8);
-    let (mut measured, mut assigned) = (false, false);
+    let (mut measured, mut assigned, mut lists) = (false, false, false);
     for (i, word) in text.split(' ').enumerate() {
         let bare = word.trim_end_matches([',', '.', ';', ':', ')']);
         let is_unit = UNITS.contains(&bare);
@@ -74,7 +74,9 @@ pub fn typeset(text: &str) -> String {
         }
         // In N m, the second unit also belongs to the number.
         measured = bare.len() == word.len() && (is_number || measured && is_unit);
-        assigned = word == "=" || assigned && word.is_empty();
+        // Values of a key are as they were written, also the others of a list.
+        lists |= word == "=";
+        assigned = word == "=" || lists && word == "|" || assigned && word.is_empty();
     }
     out
 }

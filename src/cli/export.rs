@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use caudal::error::{Error, Result};
-use caudal::report::film::{Appearance, FilmSettings, RodMotion};
+use caudal::report::film::{FilmSettings, FilmedMotion};
 use caudal::report::picture::{self, PictureFormat};
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, MANIFEST, Owner, VTK_FOLDER, recorded_overrides};
+use caudal::report::{Claim, Folder, MANIFEST, MotionRecord, Owner, VTK_FOLDER, recorded_overrides};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -47,7 +47,7 @@ pub struct ExportArguments {
     /// Replace files of the same names that were made of other results
     #[arg(long)]
     force: bool,
-    /// Folder for the files [default: the run's, or out/<name of the scene>; of --vtk its folder vtk]
+    /// Folder for the files [default: the run's, or out/<name of the scene>; of --vtk its folder vtk; of FILM the current one]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// The fields of --vtk, variables by name [default: those of nodes and joints, and all of trajectory.csv]
@@ -156,7 +156,8 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     let films: Vec<PathBuf> = {
         let place = arguments.out.as_ref().unwrap_or(&own);
         let named = arguments.named_films().map(|ending| place.join(format!("{}.{ending}", scene.name)));
-        named.chain(arguments.film.clone()).collect()
+        let film = arguments.film.as_ref();
+        named.chain(film.map(|film| arguments.out.as_ref().map_or(film.clone(), |out| out.join(film)))).collect()
     };
     let run = [stepper.time(), scene.solver.duration_s.get()];
     if let Some(error) = films.iter().find_map(|path| film.check(path, run).err()) {
@@ -167,41 +168,39 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     }
     let owner = || Owner::of("export", &scene);
     let fields = match &arguments.fields {
-        None if arguments.vtk => vtk::fields(&stepper),
+        None => vtk::fields(&stepper),
         named => vtk::POSITIONS.map(str::to_string).into_iter().chain(named.iter().flatten().cloned()).collect(),
     };
-    let mut trajectory = TrajectoryTable::start(&scene, &stepper, Some(&fields))?;
+    let table = || TrajectoryTable::start(&scene, &stepper, Some(&fields));
+    let mut trajectory = arguments.vtk.then(table).transpose()?;
+    let mut motion = MotionRecord::start(&scene, &stepper);
     let interrupted = watch_for_interrupts();
     let raised =
         || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let progress = Progress::of(Unit::SimulatedSeconds, scene.solver.duration_s.get());
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
         progress.set(stepper.time());
-        trajectory.step(stepper, &mut || raised())
+        match (&mut trajectory, motion.step(stepper, raised)?) {
+            (Some(trajectory), ControlFlow::Continue(())) => trajectory.step(stepper, &mut || raised()),
+            (_, flow) => Ok(flow),
+        }
     });
     drop(progress);
-    trajectory.finish(&stepper);
+    let motion = motion.finish(&stepper);
     if outcome.ending == Ending::Interrupted {
         let films = if films.is_empty() { "" } else { ": no film is made of a part of the run" };
         print_error(&format!("interrupted at t = {} s{films}", stepper.time()));
     }
-    if arguments.vtk {
+    if let Some(mut trajectory) = trajectory {
+        trajectory.finish(&stepper);
         let out = arguments.out.clone().unwrap_or_else(|| own.join(VTK_FOLDER));
         let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
         whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));
     }
-    let column = |name: &str| {
-        let found = trajectory.columns().iter().find(|column| column.variable.name == name);
-        found.map_or(&[][..], |column| &column.values[..])
-    };
-    let appearance = Appearance::of(stepper.view().dynamics, &scene.recorded_nodes());
-    let motion = RodMotion {
+    let motion = FilmedMotion {
         name: &scene.name,
-        times: column("time_s"),
-        x: column("x_m"),
-        y: column("y_m"),
-        appearance: &appearance,
+        motion: &motion,
         cycle: stepper.cycles().whole(f64::INFINITY).last().map(|cycle| [cycle.from, cycle.until]),
     };
     for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {

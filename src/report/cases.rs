@@ -9,7 +9,6 @@ use serde_json::{Map, Value};
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
-use super::frame::Frame;
 use super::rod_motion::RodMotion;
 use crate::error::Result;
 use crate::number_format::number;
@@ -850,7 +849,7 @@ impl Cases {
             played: self.motions.len(),
             still,
             text: &self.text,
-            figures: Figures::of(figures),
+            figures: Figures::of(figures).playing(!self.motions.is_empty()),
             left_out,
             data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
@@ -901,6 +900,7 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
     use serde_json::json;
 
+    use super::super::rod_motion::DrawnRod;
     use super::*;
 
     fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
@@ -916,7 +916,7 @@ mod tests {
             medium: None,
             loads: None,
         };
-        Some(RodMotion { rod: DrawnRod::unknown(vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)], is_of_last_periods: false })
+        Some(RodMotion { rod: DrawnRod::at(None, vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)], is_of_last_periods: false })
     }
 
     /// A sweep along one axis, whose last case fails before it moves.
@@ -925,13 +925,14 @@ mod tests {
         for (i, way) in [(0, -0.002), (1, -1.4)] {
             let row =
                 json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way), vec![[0.0, 0.0], [1.0, way]]);
         }
         cases.add(
             2,
             &[2],
             json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(),
             None,
+            Vec::new(),
         );
         cases
     }
@@ -976,9 +977,9 @@ mod tests {
         for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
             let strouhal = (i != 1).then_some(0.1 + way);
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
-            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way), vec![[0.0, 0.0], [1.0, way]]);
         }
-        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), Vec::new(), None);
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None);
         let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
@@ -997,7 +998,7 @@ mod tests {
                 "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
                 "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
             });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5), None);
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
         }
         let all = captions(&cases);
         assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
@@ -1014,7 +1015,7 @@ mod tests {
         for i in 0..counts[0] * counts[1] {
             let (a, b) = (i / counts[1], i % counts[1]);
             let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
-            cases.add(i, &[a, b], row.as_object().unwrap(), Vec::new(), None);
+            cases.add(i, &[a, b], row.as_object().unwrap(), None);
         }
         cases
     }

@@ -56,7 +56,7 @@ struct RunPageContent<'a> {
 #[derive(Serialize)]
 pub struct Figures<'a> {
     all: Vec<PageFigure<'a>>,
-    /// True if there are maps of cases.
+    /// True if there are maps whose cases can be played.
     maps: bool,
     /// True if dots have texts.
     notes: bool,
@@ -117,6 +117,11 @@ impl<'a> Figures<'a> {
             maps: figures.iter().any(|figure| figure.cells.is_some()),
             drawn: (!charts.is_empty()).then_some(RawJson(DrawnCharts { charts, x })),
         }
+    }
+
+    /// The same on a page that plays cases, or has none to play.
+    pub fn playing(self, plays: bool) -> Self {
+        Self { maps: self.maps && plays, ..self }
     }
 }
 

@@ -1,6 +1,6 @@
-// Plays a motion: { times, points: packed x, y of the nodes at all times, relative to com, body: semi-axes and angle of a body around the
-// first node, if any, beside: [{ name, points, and if known half_widths, body }] of other rods }, and where they are known half_widths,
-// head, tendons, shear, and at all times moment, power, head_force and flow, packed. Call start once, play for every motion.
+// Plays a motion of page.rs: { times, com, the rod, beside: other rods, and where they are known media, flow, moment, power and head_force }.
+// A rod is { series: its colour, points: packed x, y of the nodes at all times, relative to com, joints, and where they are known name,
+// half_widths, body: semi-axes of a body around the first point, head, tendons }. Call start once, play for every motion.
 let stage_view = null;
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 // The picture is drawn in units of the window's size, not in metres: browsers do not draw shapes of a few micrometres.
@@ -44,7 +44,9 @@ function unpack(wanted) {
     const placed = (text) => unpacked(text, frames).map((frame, k) => Float64Array.from(frame, (value, i) => value + wanted.com[k][i % 2]));
     wanted.points = placed(wanted.points);
     wanted.beside.forEach((other) => { other.points = placed(other.points); });
-    for (const name of ["head_force", "flow"]) if (wanted[name]) wanted[name] = unpacked(wanted[name], frames);
+    if (wanted.head_force) wanted.head_force = unpacked(wanted.head_force, frames);
+    // A flow that is constant has one velocity.
+    if (wanted.flow) wanted.flow.layers = wanted.flow.layers.map((text) => { const all = unpacked(text, 1)[0]; return all.length > 2 ? unpacked(text, frames) : Array(frames).fill(all); });
     for (const name of ["moment", "power"]) if (wanted[name]) wanted[name] = shades(wanted[name], frames);
   }
   return wanted;
@@ -59,7 +61,7 @@ function play(wanted) {
       widen(world, points[i], points[i + 1]); widen(near, points[i] - motion.com[k][0], points[i + 1] - motion.com[k][1]);
     }
     for (const rod of [motion, ...motion.beside]) if (rod.body) for (const reach of [-1, 1]) {
-      const r = reach * Math.max(rod.body[k][0], rod.body[k][1]), [x, y] = [rod.points[k][0] + r, rod.points[k][1] + r];
+      const r = reach * Math.max(...rod.body), [x, y] = [rod.points[k][0] + r, rod.points[k][1] + r];
       widen(world, x, y); widen(near, x - motion.com[k][0], y - motion.com[k][1]);
     }
   });
@@ -73,8 +75,8 @@ function play(wanted) {
   part("speed").value = String(usual);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
-  part("beside").replaceChildren(...motion.beside.map((other, i) => {
-    const rod = shape("g", other.name ? { style: "stroke: " + coloured(i) + "; fill: " + coloured(i) } : {});
+  part("beside").replaceChildren(...motion.beside.map((other) => {
+    const rod = shape("g", { class: other.series < SERIES_COLOURS ? "" : "dashed", style: "stroke: " + colour_of(other) + "; fill: " + colour_of(other) });
     rod.append(...["polygon", "ellipse", "polyline"].map((kind) => shape(kind, { "vector-effect": "non-scaling-stroke", "stroke-width": 1.2 })));
     return rod;
   }));
@@ -82,6 +84,7 @@ function play(wanted) {
   part("segments").replaceChildren(...Array.from({ length: motion.points[0].length / 2 - 1 }, () => shape("polygon", { "vector-effect": "non-scaling-stroke" })));
   for (const option of part("colour").options) option.disabled = option.hidden = !(option.value in FIELDS ? FIELDS[option.value].of(0) : true);
   if (part("colour").selectedOptions[0].disabled) part("colour").value = "body";
+  part("stage").style.setProperty("--rod", colour_of(motion));
   largest = { force: most(motion.head_force), flow: most_flow() };
   force_scale = usual_size((motion.head_force ?? []).map(([x, y]) => Math.hypot(x, y)));
   named(motion.media);
@@ -101,9 +104,9 @@ function address() {
 
 // Quantities along the rod that colour it, each with its unit and its values in a frame.
 const FIELDS = {
-  curvature: { unit: "1/m", of: (k) => curvature(motion.points[k]) },
-  moment: { unit: "N m", of: (k) => motion.moment?.[k] },
-  power: { unit: "W/m", of: (k) => motion.power?.[k] },
+  curvature: { unit: "1/m", of: (k) => curvature(motion.points[k]), joints: () => [1, motion.points[0].length / 2 - 2] },
+  moment: { unit: "N m", of: (k) => motion.moment?.[k], joints: () => motion.joints },
+  power: { unit: "W/m", of: (k) => motion.power?.[k], joints: () => motion.joints },
 };
 const DIVERGING = [{% for colour in diverging %}[{{ colour|join(", ") }}], {% endfor %}];
 let first_asked = asked("t");
@@ -113,11 +116,15 @@ function usual_size(sizes) {
   const sorted = Float64Array.from(sizes).sort(), most = sorted[sorted.length - 1] ?? 0, within = sorted[Math.floor(0.99 * (sorted.length - 1))] ?? 0;
   return most > 4 * within && within > 0 ? within : most;
 }
-// The largest speed of the flow that may be seen.
+// The velocity of the flow at a time in a layer, with that of a shear at a place.
+function flow_in(k, layer, x, y) {
+  const { layers, rate = 0, normal: [nx, ny] = [0, 0] } = motion.flow, [u, v] = layers[Math.min(layer, layers.length - 1)][k], shear = rate * (x * nx + y * ny);
+  return [u + shear * ny, v - shear * nx];
+}
+// The largest speed of the flow that may be seen; none where the flow is not known.
 function most_flow() {
-  const first = motion.flow ?? [[0, 0]], { beyond, rate } = motion.shear ?? { beyond: [], rate: 0 };
-  const all = first.flatMap(([x, y]) => [[x, y], ...beyond.map(([dx, dy]) => [x + dx, y + dy])]);
-  return most(all) + Math.abs(rate) * world.size;
+  const corners = [[world.left, world.low], [world.left, world.high], [world.right, world.low], [world.right, world.high]];
+  return motion.flow ? most(motion.times.flatMap((_, k) => motion.flow.layers.flatMap((_, j) => corners.map(([x, y]) => flow_in(k, j, x, y))))) : 0;
 }
 const most = (vectors) => Math.max(0, ...(vectors ?? []).map(([x, y]) => Math.hypot(x, y)));
 function curvature(points) {
@@ -154,11 +161,11 @@ function outline_of(points, widths) {
   const half = (i) => unit * widths[i];
   return text_of([...offset(points, half), ...offset(points, (i) => -half(i)).reverse()]);
 }
-// Places the ellipse of a body at the head, if there is one.
+// Places the ellipse of a body at the head, if there is one, along the first edge.
 function place_body(ellipse, body, points) {
   ellipse.style.display = body ? "" : "none";
   if (!body) return;
-  const [along, across, angle] = body;
+  const [along, across] = body, angle = Math.atan2(points[3] - points[1], points[2] - points[0]);
   ellipse.setAttribute("rx", unit * along); ellipse.setAttribute("ry", unit * across);
   ellipse.setAttribute("transform", "translate(" + at_x(points[0]) + "," + at_y(points[1]) + ") rotate(" + -angle * 180 / Math.PI + ")");
 }
@@ -173,10 +180,12 @@ function dress(k, points) {
   part("outline").setAttribute("points", outline);
   if (coloured) {
     const seen = (i) => Math.max(half(i), 2.5 * pixel()), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
-    const values = FIELDS[name].of(k), size = size_of(name) || 1;
+    const values = FIELDS[name].of(k), size = size_of(name) || 1, [first, last] = FIELDS[name].joints();
+    // An end without a joint has no value of its own.
+    const value = (i) => values[Math.max(first, Math.min(i, last))];
     [...part("segments").children].forEach((segment, i) => {
       segment.setAttribute("points", text_of([left[i], left[i + 1], right[i + 1], right[i]]));
-      const colour = diverging((values[i] + values[i + 1]) / 2 / size);
+      const colour = diverging((value(i) + value(i + 1)) / 2 / size);
       segment.setAttribute("fill", colour); segment.setAttribute("stroke", colour);
     });
   }
@@ -203,17 +212,11 @@ function hold(k, points) {
 }
 // The velocity of the fluid, relative to the largest, at places that stay in the window.
 function stream(k, view) {
-  const flow = motion.flow?.[k] ?? [0, 0], long = 0.07 * WINDOW / largest.flow, arrows = [];
-  const flow_at = (x, y) => {
-    if (!motion.shear) return flow;
-    const { normal, rate, beyond } = motion.shear, h = x * normal[0] + y * normal[1], edges = motion.media?.moved?.[k] ?? motion.media?.edges ?? [];
-    // Each is relative to the first.
-    const past = beyond.findLast((_, j) => edges[j] && h > (edges[j][0] + edges[j][1]) / 2) ?? [0, 0], shear = rate * h;
-    return [0, 1].map((axis) => flow[axis] + past[axis] + shear * [normal[1], -normal[0]][axis]);
-  };
+  const long = 0.07 * WINDOW / largest.flow, arrows = [], media = motion.media, edges = media?.moved?.[k] ?? media?.edges ?? [];
+  const layer_at = (x, y) => 1 + edges.findLastIndex(([from, to]) => x * media.normal[0] + y * media.normal[1] > (from + to) / 2);
   if (largest.flow > 0) for (let i = 0; i < 5; i++) for (let j = 0; j < 3; j++) {
     const x = view.left + (0.06 + 0.2 * i) * (view.right - view.left), y = view.low + (0.2 + 0.3 * j) * (view.high - view.low);
-    const [ux, uy] = flow_at(x / unit + origin[0], y / unit + origin[1]);
+    const at = [x / unit + origin[0], y / unit + origin[1]], [ux, uy] = flow_in(k, layer_at(...at), ...at);
     arrows.push(arrow(x, -y, long * ux, -long * uy));
   }
   part("stream").setAttribute("d", arrows.join(""));
@@ -265,7 +268,8 @@ function named(media) {
     return [swatch, text];
   };
   const layers = media ? ["Media:", ...media.names.flatMap((name, i) => entry(name, "var(--medium-" + media.tints[i] + ")"))] : [];
-  const beside = motion.beside.flatMap((other, i) => other.name ? entry(other.name, coloured(i)) : []);
+  const beside = motion.beside.flatMap((other) => other.name ? entry(other.name, colour_of(other)) : []);
+  if (motion.name) part("own").replaceChildren(...entry(motion.name, colour_of(motion)));
   const [force, flow] = [largest.force, largest.flow].map((size) => Number(size.toPrecision(3)));
   const drawn = [
     ...(force > 0 ? ["Arrow at the head: the force of the tail on it, at most " + force + "\u00a0N."] : []),
@@ -275,10 +279,11 @@ function named(media) {
   bar.className = "scale"; bar.style.background = "linear-gradient(to right," + [-1, -0.5, 0, 0.5, 1].map(diverging).join(",") + ")";
   const most = name in FIELDS ? Number(size_of(name).toPrecision(3)) : 0;
   const scale = name in FIELDS ? [" " + part("colour").selectedOptions[0].textContent + ": −" + most, bar, most + "\u00a0" + FIELDS[name].unit + "."] : [];
-  part("legend").replaceChildren(...drawn, ...scale, " ", ...layers, ...(beside.length ? [" Beside it, from above:", ...beside] : []));
+  part("legend").replaceChildren(...drawn, ...scale, " ", ...layers, ...(beside.length ? [" Beside it:", ...beside] : []));
 }
-// Colours that are neither the rod's nor its centre's, as charts have them.
-function coloured(i) { return "var(--series-" + (2 + i % 6) + ")"; }
+// The colour of a rod, as that of its series in charts; from so many series on, colours repeat with dashes.
+const SERIES_COLOURS = {{ series_colours|length }};
+function colour_of(rod) { return "var(--series-" + rod.series % SERIES_COLOURS + ")"; }
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   look(com);
@@ -290,11 +295,11 @@ function show(k) {
   motion.beside.forEach((other, i) => {
     const [sides, body, line] = part("beside").children[i].children, points = other.points[k], outline = outline_of(points, other.half_widths);
     sides.setAttribute("points", outline); line.setAttribute("points", pairs(points)); line.setAttribute("stroke-width", outline ? 1.5 : 3);
-    place_body(body, other.body?.[k], points);
+    place_body(body, other.body, points);
   });
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
-  part("head").style.display = motion.body || motion.head ? "none" : "";
-  place_body(part("body"), motion.body?.[k], frame);
+  part("head").style.display = motion.body || motion.head || motion.headless ? "none" : "";
+  place_body(part("body"), motion.body, frame);
   part("head").setAttribute("cx", at_x(frame[0])); part("head").setAttribute("cy", at_y(frame[1]));
   part("com").setAttribute("cx", at_x(com[0])); part("com").setAttribute("cy", at_y(com[1]));
   const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));

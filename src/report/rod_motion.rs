@@ -38,7 +38,7 @@ pub struct RodMotion {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DrawnRod {
     /// The nodes that are drawn, from the head to the tip.
-    nodes: Vec<usize>,
+    pub(super) nodes: Vec<usize>,
     /// Half the width of the body in the plane of motion at each of them, m; `None` if it is unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) half_widths: Option<Vec<f64>>,
@@ -56,7 +56,7 @@ pub struct DrawnRod {
     pub(super) joints: [usize; 2],
     /// The arc length from the head to each point at rest, m; empty if it is unknown.
     #[serde(skip)]
-    arc_lengths: Vec<f64>,
+    pub(super) arc_lengths: Vec<f64>,
 }
 
 /// How a head is held.

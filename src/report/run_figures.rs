@@ -548,7 +548,7 @@ mod tests {
             let name = file.file_name().unwrap().to_string_lossy().into_owned();
             let text = std::fs::read_to_string(&file).unwrap_or_default();
             let Ok(scene) = Document::read(&file).and_then(|document| document.scene()) else { continue };
-            if scene.rod.nodes.get() > MAX_POINTS || !text.contains("[solver]") {
+            if scene.rod.nodes.get() > 120 || !text.contains("[solver]") {
                 continue;
             }
             let mut stepper = Stepper::of(&scene).unwrap();
@@ -556,7 +556,7 @@ mod tests {
                 stepper.do_step(7.3e-3).unwrap();
                 let view = stepper.view();
                 let rod = &view.dynamics.model.rod;
-                let power = Frame::with_loads(&view, RodMotion::of(&view.dynamics.model).rod.nodes()).loads.unwrap().power;
+                let power = Frame::with_loads(&view, &(0..rod.nodes).collect::<Vec<_>>()).loads.unwrap().power;
                 let parts: Vec<f64> = rod.joints().map(|k| power[k] * rod.joint_part(k) * rod.spacing).collect();
                 let expected = view.metrics.now.power.actuation;
                 let size = parts.iter().map(|part| part.abs()).sum::<f64>().max(f64::MIN_POSITIVE);

@@ -404,8 +404,7 @@ mod tests {
         // Other rods in an animation have the colours of series.
         let (style, player) = (include_str!("style.css"), include_str!("player.js"));
         assert_eq!(style.matches("--series-{{ loop.index0 }}").count(), 2, "light and dark");
-        let first = crate::report::page::Animation::series_of_companion(0);
-        assert!(player.contains(&format!("\"var(--series-\" + ({first} + i % 6) + \")\"")));
+        assert!(player.contains("\"var(--series-\" + rod.series % SERIES_COLOURS + \")\""));
         // The lines of any number of them differ from each other, from the first rod's and from that of centres of mass.
         let companions = (0..60).map(crate::report::page::Animation::series_of_companion);
         let seen: std::collections::BTreeSet<_> = companions.clone().chain([0, 1]).collect();

@@ -17,6 +17,7 @@ mod keeping;
 mod messages;
 mod overrides;
 mod page;
+mod pictures;
 #[cfg(target_os = "linux")]
 mod progress;
 mod recorded;

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use caudal::number_format::number;
-use caudal::report::{Animation, Frame};
+use caudal::report::{Animation, DrawnRod, Frame, RodMotion};
 
 const EEL: &str = r#"
 name = "eel"
@@ -128,12 +128,13 @@ fn a_rod_far_away_plays_as_one_nearby() {
         time,
         points: vec![[x, y], [x + 0.4, 0.0]],
         com: [x + 0.2, 0.0],
-        body: None,
         medium: None,
         loads: None,
     };
     let played = |x: f64| {
-        let motion = serde_json::to_value(Animation::of(&[frame(0.0, x, 0.0), frame(1.0, x + 1e-3, 1e-3)])).unwrap();
+        let frames = vec![frame(0.0, x, 0.0), frame(1.0, x + 1e-3, 1e-3)];
+        let motion = RodMotion { rod: DrawnRod::at(None, vec![0, 1]), frames };
+        let motion = serde_json::to_value(Animation::of(&motion)).unwrap();
         let bytes = STANDARD.decode(motion["points"].as_str().unwrap()).unwrap();
         let points: Vec<f64> =
             bytes.as_chunks::<4>().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect();

@@ -2,11 +2,9 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use caudal::Error;
 use caudal::assessment::Assessment;
-use caudal::model::Dynamics;
 use caudal::report::Summary;
 use caudal::report::RodMotion;
 use caudal::report::film::{FilmSettings, FilmedMotion};
@@ -183,7 +181,8 @@ pub fn write_film(
     let mut attention = Attention::new();
     let written = py.detach(|| {
         let (nodes, [x, y]) = (scene.recorded_nodes(), &positions);
-        let row = |(n, time): (usize, f64)| (time, move |place: usize| [x, y].map(|all| all[n * nodes.len() + place]));
+        let count = nodes.len();
+        let row = |(n, time): (usize, f64)| (time, move |place: usize| [x, y].map(|all| all[n * count + place]));
         let motion = RodMotion::of_positions(&model, &nodes, times.into_iter().enumerate().map(row));
         let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle: None };
         let film = FilmSettings { per_second, speed: Some(speed), sharpness, window };

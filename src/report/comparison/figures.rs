@@ -20,6 +20,9 @@ const AXES: [(&str, &str); 9] = [
     ("J", "energy"),
 ];
 
+/// Most entries of a quantity along the rod that have a chart each.
+const MAX_ENTRIES: usize = 8;
+
 /// The velocity of the centre of mass, which follows from its position.
 const DERIVED: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
 
@@ -37,12 +40,14 @@ pub fn all(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Vec<Fi
         let caption = "The paths of the centres of mass; the two axes have scales of their own.";
         groups[0].extend(chart.figure("com_path.svg", caption));
     }
-    for name in quantities(runs) {
-        let curves = series("time_s", &name);
+    let names = quantities(runs);
+    for name in &names {
+        let Some(part) = charted(name, &names) else { continue };
+        let curves = series("time_s", name);
         if curves.len() < 2 || !tells(&curves) {
             continue;
         }
-        let (base, entry) = name.split_once('[').unwrap_or((&name, ""));
+        let (base, entry) = name.split_once('[').unwrap_or((name, ""));
         let variable = VARIABLES.iter().find(|variable| variable.name == base);
         let (unit, description) = variable.map_or(("", base), |variable| (variable.unit, variable.description));
         let entry = entry.trim_end_matches(']');
@@ -59,13 +64,25 @@ pub fn all(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Vec<Fi
         let derived =
             DERIVED.contains(&base) && runs.iter().any(|run| !run.curves.columns().iter().any(|own| own == base));
         let how = if derived { ": mean values between recorded times" } else { "" };
-        let caption = format!("{}{at}, over time{how}.", capitalised(description));
+        let caption = format!("{}{at}, over time{how}.{part}", capitalised(description));
         let chart = Chart::new(format!("{short}{axis}{at}"), "time (s)", y, Scale::Linear, curves);
         let place = ORDER.iter().position(|units| units.contains(&unit)).unwrap_or(ORDER.len());
         let file = format!("{}.svg", name.replace('[', "-").replace(']', ""));
         groups[place].extend(chart.figure(file, caption));
     }
     groups.concat()
+}
+
+/// What a caption says of a quantity that has charts of only some entries, of which this is one; `None` for the others.
+fn charted(name: &str, names: &[String]) -> Option<String> {
+    let base = |name: &str| name.split_once('[').map(|(base, _)| base.to_string());
+    let Some(own) = base(name) else { return Some(String::new()) };
+    let entries: Vec<&String> = names.iter().filter(|other| base(other).as_ref() == Some(&own)).collect();
+    if entries.len() <= MAX_ENTRIES {
+        return Some(String::new());
+    }
+    let mut shown = (0..MAX_ENTRIES).map(|i| entries[i * (entries.len() - 1) / (MAX_ENTRIES - 1)]);
+    shown.any(|shown| shown == name).then(|| format!(" Of {} entries, {MAX_ENTRIES} are drawn; trajectory.csv has all.", entries.len()))
 }
 
 /// The columns of all runs, in the order of the table of variables.

@@ -509,9 +509,8 @@ fn answers(
     }
     for row in different.iter().take(MAX_LISTED) {
         let unit = row.unit.map_or(String::new(), |unit| format!(" {unit}"));
-        let first = row.values[0].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
+        let value = |i: usize| row.values[i].as_f64().map_or("none".to_string(), |x| plain(x, 4) + &unit);
         let other = |i: usize| {
-            let value = row.values[i].as_f64().map_or_else(|| "none".to_string(), |x| plain(x, 4));
             let found = row.differences[i - 1].filter(|found| found.absolute != 0.0);
             let words = found.map(|found| {
                 let relative = found.relative.map(per_cent);
@@ -519,10 +518,10 @@ fn answers(
                 let all: Vec<String> = relative.into_iter().chain(verdict).collect();
                 if all.is_empty() { String::new() } else { format!(" ({})", all.join(", ")) }
             });
-            format!("{value}{unit}{}", words.unwrap_or_default())
+            value(i) + &words.unwrap_or_default()
         };
         let others: Vec<String> = (1..runs.len()).map(other).collect();
-        answers.push(format!("{}: {first}{unit} | {}", row.key, others.join(" | ")));
+        answers.push(format!("{}: {} | {}", row.key, value(0), others.join(" | ")));
     }
     let other_laws = errors.iter().any(|own| own.forces() != errors[0].forces());
     let meshes: BTreeSet<Option<u64>> =
@@ -564,7 +563,12 @@ fn notes(labels: &[String], runs: &[RecordedRun], film: Option<&Film>) -> Vec<St
         notes.extend(run.missing.iter().map(|missing| format!("{label}: {missing}")));
     }
     if film.is_none() && runs.iter().filter(|run| run.has_motion()).count() > 1 {
-        notes.push("there is no film: the tables of nodes have no time in common".to_string());
+        let starts = labels.iter().zip(runs).filter_map(|(label, run)| {
+            let [start, end] = [run.motion_start().ok()??, run.number("end_time_s")?].map(|time| plain(time, 5));
+            Some(format!("{label} {start} to {end} s"))
+        });
+        let spans = starts.collect::<Vec<_>>().join(", ");
+        notes.push(format!("there is no film: the tables of nodes have no time in common ({spans})"));
     }
     if let Some(film) = film {
         notes.extend(
