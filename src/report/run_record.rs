@@ -77,44 +77,6 @@ impl RecordingTimes {
     }
 }
 
-/// The motion of a run at its recorded times, for films.
-#[derive(Debug)]
-pub struct MotionRecord {
-    times: RecordingTimes,
-    motion: RodMotion,
-}
-
-impl MotionRecord {
-    /// Starts with the current state.
-    pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
-        let mut motion = RodMotion::of(stepper.model());
-        motion.push(&stepper.view());
-        Self { times: RecordingTimes::of(scene, stepper), motion }
-    }
-
-    /// Records the last step. `watch` is called at each recorded time, and may stop the run.
-    ///
-    /// # Errors
-    /// Those of [`Stepper::at`].
-    pub fn step(&mut self, stepper: &mut Stepper, mut watch: impl FnMut() -> ControlFlow<()>) -> Result<ControlFlow<()>> {
-        let Self { times, motion } = self;
-        times.pass(stepper, |view, recorded| {
-            if recorded {
-                motion.push(view);
-            }
-            Ok(watch())
-        })
-    }
-
-    /// The motion up to the final state.
-    pub fn finish(mut self, stepper: &Stepper) -> RodMotion {
-        if self.motion.frames.last().is_none_or(|frame| frame.time != stepper.time()) {
-            self.motion.push(&stepper.view());
-        }
-        self.motion
-    }
-}
-
 /// Multiple `k` of `interval` (s), if it is not after `now` (s), up to rounding.
 fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
     let time = k as f64 * interval;
