@@ -902,6 +902,7 @@ mod tests {
 
     use super::super::rod_motion::DrawnRod;
     use super::*;
+    use crate::report::Frame;
 
     fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
         let labels = numbers.iter().map(f64::to_string).collect();
@@ -979,7 +980,7 @@ mod tests {
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
             cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way), vec![[0.0, 0.0], [1.0, way]]);
         }
-        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None);
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None, Vec::new());
         let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
@@ -998,7 +999,7 @@ mod tests {
                 "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
                 "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
             });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5), vec![[0.0, 0.0], [1.0, 0.5]]);
         }
         let all = captions(&cases);
         assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
@@ -1015,7 +1016,7 @@ mod tests {
         for i in 0..counts[0] * counts[1] {
             let (a, b) = (i / counts[1], i % counts[1]);
             let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
-            cases.add(i, &[a, b], row.as_object().unwrap(), None);
+            cases.add(i, &[a, b], row.as_object().unwrap(), None, Vec::new());
         }
         cases
     }

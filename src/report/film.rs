@@ -542,7 +542,7 @@ mod tests {
     fn a_film_that_is_stopped_leaves_the_earlier_one() {
         let folder = tempfile::tempdir().unwrap();
         let motion = motion(&[0.0, 1.0], &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1]);
-        let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None };
+        let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None, drive: None };
         let path = folder.path().join("rod.gif");
         let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
         settings.write(&path, &motion, |_| ControlFlow::Continue(())).unwrap();
@@ -559,7 +559,7 @@ mod tests {
     #[test]
     fn a_sharpness_or_a_window_that_is_no_number_is_refused() {
         let refused =
-            |settings: FilmSettings| settings.check(Path::new("rod.gif"), [0.0, 1.0]).unwrap_err().to_string();
+            |settings: FilmSettings| settings.check(Path::new("rod.gif"), [0.0, 1.0], None).unwrap_err().to_string();
         for sharpness in [f64::NAN, 0.0, -1.0, 1e9] {
             let said = refused(FilmSettings { sharpness, ..FilmSettings::default() });
             assert!(said.contains(&format!("found a sharpness of {sharpness}; allowed: 0.05 to 20")), "{said}");
@@ -584,7 +584,7 @@ mod tests {
 
     fn svg_of(length: f64, nodes: usize, periods: f64, cycle: Option<[f64; 2]>) -> std::result::Result<String, String> {
         let (times, x, y) = wave(length, nodes, 1 + (40.0 * periods) as usize, periods);
-        let motion = FilmedMotion { name: "wave", motion: &motion(&times, &x, &y), cycle };
+        let motion = FilmedMotion { name: "wave", motion: &motion(&times, &x, &y), cycle, drive: None };
         let window = [times[0], times[times.len() - 1]];
         FilmSettings::default().svg(&motion, window)
     }
@@ -638,18 +638,72 @@ mod tests {
             refused,
             "found 101 cycles that do not repeat; allowed in an SVG: 25; --from and --until choose some"
         );
-        let refused = FilmSettings::default().check(Path::new("rod.svg"), [0.0, 0.0]).unwrap_err().to_string();
+        let refused = FilmSettings::default().check(Path::new("rod.svg"), [0.0, 0.0], None).unwrap_err().to_string();
         assert!(refused.contains("a film needs a run of more than one time"), "{refused}");
     }
 
     #[test]
     fn a_rod_at_rest_and_one_in_a_single_place_have_a_picture() {
         for x in [[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], [0.0; 6]] {
-            let motion = FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None };
+            let motion = FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None, drive: None };
             let svg = FilmSettings::default().svg(&motion, [0.0, 1.0]).unwrap();
             assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains("&lt;&amp;&gt;"), "{svg}");
             assert!(SvgRenderer::new().pixels(&svg, 1.0).is_ok());
         }
+    }
+
+    #[test]
+    fn of_two_films_that_of_the_faster_beat_never_looks_slower() {
+        let frequencies = [0.01, 0.1, 0.25, 0.5, 0.9, 1.0, 1.1, 2.0, 2.4, 2.6, 3.0, 7.0, 30.0, 250.0];
+        let shown = frequencies.map(|frequency| {
+            let speed = usual_speed(f64::recip(frequency), Some(f64::recip(frequency)));
+            assert!((frequency < 0.25) == (speed > 1.0), "{frequency} Hz at {speed}");
+            speed * frequency
+        });
+        assert!(shown.windows(2).all(|pair| pair[0] <= pair[1] * (1.0 + 1e-12)), "beats per second of films: {shown:?}");
+    }
+
+    #[test]
+    fn a_film_of_pictures_has_twelve_per_beat_unless_it_is_asked_for_another_speed_and_then_it_says_so() {
+        let path = Path::new("rod.gif");
+        for span in [0.01, 0.5, 8.0, 1000.0] {
+            for frequency in [0.5, 3.0, 30.0, 240.0] {
+                let (run, drive) = ([0.0, span], Some(frequency));
+                for per_second in [10, 25, 50] {
+                    let settings = FilmSettings { per_second, ..FilmSettings::default() };
+                    let Ok(plan) = settings.plan(path, run, drive) else { continue };
+                    let rate = f64::from(per_second) / (plan.speed * frequency);
+                    assert!(rate >= LEAST_PER_PERIOD * (1.0 - 1e-9), "{span} s, {frequency} Hz, {per_second}/s: {rate}");
+                    assert_eq!(settings.warning(path, run, drive), Ok(None));
+                }
+            }
+        }
+        let fast = FilmSettings { speed: Some(1.0), ..FilmSettings::default() };
+        let said = fast.warning(path, [0.0, 0.5], Some(30.0)).unwrap().unwrap();
+        assert!(said.contains("rod.gif has 0.83 pictures per period of the fastest drive") && said.contains("--speed 0.05"), "{said}");
+        assert_eq!(fast.warning(path, [0.0, 20.0], Some(2.0)), Ok(None));
+    }
+
+    #[test]
+    fn a_film_of_whole_periods_loops_without_a_jump() {
+        let (times, x, y) = wave(1.0, 33, 200, 5.0);
+        let mut motion = motion(&times, &x, &y);
+        let fluid = crate::fluid::Fluid { density: 1000.0, ..crate::fluid::Fluid::NONE };
+        for frame in &mut motion.frames {
+            frame.medium = Some(super::super::frame::Medium { fluid, layers: None });
+        }
+        let motion = FilmedMotion { name: "wave", motion: &motion, cycle: None, drive: Some(1.0) };
+        for window in [[3.0, 4.0], [1.0, 4.0], [2.0, 3.001]] {
+            assert!(closes(&motion, window), "{window:?}");
+            let scene = FilmScene::of(motion, window, LOOKS, true).looping();
+            let [first, last] = window.map(|time| scene.picture(time, ""));
+            // A shift by a whole cell is none.
+            let shift = |picture: &str| picture.split("translate(").nth(2).unwrap().split(' ').next().unwrap().to_string();
+            let [from, to]: [f64; 2] = [&first, &last].map(|picture| shift(picture).parse().unwrap());
+            assert!(from == 0.0 && (to < 0.2 || (to - scene.cell()).abs() < 0.2), "{window:?}: {from} {to}");
+            assert_eq!(first, last.replacen(&format!("translate({} 0)", shift(&last)), "translate(0 0)", 1), "{window:?}");
+        }
+        assert!(!closes(&motion, [3.0, 4.3]));
     }
 
     #[test]

@@ -174,6 +174,12 @@ impl<'a> FilmScene<'a> {
         Self { cell: if cell < LEAST_CELL { CELL[0] } else { cell }, ..self }
     }
 
+    /// Distance after which the specks repeat, px.
+    #[cfg(test)]
+    pub fn cell(&self) -> f64 {
+        self.cell
+    }
+
     /// The speed (px/s) at which the fluid goes by, at the motion's own speed.
     pub fn pace(&self) -> f64 {
         self.drift.map_or(0.0, |drift| drift.norm() * self.unit)
@@ -491,4 +497,16 @@ fn path(polygon: &[Vector2<f64>]) -> String {
         (x, y) = (next_x, next_y);
     }
     data + "z"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clock_value;
+
+    #[test]
+    fn durations_have_no_power_of_ten() {
+        for (seconds, text) in [(5e-4, "0.0005"), (1.0, "1"), (1.6667, "1.667"), (12345.6, "12346"), (1.5e-7, "0.00000015")] {
+            assert_eq!(clock_value(seconds), text);
+        }
+    }
 }

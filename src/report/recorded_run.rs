@@ -50,7 +50,7 @@ enum NodeTable {
 pub struct RecordedMotion {
     /// Recorded times (s) with the positions of nodes (m), along with those just outside the window. If there are many, some are left
     /// out.
-    rows: Vec<(f64, Vec<[f64; 2]>)>,
+    rows: Vec<Row>,
     /// Mean time between the rows of its table within the window, s; `None` if there are fewer than two.
     pub spacing: Option<f64>,
 }
@@ -457,31 +457,43 @@ impl CurvesBuilder {
     }
 }
 
-/// Collects the rows of a table of nodes within a window.
+/// Collects the rows of a table of nodes within a window, and two on both sides of it, between which is interpolated.
 struct WindowBuilder {
     window: [f64; 2],
-    before: Option<(f64, Vec<[f64; 2]>)>,
-    rows: Thinned<(f64, Vec<[f64; 2]>)>,
-    last: Option<(f64, Vec<[f64; 2]>)>,
+    before: VecDeque<Row>,
+    rows: Thinned<Row>,
+    last: Option<Row>,
     row: u64,
+    /// Rows from the end of the window on.
+    after: usize,
 }
+
+/// A time (s) with the positions of nodes (m).
+type Row = (f64, Vec<[f64; 2]>);
+
+/// Rows on each side of a window.
+const BESIDE: usize = 2;
 
 impl WindowBuilder {
     fn new(window: [f64; 2]) -> Self {
-        Self { window, before: None, rows: Thinned::new(MAX_ROWS), last: None, row: 0 }
+        Self { window, before: VecDeque::new(), rows: Thinned::new(MAX_ROWS), last: None, row: 0, after: 0 }
     }
 
     /// Takes the positions of `count` nodes at the next time; false if no more are needed.
     fn take(&mut self, time: f64, count: usize, at: impl Fn(usize) -> Result<[f64; 2]>) -> Result<bool> {
         let positions = drawn_nodes(count, MAX_POINTS).into_iter().map(at).collect::<Result<Vec<_>>>()?;
         if time < self.window[0] {
-            self.before = Some((time, positions));
+            if self.before.len() == BESIDE {
+                self.before.pop_front();
+            }
+            self.before.push_back((time, positions));
             return Ok(true);
         }
         self.rows.offer(self.row, || (time, positions.clone()));
         self.last = Some((time, positions));
         self.row += 1;
-        Ok(time < self.window[1])
+        self.after += usize::from(time >= self.window[1]);
+        Ok(self.after < BESIDE)
     }
 
     fn finish(self) -> RecordedMotion {

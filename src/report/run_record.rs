@@ -375,3 +375,26 @@ impl RunRecord {
 fn sample(columns: &[&Variable], view: &View<'_>) -> Vec<f64> {
     columns.iter().map(|variable| variable.first(view)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thinned_curve_keeps_the_least_and_the_largest_value() {
+        for count in [1, 2, 99, 100, 101, 5000, 12_345] {
+            let mut envelope = Envelope::new(100);
+            let value = |n: usize| if n == count / 3 { 7.0 } else { (n as f64 * 1.7).sin() };
+            (0..count).for_each(|n| envelope.take(2, |k| if k == 0 { n as f64 } else { value(n) }));
+            let curve = envelope.curve(1);
+            assert!(curve.len() <= 100.min(count) && 2 * curve.len() >= 100.min(count), "{count}: {}", curve.len());
+            assert_eq!([curve[0].0, curve[curve.len() - 1].0], [0.0, count as f64 - 1.0]);
+            assert!(curve.windows(2).all(|pair| pair[0].0 < pair[1].0), "{count}");
+            let range = |of: &mut dyn Iterator<Item = f64>| of.fold([f64::MAX, f64::MIN], |[a, b], x| [a.min(x), b.max(x)]);
+            assert_eq!(range(&mut curve.iter().map(|point| point.1)), range(&mut (0..count).map(value)), "{count}");
+            if count <= 100 {
+                assert!(curve.iter().enumerate().all(|(n, point)| *point == (n as f64, value(n))), "{count}: all rows");
+            }
+        }
+    }
+}

@@ -232,4 +232,15 @@ mod tests {
             assert_eq!(digits_of(times), digits, "{times:?}");
         }
     }
+
+    #[test]
+    fn twelve_rows_per_period_are_enough_to_interpolate_a_wave() {
+        let rows: Vec<f64> = (0..40).map(|k| f64::from(k) / LEAST_PER_PERIOD + if k % 2 == 0 { 0.0 } else { 0.01 }).collect();
+        let wave = |time: f64| (std::f64::consts::TAU * time).sin();
+        let at = |time: f64| interpolate(rows.len(), time, |i| rows[i], |i, _| wave(rows[i]), 1)[0];
+        let error = (0..1000).map(|k| 0.5 + 2e-3 * f64::from(k)).map(|t| (at(t) - wave(t)).abs()).fold(0.0, f64::max);
+        assert!(error < 5e-3, "{error}"); // a straight line is off by 34e-3
+        assert_eq!([at(-1.0), at(99.0), at(rows[7])], [rows[0], rows[39], rows[7]].map(wave));
+        assert!(interpolate(0, 1.0, |_| 0.0, |_, _| 0.0, 3).is_empty());
+    }
 }
