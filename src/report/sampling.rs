@@ -45,10 +45,11 @@ impl Sampling {
         let periods = drive.map_or(0.0, |frequency| frequency * span);
         match drive.filter(|_| LEAST_PER_PERIOD * periods > most) {
             None => Self { spacing: span / (PER_PERIOD * periods).clamp(least, most), last: None },
-            Some(frequency) => Self {
-                spacing: 1.0 / (PER_PERIOD * frequency),
-                last: Some((most / PER_PERIOD).floor().max(1.0).min(periods) / frequency),
-            },
+            Some(frequency) => {
+                let count = (most / PER_PERIOD).floor().max(1.0);
+                let rate = (most / count).clamp(LEAST_PER_PERIOD, PER_PERIOD);
+                Self { spacing: 1.0 / (rate * frequency), last: Some(count.min(periods) / frequency) }
+            }
         }
     }
 
@@ -61,7 +62,6 @@ impl Sampling {
         if sampling.last.is_some() || every <= 1.0 || is_dense(every) {
             return (sampling, every as u64);
         }
-        // The last periods have half as many ticks between pictures at least.
         let recent = Self::of(f64::INFINITY, drive, pictures);
         (recent, ticks(&recent) as u64)
     }
@@ -185,7 +185,8 @@ impl FrameRecord {
             self.frames.push_back(frame());
         }
         let since = self.last.map_or(f64::NEG_INFINITY, |last| end - last * (1.0 + TICK_TOLERANCE));
-        let before = self.frames.partition_point(|frame| frame.time < since);
+        let too_many = self.last.map_or(0, |_| self.frames.len().saturating_sub(self.most));
+        let before = self.frames.partition_point(|frame| frame.time < since).max(too_many);
         self.is_of_last_periods |= before > 0;
         self.frames.drain(..before);
     }

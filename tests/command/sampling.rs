@@ -79,11 +79,11 @@ fn delays(file: &Path) -> Vec<u16> {
 #[test]
 fn a_page_plays_at_least_twelve_frames_per_period_and_says_if_it_plays_the_last_periods() {
     let folder = place();
-    for (duration, more) in [(0.6, ""), (15.0, ""), (40.0, ""), (100.0, " --set solver.tolerance=1e-3")] {
-        let more = if more.is_empty() { String::new() } else { more.to_string() };
-        let scene = if more.is_empty() { EEL.to_string() } else { EEL.replace("time_step_s = 2e-3\n", "") };
+    let adaptive = "integrator = \"esdirk3\"\ntolerance = 1e-3\n";
+    let adaptive = EEL.replace("integrator = \"newmark\"\ntime_step_s = 2e-3\n", adaptive);
+    for (duration, scene) in [(0.6, EEL), (15.0, EEL), (40.0, EEL), (40.0, &adaptive)] {
         std::fs::write(folder.path().join("eel.toml"), scene).unwrap();
-        done(folder.path(), &format!("run eel.toml --set solver.duration_s={duration}{more} --out run --force"));
+        done(folder.path(), &format!("run eel.toml --set solver.duration_s={duration} --out run --force"));
         let motion = data(&folder.path().join("run/report.html"), "motion");
         let (rate, [first, last]) = rate(&motion, 5.0);
         let case = format!("{duration} s: {rate} frames per period from {first} s to {last} s");
@@ -176,15 +176,15 @@ fn the_exports_of_a_run_that_was_interrupted_end_where_it_ended() {
     done(folder.path(), "run eel.toml --out run");
     let summary = folder.path().join("run/summary.json");
     let mut content: Value = serde_json::from_str(&std::fs::read_to_string(&summary).unwrap()).unwrap();
-    (content["complete"], content["end_time_s"]) = (false.into(), 0.3.into());
+    (content["complete"], content["end_time_s"]) = (false.into(), 0.32.into());
     std::fs::write(&summary, content.to_string()).unwrap();
     let said = done(folder.path(), "export run --gif --vtk");
-    assert!(said.contains("note: the run in run ended at t = 0.3 s, and so do its exports"), "{said}");
-    assert_eq!(delays(&folder.path().join("run/eel.gif")).len(), 38, "1.5 beats of a second each");
+    assert!(said.contains("note: the run in run ended at t = 0.32 s, and so do its exports"), "{said}");
+    assert_eq!(delays(&folder.path().join("run/eel.gif")).len(), 40, "1.6 beats of a second each");
     let rows = std::fs::read_dir(folder.path().join("run/vtk")).unwrap().filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|e| e == "vtp"));
-    assert_eq!(rows.count(), 151);
+    assert_eq!(rows.count(), 161);
     let refused = caudal(folder.path(), "export run --gif --from 0.4");
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("allowed: a part of the run, 0 to 0.3 s"), "{refused:?}");
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("allowed: a part of the run, 0 to 0.32 s"), "{refused:?}");
 }
 
 #[test]
