@@ -118,8 +118,12 @@ mod tests {
     fn a_page_parts_no_number_from_its_unit_and_has_one_way_to_write_exponents() {
         let slip = typeset("slip -6.461e-11, 26 % of 0.1 N m, (-2 m) and 1e-3.");
         assert_eq!(slip, "slip −6.461·10⁻¹¹, 26\u{a0}% of 0.1\u{a0}N\u{a0}m, (−2\u{a0}m) and 1·10⁻³.");
-        let text = "solver.time_step_s = 1e-3, case 3 stays, 2e, well-known 5-eyed m";
-        assert_eq!(typeset(text), text);
+        for text in [
+            "solver.time_step_s = 1e-3, case 3 stays, 2e, well-known 5-eyed m",
+            "2 keys differ: rod.youngs_modulus_pa = 5e5 | 1e6; solver.time_step_s = not given | 1e-3.",
+        ] {
+            assert_eq!(typeset(text), text);
+        }
     }
 
     #[test]

@@ -8,9 +8,9 @@ use std::sync::atomic::Ordering;
 use caudal::error::{Error, Result};
 use caudal::report::film::{FilmRecord, FilmSettings, FilmedMotion};
 use caudal::report::picture::{self, PictureFormat};
+use caudal::report::sampling::fastest_drive;
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::sampling::fastest_drive;
 use caudal::report::{Claim, Folder, MANIFEST, Owner, VTK_FOLDER, recorded_overrides};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
@@ -274,5 +274,9 @@ fn summary(folder: &Path) -> Result<RecordedEnding> {
         entry("scene_file").ok_or_else(|| read("it is not that of a run; give its scene instead".to_string()))?;
     let end = summary.get("end_time_s").and_then(serde_json::Value::as_f64);
     let is_part = summary.get("complete") == Some(&serde_json::Value::Bool(false));
-    Ok(RecordedEnding { file: PathBuf::from(file), fingerprint: entry("scene_fingerprint"), end: end.filter(|_| is_part) })
+    Ok(RecordedEnding {
+        file: PathBuf::from(file),
+        fingerprint: entry("scene_fingerprint"),
+        end: end.filter(|_| is_part),
+    })
 }

@@ -337,7 +337,14 @@ impl Cases {
     }
 
     /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion, if any.
-    pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Option<RodMotion>, path: Vec<[f64; 2]>) {
+    pub fn add(
+        &mut self,
+        index: usize,
+        levels: &[usize],
+        row: &Map<String, Value>,
+        motion: Option<RodMotion>,
+        path: Vec<[f64; 2]>,
+    ) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
         let complete = row.get("complete") == Some(&Value::Bool(true));
@@ -861,11 +868,7 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
-                motions: self
-                    .motions
-                    .iter()
-                    .map(|(index, motion)| (*index, Animation::of(motion)))
-                    .collect(),
+                motions: self.motions.iter().map(|(index, motion)| (*index, Animation::of(motion))).collect(),
             }),
         };
         render(include_str!("cases.html"), &content)
@@ -910,14 +913,13 @@ mod tests {
     }
 
     fn motion(way: f64) -> Option<RodMotion> {
-        let frame = |time: f64| Frame {
-            time,
-            points: vec![[0.0; 2]; 3],
-            com: [way * time, 0.0],
-            medium: None,
-            loads: None,
-        };
-        Some(RodMotion { rod: DrawnRod::at(None, vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)], is_of_last_periods: false })
+        let frame =
+            |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], medium: None, loads: None };
+        Some(RodMotion {
+            rod: DrawnRod::at(None, vec![0, 1, 2]),
+            frames: vec![frame(0.0), frame(1.0)],
+            is_of_last_periods: false,
+        })
     }
 
     /// A sweep along one axis, whose last case fails before it moves.

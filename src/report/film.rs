@@ -391,7 +391,8 @@ impl FilmRecord {
     /// Those of [`FilmSettings::check`] and of [`Stepper::at`].
     pub fn start(settings: &FilmSettings, path: &Path, scene: &Scene, stepper: &mut Stepper, end: f64) -> Result<Self> {
         let drive = fastest_drive(scene, stepper.model());
-        let FilmPlan { format, window: [first, last], count, .. } = settings.plan(path, [stepper.time(), end], drive)?;
+        let FilmPlan { format, window: [first, last], count, .. } =
+            settings.plan(path, [stepper.time(), end], drive)?;
         let is_chosen = settings.window != FilmSettings::default().window;
         let even = |intervals: u64| Samples::Even { first, last, intervals, next: 0, frames: Vec::new() };
         let samples = match format {
@@ -492,8 +493,7 @@ fn closes(motion: &FilmedMotion<'_>, [from, until]: [f64; 2]) -> bool {
 fn last_return(motion: &FilmedMotion<'_>) -> Option<[f64; 2]> {
     let (begin, end) = (motion.times().next()?, motion.times().next_back()?);
     let earlier = motion.times().rev().filter(|time| *time >= 0.5 * (begin + end));
-    let earlier: Vec<_> =
-        earlier.take(MAX_ROWS_BACK).map(|time| (time, shape_distance(motion, [time, end]))).collect();
+    let earlier: Vec<_> = earlier.take(MAX_ROWS_BACK).map(|time| (time, shape_distance(motion, [time, end]))).collect();
     let most = earlier.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
     let left = earlier.iter().position(|(_, distance)| *distance > 0.5 * most)?;
     let back = left + earlier[left..].iter().position(|(_, distance)| *distance < CLOSED * most)?;
@@ -535,7 +535,11 @@ mod tests {
             medium: None,
             loads: None,
         };
-        RodMotion { rod: DrawnRod::unknown((0..nodes).collect()), frames: rows.map(frame).collect(), is_of_last_periods: false }
+        RodMotion {
+            rod: DrawnRod::unknown((0..nodes).collect()),
+            frames: rows.map(frame).collect(),
+            is_of_last_periods: false,
+        }
     }
 
     #[test]
@@ -645,7 +649,8 @@ mod tests {
     #[test]
     fn a_rod_at_rest_and_one_in_a_single_place_have_a_picture() {
         for x in [[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], [0.0; 6]] {
-            let motion = FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None, drive: None };
+            let motion =
+                FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None, drive: None };
             let svg = FilmSettings::default().svg(&motion, [0.0, 1.0]).unwrap();
             assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains("&lt;&amp;&gt;"), "{svg}");
             assert!(SvgRenderer::new().pixels(&svg, 1.0).is_ok());
@@ -660,7 +665,10 @@ mod tests {
             assert!((frequency < 0.25) == (speed > 1.0), "{frequency} Hz at {speed}");
             speed * frequency
         });
-        assert!(shown.windows(2).all(|pair| pair[0] <= pair[1] * (1.0 + 1e-12)), "beats per second of films: {shown:?}");
+        assert!(
+            shown.windows(2).all(|pair| pair[0] <= pair[1] * (1.0 + 1e-12)),
+            "beats per second of films: {shown:?}"
+        );
     }
 
     #[test]
@@ -673,14 +681,20 @@ mod tests {
                     let settings = FilmSettings { per_second, ..FilmSettings::default() };
                     let Ok(plan) = settings.plan(path, run, drive) else { continue };
                     let rate = f64::from(per_second) / (plan.speed * frequency);
-                    assert!(rate >= LEAST_PER_PERIOD * (1.0 - 1e-9), "{span} s, {frequency} Hz, {per_second}/s: {rate}");
+                    assert!(
+                        rate >= LEAST_PER_PERIOD * (1.0 - 1e-9),
+                        "{span} s, {frequency} Hz, {per_second}/s: {rate}"
+                    );
                     assert_eq!(settings.warning(path, run, drive), Ok(None));
                 }
             }
         }
         let fast = FilmSettings { speed: Some(1.0), ..FilmSettings::default() };
         let said = fast.warning(path, [0.0, 0.5], Some(30.0)).unwrap().unwrap();
-        assert!(said.contains("rod.gif has 0.83 pictures per period of the fastest drive") && said.contains("--speed 0.05"), "{said}");
+        assert!(
+            said.contains("rod.gif has 0.83 pictures per period of the fastest drive") && said.contains("--speed 0.05"),
+            "{said}"
+        );
         assert_eq!(fast.warning(path, [0.0, 20.0], Some(2.0)), Ok(None));
     }
 
@@ -698,10 +712,15 @@ mod tests {
             let scene = FilmScene::of(motion, window, LOOKS, true).looping();
             let [first, last] = window.map(|time| scene.picture(time, ""));
             // A shift by a whole cell is none.
-            let shift = |picture: &str| picture.split("translate(").nth(2).unwrap().split(' ').next().unwrap().to_string();
+            let shift =
+                |picture: &str| picture.split("translate(").nth(2).unwrap().split(' ').next().unwrap().to_string();
             let [from, to]: [f64; 2] = [&first, &last].map(|picture| shift(picture).parse().unwrap());
             assert!(from == 0.0 && (to < 0.2 || (to - scene.cell()).abs() < 0.2), "{window:?}: {from} {to}");
-            assert_eq!(first, last.replacen(&format!("translate({} 0)", shift(&last)), "translate(0 0)", 1), "{window:?}");
+            assert_eq!(
+                first,
+                last.replacen(&format!("translate({} 0)", shift(&last)), "translate(0 0)", 1),
+                "{window:?}"
+            );
         }
         assert!(!closes(&motion, [3.0, 4.3]));
     }

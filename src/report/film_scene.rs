@@ -145,7 +145,17 @@ impl<'a> FilmScene<'a> {
             false => vec![Vector2::zeros(); start.len()],
         };
         let drift = motion.steady_flow().map(|flow| flow - velocity);
-        let mut scene = Self { motion, window, velocity, drift, corner: Vector2::zeros(), unit: 1.0, height: 0.0, gap, cell: CELL[0] };
+        let mut scene = Self {
+            motion,
+            window,
+            velocity,
+            drift,
+            corner: Vector2::zeros(),
+            unit: 1.0,
+            height: 0.0,
+            gap,
+            cell: CELL[0],
+        };
         let times = (0..pictures.max(2)).map(|n| first + (last - first) * n as f64 / (pictures.max(2) - 1) as f64);
         let seen = times.flat_map(|time| {
             let points = scene.points(time);
@@ -505,7 +515,9 @@ mod tests {
 
     #[test]
     fn durations_have_no_power_of_ten() {
-        for (seconds, text) in [(5e-4, "0.0005"), (1.0, "1"), (1.6667, "1.667"), (12345.6, "12346"), (1.5e-7, "0.00000015")] {
+        for (seconds, text) in
+            [(5e-4, "0.0005"), (1.0, "1"), (1.6667, "1.667"), (12345.6, "12346"), (1.5e-7, "0.00000015")]
+        {
             assert_eq!(clock_value(seconds), text);
         }
     }

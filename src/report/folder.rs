@@ -429,7 +429,8 @@ impl Folder {
             return Ok(());
         }
         if role == Role::Export && self.manifest.has_result(name) {
-            let holds = self.manifest.owner.as_ref().map_or_else(|| "a result".to_string(), |of| format!("a file of {of}"));
+            let holds =
+                self.manifest.owner.as_ref().map_or_else(|| "a result".to_string(), |of| format!("a file of {of}"));
             return Err(Error::Occupied { path, holds, wanted: self.owner.to_string(), kept: true });
         }
         if self.claim == Claim::Force {

@@ -45,7 +45,7 @@ pub use recorded_run::recorded_overrides;
 pub use rod_motion::{DrawnRod, MAX_POINTS, RodMotion, drawn_nodes};
 #[cfg(test)]
 pub(crate) use run_figures::energy_balance;
+pub use run_record::RecordingTimes;
 #[cfg(test)]
 pub(crate) use run_record::RunRecord;
-pub use run_record::RecordingTimes;
 pub use summary::{FluidError, Summary, TendonMaxima};

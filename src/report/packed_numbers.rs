@@ -79,7 +79,8 @@ mod tests {
 
     #[test]
     fn small_changes_of_large_numbers_and_small_numbers_on_logarithmic_scales_keep_their_digits() {
-        let read = |curve: PackedCurve| -> Vec<f64> { curve.rest.0.iter().map(|x| curve.first + f64::from(*x)).collect() };
+        let read =
+            |curve: PackedCurve| -> Vec<f64> { curve.rest.0.iter().map(|x| curve.first + f64::from(*x)).collect() };
         let far: Vec<f64> = (0..200).map(|k| 1.0 + 1e-6 * (0.1 * f64::from(k)).sin()).collect();
         let packed = read(PackedCurve::of(far.iter().copied(), true));
         assert!(far.iter().zip(&packed).all(|(a, b)| (a - b).abs() < 1e-12), "{packed:?}"); // 1e-13 was measured

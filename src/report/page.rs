@@ -275,8 +275,8 @@ struct Media {
 
 impl Media {
     fn of(frames: &[Frame]) -> Option<Self> {
-        let Medium { fluid: first, .. } = frames.first()?.medium.as_ref()?;
-        let layers = frames.first()?.medium.as_ref()?.interfaces()?;
+        let medium = frames.first()?.medium.as_ref()?;
+        let (first, layers) = (&medium.fluid, medium.interfaces()?);
         let edges = |frame: &Frame| -> Vec<[f64; 2]> {
             let layers = frame.medium.iter().flat_map(Medium::interfaces).flat_map(Layers::iter);
             layers.map(|layer| [-0.5, 0.5].map(|part| layer.offset + part * layer.thickness)).collect()

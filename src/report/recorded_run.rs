@@ -388,9 +388,7 @@ impl Curves {
         let row = |row: &Vec<f64>| [row[0], row[x], row[y]];
         match last.front().is_some_and(|first| first[0] <= time) {
             true => interpolate(last.len(), time, |i| last[i][0], |i, axis| last[i][1 + axis], 2),
-            false => {
-                interpolate(self.rows.len(), time, |i| self.rows[i][0], |i, axis| row(&self.rows[i])[1 + axis], 2)
-            }
+            false => interpolate(self.rows.len(), time, |i| self.rows[i][0], |i, axis| row(&self.rows[i])[1 + axis], 2),
         }
         .try_into()
         .ok()

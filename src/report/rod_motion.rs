@@ -107,7 +107,10 @@ impl DrawnRod {
             body: rod.body.filter(|_| shows_direction).map(|body| [body.along, body.across]),
             head: head.filter(|_| shows_direction),
             tendons: model.tendons.iter().map(path).collect(),
-            joints: [place(rod.joints().start), place(rod.joints().end).saturating_sub(1)],
+            joints: [
+                place(rod.joints().start),
+                nodes.partition_point(|node| *node < rod.joints().end).saturating_sub(1),
+            ],
             arc_lengths: nodes.iter().map(|k| rod.arc_length(*k)).collect(),
             ..unknown
         }

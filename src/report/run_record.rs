@@ -390,7 +390,8 @@ mod tests {
             assert!(curve.len() <= 100.min(count) && 2 * curve.len() >= 100.min(count), "{count}: {}", curve.len());
             assert_eq!([curve[0].0, curve[curve.len() - 1].0], [0.0, count as f64 - 1.0]);
             assert!(curve.windows(2).all(|pair| pair[0].0 < pair[1].0), "{count}");
-            let range = |of: &mut dyn Iterator<Item = f64>| of.fold([f64::MAX, f64::MIN], |[a, b], x| [a.min(x), b.max(x)]);
+            let range =
+                |of: &mut dyn Iterator<Item = f64>| of.fold([f64::MAX, f64::MIN], |[a, b], x| [a.min(x), b.max(x)]);
             assert_eq!(range(&mut curve.iter().map(|point| point.1)), range(&mut (0..count).map(value)), "{count}");
             if count <= 100 {
                 assert!(curve.iter().enumerate().all(|(n, point)| *point == (n as f64, value(n))), "{count}: all rows");

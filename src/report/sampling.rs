@@ -236,7 +236,8 @@ mod tests {
 
     #[test]
     fn twelve_rows_per_period_are_enough_to_interpolate_a_wave() {
-        let rows: Vec<f64> = (0..40).map(|k| f64::from(k) / LEAST_PER_PERIOD + if k % 2 == 0 { 0.0 } else { 0.01 }).collect();
+        let rows: Vec<f64> =
+            (0..40).map(|k| f64::from(k) / LEAST_PER_PERIOD + if k % 2 == 0 { 0.0 } else { 0.01 }).collect();
         let wave = |time: f64| (std::f64::consts::TAU * time).sin();
         let at = |time: f64| interpolate(rows.len(), time, |i| rows[i], |i, _| wave(rows[i]), 1)[0];
         let error = (0..1000).map(|k| 0.5 + 2e-3 * f64::from(k)).map(|t| (at(t) - wave(t)).abs()).fold(0.0, f64::max);

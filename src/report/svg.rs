@@ -378,6 +378,7 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
     use super::*;
 
     /// Relative luminance of a colour such as `#0072b2` (WCAG 2.2).
@@ -405,6 +406,22 @@ mod tests {
         let (style, player) = (include_str!("style.css"), include_str!("player.js"));
         assert_eq!(style.matches("--series-{{ loop.index0 }}").count(), 2, "light and dark");
         assert!(player.contains("\"var(--series-\" + rod.series % SERIES_COLOURS + \")\""));
+        // A body in any fluid is seen: in percent of the rod's colour on the field's.
+        let part =
+            style.split("#outline { fill: color-mix(in srgb, var(--rod) ").nth(1).unwrap().split('%').next().unwrap();
+        let part: f64 = part.parse::<f64>().unwrap() / 100.0;
+        for theme in style.split(":root {").skip(1).take(2) {
+            let channels = |name: &str| {
+                let hex = theme.split(&format!("--{name}: #")).nth(1).unwrap();
+                [0, 2, 4].map(|i| f64::from(u8::from_str_radix(&hex[i..i + 2], 16).unwrap()))
+            };
+            let (rod, field) = (channels("rod"), channels("field"));
+            for medium in (0..5).map(|i| channels(&format!("medium-{i}"))) {
+                let apart = |i: usize| (part * rod[i] + (1.0 - part) * field[i] - medium[i]).abs();
+                let most = (0..3).map(apart).fold(0.0, f64::max);
+                assert!(most > 40.0, "{most} of 255"); // measured: at least 44
+            }
+        }
         // The lines of any number of them differ from each other, from the first rod's and from that of centres of mass.
         let companions = (0..60).map(crate::report::page::Animation::series_of_companion);
         let seen: std::collections::BTreeSet<_> = companions.clone().chain([0, 1]).collect();

@@ -552,7 +552,18 @@ fn a_film_that_cannot_be_made_is_refused_before_the_run() {
 #[test]
 fn the_delays_of_a_gif_do_not_add_up_their_rounding() {
     let folder = tempfile::tempdir().unwrap();
-    let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.2", "--gif", "--fps", "30", "--speed", "1", "--out"];
+    let all = [
+        "export",
+        "models/baseline.toml",
+        "--set",
+        "solver.duration_s=0.2",
+        "--gif",
+        "--fps",
+        "30",
+        "--speed",
+        "1",
+        "--out",
+    ];
     let made = caudal(&[&all[..], &[folder.path().to_str().unwrap()]].concat());
     assert!(made.status.success(), "{}", text(&made.stderr));
     let file = std::fs::File::open(folder.path().join("baseline.gif")).unwrap();

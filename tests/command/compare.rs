@@ -434,7 +434,12 @@ fn interpolated(times: &[f64], values: &[f64], time: f64) -> f64 {
     };
     let step = times[next] - times[next - 1];
     let u = (time - times[next - 1]) / step;
-    let hermite = [2.0 * u.powi(3) - 3.0 * u * u + 1.0, u.powi(3) - 2.0 * u * u + u, 3.0 * u * u - 2.0 * u.powi(3), u.powi(3) - u * u];
+    let hermite = [
+        2.0 * u.powi(3) - 3.0 * u * u + 1.0,
+        u.powi(3) - 2.0 * u * u + u,
+        3.0 * u * u - 2.0 * u.powi(3),
+        u.powi(3) - u * u,
+    ];
     let [a, p, b, q] = [values[next - 1], step * slope(next - 1), values[next], step * slope(next)];
     hermite.iter().zip([a, p, b, q]).map(|(weight, value)| weight * value).sum()
 }

@@ -210,7 +210,7 @@ fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
 }
 
 /// What a script at the end of the page leaves in the data of its body, by their names.
-fn after<'a>(browser: &Path, path: &Path, script: &str, names: &'a [&str]) -> Vec<(&'a str, String)> {
+pub fn after<'a>(browser: &Path, path: &Path, script: &str, names: &'a [&str]) -> Vec<(&'a str, String)> {
     let source = std::fs::read_to_string(path).unwrap();
     let tried = path.with_file_name("tried.html");
     std::fs::write(&tried, source.replace("</body>", &format!("<script>(() => {{{script}}})();</script></body>")))
@@ -404,7 +404,7 @@ fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_key
         "Case 1: actuation.frequency_hz = 1.0, actuation.kappa_amp = 1.0; beside it Case 4: actuation.frequency_hz = 3.0, \
          actuation.kappa_amp = 0.5"
     );
-    assert_eq!(found[2].1, "1 Beside it, from above:case&nbsp;4");
+    assert_eq!(found[2].1, "1 Beside it:case&nbsp;4");
     // Both sides of the body at each of 9 nodes.
     assert_eq!(found[3].1, "18 18");
 

@@ -99,7 +99,8 @@ fn a_page_plays_at_least_twelve_frames_per_period_and_says_if_it_plays_the_last_
 #[test]
 fn a_case_of_a_sweep_keeps_the_frames_of_its_last_periods_if_those_of_the_run_would_be_too_few() {
     let folder = place();
-    let sweep = "scene = \"eel.toml\"\n[set]\nsolver.duration_s = 4.0\n[axes]\nactuation.frequency_hz = [1.0, 5.0, 9.0]\n";
+    let sweep =
+        "scene = \"eel.toml\"\n[set]\nsolver.duration_s = 4.0\n[axes]\nactuation.frequency_hz = [1.0, 5.0, 9.0]\n";
     std::fs::write(folder.path().join("sweep.toml"), sweep).unwrap();
     done(folder.path(), "sweep sweep.toml --out out");
     let data = data(&folder.path().join("out/report.html"), "data");
@@ -120,7 +121,10 @@ fn a_case_of_a_sweep_keeps_the_frames_of_its_last_periods_if_those_of_the_run_wo
 fn runs_of_equal_motions_are_equal_in_a_film_however_they_are_recorded_or_the_page_says_why_not() {
     let folder = place();
     for (name, every) in [("fine", 1), ("other", 3), ("coarse", 40)] {
-        done(folder.path(), &format!("run eel.toml --set solver.duration_s=40 --set record.every={every} --out {name}"));
+        done(
+            folder.path(),
+            &format!("run eel.toml --set solver.duration_s=40 --set record.every={every} --out {name}"),
+        );
     }
     let film = |runs: &str| {
         done(folder.path(), &format!("compare {runs} --out both --force"));
@@ -145,13 +149,21 @@ fn runs_of_equal_motions_are_equal_in_a_film_however_they_are_recorded_or_the_pa
 fn an_export_never_replaces_a_result_in_any_folder() {
     let folder = place();
     std::fs::write(folder.path().join("sweep.toml"), "scene = \"eel.toml\"\n[axes]\nrod.nodes = [5, 9]\n").unwrap();
-    for make in ["run eel.toml --out run", "run eel.toml --out other", "sweep sweep.toml --out sweep", "compare run other --out both"] {
+    for make in [
+        "run eel.toml --out run",
+        "run eel.toml --out other",
+        "sweep sweep.toml --out sweep",
+        "compare run other --out both",
+    ] {
         done(folder.path(), make);
     }
     let mut checked = 0;
     for place in ["run", "other", "sweep", "both"] {
         let figures = std::fs::read_dir(folder.path().join(place)).unwrap();
-        let figures: Vec<_> = figures.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "svg")).collect();
+        let figures: Vec<_> = figures
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|e| e == "svg"))
+            .collect();
         for figure in figures.iter().take(2) {
             let before = std::fs::read(figure).unwrap();
             let name = figure.file_name().unwrap().to_string_lossy();
@@ -159,7 +171,12 @@ fn an_export_never_replaces_a_result_in_any_folder() {
                 let output = caudal(folder.path(), &format!("export run {place}/{name}{force}"));
                 let said = String::from_utf8_lossy(&output.stderr).into_owned();
                 assert_eq!(output.status.code(), Some(2), "{place}/{name}{force}: {said}");
-                assert!(said.contains("holds a file of a ") && said.contains("not an export of `eel`") && !said.contains("--force"), "{said}");
+                assert!(
+                    said.contains("holds a file of a ")
+                        && said.contains("not an export of `eel`")
+                        && !said.contains("--force"),
+                    "{said}"
+                );
                 assert_eq!(std::fs::read(figure).unwrap(), before, "{place}/{name}{force}");
                 checked += 1;
             }
@@ -181,10 +198,15 @@ fn the_exports_of_a_run_that_was_interrupted_end_where_it_ended() {
     let said = done(folder.path(), "export run --gif --vtk");
     assert!(said.contains("note: the run in run ended at t = 0.32 s, and so do its exports"), "{said}");
     assert_eq!(delays(&folder.path().join("run/eel.gif")).len(), 40, "1.6 beats of a second each");
-    let rows = std::fs::read_dir(folder.path().join("run/vtk")).unwrap().filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|e| e == "vtp"));
+    let rows = std::fs::read_dir(folder.path().join("run/vtk"))
+        .unwrap()
+        .filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|e| e == "vtp"));
     assert_eq!(rows.count(), 161);
     let refused = caudal(folder.path(), "export run --gif --from 0.4");
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("allowed: a part of the run, 0 to 0.32 s"), "{refused:?}");
+    assert!(
+        String::from_utf8_lossy(&refused.stderr).contains("allowed: a part of the run, 0 to 0.32 s"),
+        "{refused:?}"
+    );
 }
 
 #[test]
@@ -200,7 +222,11 @@ fn films_are_slowed_to_a_beat_per_second_go_where_they_are_sent_and_say_what_the
     done(folder.path(), "export run fast.svg --speed 1000");
     let film = std::fs::read_to_string(folder.path().join("fast.svg")).unwrap();
     let durations: Vec<&str> = film.split("dur=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
-    assert!(!durations.is_empty() && durations.iter().all(|text| text.bytes().all(|b| b.is_ascii_digit() || b == b'.' || b == b's')), "{durations:?}");
+    assert!(
+        !durations.is_empty()
+            && durations.iter().all(|text| text.bytes().all(|b| b.is_ascii_digit() || b == b'.' || b == b's')),
+        "{durations:?}"
+    );
     let said = done(folder.path(), "export run --png --figures shape --out pictures");
     assert!(said.contains("1 file in pictures"), "{said}");
 }

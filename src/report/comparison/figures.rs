@@ -82,7 +82,9 @@ fn charted(name: &str, names: &[String]) -> Option<String> {
         return Some(String::new());
     }
     let mut shown = (0..MAX_ENTRIES).map(|i| entries[i * (entries.len() - 1) / (MAX_ENTRIES - 1)]);
-    shown.any(|shown| shown == name).then(|| format!(" Of {} entries, {MAX_ENTRIES} are drawn; trajectory.csv has all.", entries.len()))
+    shown
+        .any(|shown| shown == name)
+        .then(|| format!(" Of {} entries, {MAX_ENTRIES} are drawn; trajectory.csv has all.", entries.len()))
 }
 
 /// The columns of all runs, in the order of the table of variables.

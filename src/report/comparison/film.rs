@@ -64,10 +64,12 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     let finest = motions.iter().filter_map(|motion| motion.spacing).fold(f64::INFINITY, f64::min);
     let frames = 1 + ((span / sampling.spacing.max(finest)).round() as usize).clamp(1, most - 1);
     let time = |k: usize| window[0] + span * k as f64 / (frames - 1) as f64;
-    let of_last_periods = sampling.last.map(|_| last_periods_in_words(window, "the whole time that the runs have in common"));
+    let of_last_periods =
+        sampling.last.map(|_| last_periods_in_words(window, "the whole time that the runs have in common"));
     let rates = shown.iter().zip(&motions).zip(&drives).filter_map(|((i, motion), drive)| {
         let rate = 1.0 / (motion.spacing? * (*drive)?);
-        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING)).then(|| format!("{} has {} rows", labels[*i], in_sentence(rate, 2)))
+        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING))
+            .then(|| format!("{} has {} rows", labels[*i], in_sentence(rate, 2)))
     });
     let rates: Vec<String> = rates.collect();
     let too_coarse = (!rates.is_empty()).then(|| {
@@ -99,8 +101,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     let specks = specks.collect();
     let Some(((i, first), others)) = rods.split_first() else { return Ok(None) };
     let one = Animation::of_named(&labels[*i], colours[*i], first).with_note((!note.is_empty()).then_some(note));
-    let animation =
-        others.iter().fold(one, |film, (i, motion)| film.with_companion(&labels[*i], colours[*i], motion));
+    let animation = others.iter().fold(one, |film, (i, motion)| film.with_companion(&labels[*i], colours[*i], motion));
     Ok(Some(Film { animation, shown, window, specks }))
 }
 
