@@ -179,22 +179,22 @@ impl FrameRecord {
         self.frames.push_back(frame());
     }
 
-    /// Adds the final frame at time `end` (s), unless it is there, and leaves out what is before the last periods.
+    /// Adds the final frame at time `end` (s), unless it is there.
     pub fn finish(&mut self, end: f64, frame: impl FnOnce() -> Frame) {
         if self.frames.back().is_none_or(|last| last.time != end) {
             self.frames.push_back(frame());
         }
-        let since = self.last.map_or(f64::NEG_INFINITY, |last| end - last * (1.0 + TICK_TOLERANCE));
-        let too_many = self.last.map_or(0, |_| self.frames.len().saturating_sub(self.most));
-        let before = self.frames.partition_point(|frame| frame.time < since).max(too_many);
-        self.is_of_last_periods |= before > 0;
-        self.frames.drain(..before);
     }
 
-    /// The motion of this rod; complete after [`finish`](Self::finish).
+    /// The motion of this rod, without what is before the last periods.
     pub fn motion(&self, rod: DrawnRod) -> RodMotion {
-        let Self { frames, is_of_last_periods, .. } = self;
-        RodMotion { rod, frames: frames.iter().cloned().collect(), is_of_last_periods: *is_of_last_periods }
+        let frames = &self.frames;
+        let left_out = self.last.zip(frames.back()).map_or(0, |(last, end)| {
+            let since = end.time - last * (1.0 + TICK_TOLERANCE);
+            frames.partition_point(|frame| frame.time < since).max(frames.len().saturating_sub(self.most))
+        });
+        let is_of_last_periods = self.is_of_last_periods || left_out > 0;
+        RodMotion { rod, frames: frames.range(left_out..).cloned().collect(), is_of_last_periods }
     }
 }
 

@@ -86,7 +86,7 @@ fn run_cases_with(
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
     for ((case, BatchedRun { scene, stepper }), outcome) in own.into_iter().zip(&runs).zip(&outcomes) {
-        case.row.motion = case.motion.take().map(|motion| motion.finish(stepper));
+        case.row.motion = case.motion.take().map(|motion| motion.finish(stepper, outcome.ending == Ending::Complete));
         if outcome.ending != Ending::Interrupted {
             case.row.quantities = quantities(&Summary::of(scene, stepper, outcome, &case.warnings));
         }
@@ -142,8 +142,11 @@ impl CaseMotion {
         outcome.map(drop)
     }
 
-    fn finish(mut self, stepper: &Stepper) -> RodMotion {
-        self.frames.finish(stepper.time(), || Frame::of(&stepper.view(), self.rod.nodes()));
+    /// The motion: up to the final state, or to the last recorded one of a case that failed.
+    fn finish(mut self, stepper: &Stepper, is_complete: bool) -> RodMotion {
+        if is_complete {
+            self.frames.finish(stepper.time(), || Frame::of(&stepper.view(), self.rod.nodes()));
+        }
         self.frames.motion(self.rod)
     }
 }
