@@ -43,7 +43,7 @@ pub enum Error {
         reason: String,
     },
     /// A folder holds other results than those that would be written.
-    #[error("{}: holds {holds}, not {wanted}; {}, or {}", path.display(), Phrase::OtherFolder, Phrase::Replace)]
+    #[error("{}: holds {holds}, not {wanted}; {}{}", path.display(), Phrase::OtherFolder, or_replace(*kept))]
     Occupied {
         /// The folder.
         path: PathBuf,
@@ -51,6 +51,8 @@ pub enum Error {
         holds: String,
         /// What would be written.
         wanted: String,
+        /// True if it is kept even where results are replaced, as an export never takes the place of a result.
+        kept: bool,
     },
     /// Another program is using a folder of results.
     #[error("{}: another program is at work in it; wait for its end, or {}", path.display(), Phrase::OtherFolder)]
@@ -328,6 +330,11 @@ pub fn bytes(count: f64) -> String {
 }
 
 /// What a scene lacks for a missing variable, or the variable with the nearest name.
+/// The second remedy of [`Error::Occupied`], unless what is there is kept.
+fn or_replace(kept: bool) -> String {
+    if kept { String::new() } else { format!(", or {}", Phrase::Replace) }
+}
+
 fn remedy(needs: Option<&str>, nearest: Option<&str>) -> String {
     if let Some(needs) = needs {
         return format!(": it needs {needs}");

@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use caudal::error::{Error, Result};
-use caudal::report::film::{FilmSettings, FilmedMotion};
+use caudal::report::film::{FilmRecord, FilmSettings, FilmedMotion};
 use caudal::report::picture::{self, PictureFormat};
+use caudal::report::sampling::fastest_drive;
 use caudal::report::trajectory::TrajectoryTable;
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, MANIFEST, MotionRecord, Owner, VTK_FOLDER, recorded_overrides};
+use caudal::report::{Claim, Folder, MANIFEST, Owner, VTK_FOLDER, recorded_overrides};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -129,8 +130,8 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             return Ok(whole);
         }
     }
-    let (file, fingerprint) = match folder {
-        None => (arguments.run.clone(), None),
+    let RecordedEnding { file, fingerprint, end } = match folder {
+        None => RecordedEnding { file: arguments.run.clone(), fingerprint: None, end: None },
         Some(folder) => match summary(folder) {
             Ok(found) => found,
             Err(error) => return Ok(refuse(&error)),
@@ -159,9 +160,20 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let film = arguments.film.as_ref();
         named.chain(film.map(|film| arguments.out.as_ref().map_or(film.clone(), |out| out.join(film)))).collect()
     };
-    let run = [stepper.time(), scene.solver.duration_s.get()];
-    if let Some(error) = films.iter().find_map(|path| film.check(path, run).err()) {
-        return Ok(refuse(&error));
+    // A run that ended before its duration is repeated up to there.
+    let run = [stepper.time(), end.unwrap_or(scene.solver.duration_s.get())];
+    let drive = fastest_drive(&scene, stepper.model());
+    for path in &films {
+        match film.warning(path, run, drive) {
+            Ok(warning) => warning.into_iter().for_each(|warning| print_unless_quiet(&format!("note: {warning}"))),
+            Err(error) => return Ok(refuse(&error)),
+        }
+    }
+    if let Some(end) = end {
+        let run = arguments.run.display();
+        print_unless_quiet(&format!("note: the run in {run} ended at t = {end} s, and so do its exports"));
+    } else if let Some(until) = arguments.until.filter(|until| *until > run[1]) {
+        print_unless_quiet(&format!("note: --until {until}: the run ends at t = {} s, and so do its films", run[1]));
     }
     if folder.is_none() && !arguments.formats().is_empty() {
         whole = arguments.convert(&own)?;
@@ -173,21 +185,24 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     };
     let table = || TrajectoryTable::start(&scene, &stepper, Some(&fields));
     let mut trajectory = arguments.vtk.then(table).transpose()?;
-    let mut motion = MotionRecord::start(&scene, &stepper);
+    let start = |path: &PathBuf| FilmRecord::start(&film, path, &scene, &mut stepper, run[1]);
+    let mut records = films.iter().map(start).collect::<Result<Vec<_>>>()?;
     let interrupted = watch_for_interrupts();
     let raised =
         || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let progress = Progress::of(Unit::SimulatedSeconds, scene.solver.duration_s.get());
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
         progress.set(stepper.time());
-        match (&mut trajectory, motion.step(stepper, raised)?) {
-            (Some(trajectory), ControlFlow::Continue(())) => trajectory.step(stepper, &mut || raised()),
-            (_, flow) => Ok(flow),
-        }
+        records.iter_mut().try_for_each(|record| record.step(stepper))?;
+        let flow = match &mut trajectory {
+            Some(trajectory) => trajectory.step(stepper, &mut || raised())?,
+            None => raised(),
+        };
+        Ok(if end.is_some_and(|end| stepper.time() >= end) { ControlFlow::Break(()) } else { flow })
     });
     drop(progress);
-    let motion = motion.finish(&stepper);
-    if outcome.ending == Ending::Interrupted {
+    let is_interrupted = outcome.ending == Ending::Interrupted && raised().is_break();
+    if is_interrupted {
         let films = if films.is_empty() { "" } else { ": no film is made of a part of the run" };
         print_error(&format!("interrupted at t = {} s{films}", stepper.time()));
     }
@@ -198,12 +213,10 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
         whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));
     }
-    let motion = FilmedMotion {
-        name: &scene.name,
-        motion: &motion,
-        cycle: stepper.cycles().whole(f64::INFINITY).last().map(|cycle| [cycle.from, cycle.until]),
-    };
-    for path in films.into_iter().filter(|_| outcome.ending != Ending::Interrupted) {
+    let cycle = stepper.cycles().whole(f64::INFINITY).last().map(|cycle| [cycle.from, cycle.until]);
+    for (path, record) in films.into_iter().zip(records).filter(|_| !is_interrupted) {
+        let motion = record.finish(&stepper);
+        let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle, drive };
         let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
         // A folder of results lists its films; other folders get no list.
         let is_listed = arguments.film.as_ref() != Some(&path) || place.join(MANIFEST).exists();
@@ -212,7 +225,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             held.exports().admit(&name)?;
             held.let_others();
         }
-        let pictures = film.picture_count(&path, run)? as f64;
+        let pictures = film.picture_count(&path, run, drive)? as f64;
         let progress = Progress::of(Unit::Exactly("pictures"), pictures);
         let drawn = film.write(&path, &motion, |part| {
             progress.set((part * pictures).round());
@@ -231,6 +244,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     }
     Ok(match outcome.ending {
         Ending::Complete => whole,
+        Ending::Interrupted if !is_interrupted => whole,
         Ending::Interrupted => ExitCode::from(exit::INTERRUPTED),
         Ending::Failed(error) => {
             print_error(&error.to_string());
@@ -240,8 +254,17 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     })
 }
 
-/// The scene's file of a run in `folder`, and its fingerprint.
-fn summary(folder: &Path) -> Result<(PathBuf, Option<String>)> {
+/// What the summary of a run says of it.
+struct RecordedEnding {
+    /// The file of its scene.
+    file: PathBuf,
+    fingerprint: Option<String>,
+    /// The time that it reached, if that is not its duration, s.
+    end: Option<f64>,
+}
+
+/// What the summary of the run in `folder` says of it.
+fn summary(folder: &Path) -> Result<RecordedEnding> {
     let path = folder.join("summary.json");
     let read = |reason: String| Error::Read { path: path.clone(), reason };
     let text = std::fs::read_to_string(&path).map_err(|e| read(e.to_string()))?;
@@ -249,5 +272,11 @@ fn summary(folder: &Path) -> Result<(PathBuf, Option<String>)> {
     let entry = |key: &str| summary.get(key).and_then(|value| value.as_str()).map(str::to_string);
     let file =
         entry("scene_file").ok_or_else(|| read("it is not that of a run; give its scene instead".to_string()))?;
-    Ok((PathBuf::from(file), entry("scene_fingerprint")))
+    let end = summary.get("end_time_s").and_then(serde_json::Value::as_f64);
+    let is_part = summary.get("complete") == Some(&serde_json::Value::Bool(false));
+    Ok(RecordedEnding {
+        file: PathBuf::from(file),
+        fingerprint: entry("scene_fingerprint"),
+        end: end.filter(|_| is_part),
+    })
 }

@@ -188,7 +188,9 @@ fn print_kept(kept: &WrittenFiles, folder: &Path) -> ExitCode {
 /// Like [`print_kept`], with the file to `open`.
 fn print_written(kept: &WrittenFiles, folder: &Path, open: &str) -> ExitCode {
     if kept.lost.is_empty() {
-        print_unless_quiet(&format!("{} files in {}: open {open}", kept.files.len(), folder.display()));
+        let count = kept.files.len();
+        let files = if count == 1 { "file" } else { "files" };
+        print_unless_quiet(&format!("{count} {files} in {}: open {open}", folder.display()));
         return ExitCode::SUCCESS;
     }
     // The first error gives the reason, which is the same for the others.

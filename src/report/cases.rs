@@ -7,7 +7,6 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
-use super::frame::Frame;
 use super::heat_map::{HeatMap, HeatMapAxis};
 use super::page::{Animation, Figures, RawJson, render};
 use super::rod_motion::RodMotion;
@@ -289,6 +288,8 @@ pub struct Cases {
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
     motions: BTreeMap<usize, RodMotion>,
+    /// Times (s) with the x of the centre of mass (m) of whole runs.
+    paths: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
 /// A case in the page's data.
@@ -339,11 +340,19 @@ impl Cases {
             indices: Vec::new(),
             endings: BTreeMap::new(),
             motions: BTreeMap::new(),
+            paths: BTreeMap::new(),
         }
     }
 
     /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion, if any.
-    pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Option<RodMotion>) {
+    pub fn add(
+        &mut self,
+        index: usize,
+        levels: &[usize],
+        row: &Map<String, Value>,
+        motion: Option<RodMotion>,
+        path: Vec<[f64; 2]>,
+    ) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
         let complete = row.get("complete") == Some(&Value::Bool(true));
@@ -359,6 +368,9 @@ impl Cases {
         }
         if complete && row.get("cycles_periodic") == Some(&Value::Bool(false)) {
             self.unsettled.insert(index);
+        }
+        if path.len() > 1 {
+            self.paths.insert(index, path);
         }
         self.motions.extend(motion.filter(|motion| motion.frames.len() > 1).map(|motion| (index, motion)));
     }
@@ -810,19 +822,18 @@ impl Cases {
         // Cases that failed or have a held head are left out.
         let way = QUANTITIES.iter().position(|quantity| quantity.key == "net_displacement_m")?;
         let complete = cases.iter().filter(|i| self.columns[way][**i].is_finite());
-        let mut moved: Vec<(usize, &Vec<Frame>)> =
-            complete.filter_map(|i| Some((*i, &self.motions.get(&self.indices[*i])?.frames))).collect();
-        let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
+        let mut moved: Vec<(usize, &Vec<[f64; 2]>)> =
+            complete.filter_map(|i| Some((*i, self.paths.get(&self.indices[*i])?))).collect();
+        let far = |path: &[[f64; 2]]| path[path.len() - 1][1] - path[0][1];
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
-        let path =
-            |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
+        let path = |path: &[[f64; 2]]| path.iter().map(|[time, x]| (*time, x - path[0][1])).collect();
         let stride = moved.len().div_ceil(MAX_PATHS).max(1);
         let mut series: Vec<_> =
-            moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
+            moved.iter().step_by(stride).map(|(_, own)| Series::new("", path(own), Mark::Ghost)).collect();
         let last = moved.len().checked_sub(1)?;
         for (what, at) in [("least far", 0), ("middle", last / 2), ("furthest", last)] {
-            let (i, frames) = moved[at];
-            series.push(Series::new(format!("{what}: case {}", self.indices[i]), path(frames), Mark::Line));
+            let (i, own) = moved[at];
+            series.push(Series::new(format!("{what}: case {}", self.indices[i]), path(own), Mark::Line));
         }
         Some(Chart {
             title: self.titled("paths of the centres of mass", label),
@@ -911,6 +922,7 @@ mod tests {
 
     use super::super::rod_motion::DrawnRod;
     use super::*;
+    use crate::report::Frame;
 
     fn axis(name: &str, numbers: &[f64]) -> CaseAxis {
         let labels = numbers.iter().map(f64::to_string).collect();
@@ -920,7 +932,11 @@ mod tests {
     fn motion(way: f64) -> Option<RodMotion> {
         let frame =
             |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], medium: None, loads: None };
-        Some(RodMotion { rod: DrawnRod::at(None, vec![0, 1, 2]), frames: vec![frame(0.0), frame(1.0)] })
+        Some(RodMotion {
+            rod: DrawnRod::at(None, vec![0, 1, 2]),
+            frames: vec![frame(0.0), frame(1.0)],
+            is_of_last_periods: false,
+        })
     }
 
     /// A sweep along one axis, whose last case fails before it moves.
@@ -929,9 +945,15 @@ mod tests {
         for (i, way) in [(0, -0.002), (1, -1.4)] {
             let row =
                 json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": way, "efficiency": 0.0 });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(way));
+            cases.add(i, &[i], row.as_object().unwrap(), motion(way), vec![[0.0, 0.0], [1.0, way]]);
         }
-        cases.add(2, &[2], json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(), None);
+        cases.add(
+            2,
+            &[2],
+            json!({ "complete": false, "ending": "no convergence" }).as_object().unwrap(),
+            None,
+            Vec::new(),
+        );
         cases
     }
 
@@ -978,7 +1000,7 @@ mod tests {
                 let cost = 0.1 + i as f64;
                 let row = json!({ "complete": true, "cost_of_transport": 2.0 * cost, "cycles_periodic": i != 3,
                     "cycle_cost_of_transport": cycles.then_some(cost) });
-                cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), None);
+                cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), None, Vec::new());
             }
             cases
         };
@@ -1000,9 +1022,9 @@ mod tests {
         for (i, way) in [-0.0026, -1.394, -0.5].into_iter().enumerate() {
             let strouhal = (i != 1).then_some(0.1 + way);
             let row = json!({ "complete": true, "net_displacement_m": way, "cycle_strouhal_number": strouhal });
-            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way));
+            cases.add(i, &[i % 2, i / 2], row.as_object().unwrap(), motion(way), vec![[0.0, 0.0], [1.0, way]]);
         }
-        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None);
+        cases.add(3, &[1, 1], json!({ "complete": false }).as_object().unwrap(), None, Vec::new());
         let (figures, _) = cases.figures();
         let of = |file: &str| figures.iter().find(|figure| figure.file == file).unwrap();
         let map = of("map_net-displacement-m.svg");
@@ -1021,7 +1043,7 @@ mod tests {
                 "complete": true, "mean_thrust_n": 1.0, "net_displacement_m": 0.5, "cycle_head_moment_n_m": 0.1, "mean_head_moment_n_m": 0.3,
                 "max_tendon_1_tension_n": 2.0, "max_tendon_2_tension_n": 3.0 + i as f64,
             });
-            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5));
+            cases.add(i, &[i], row.as_object().unwrap(), motion(0.5), vec![[0.0, 0.0], [1.0, 0.5]]);
         }
         let all = captions(&cases);
         assert!(all.iter().any(|(file, _)| file == "effects_max-tendon-tension-n.svg"), "{all:?}");
@@ -1038,7 +1060,7 @@ mod tests {
         for i in 0..counts[0] * counts[1] {
             let (a, b) = (i / counts[1], i % counts[1]);
             let row = json!({ "complete": way(a, b).is_some(), "net_displacement_m": way(a, b) });
-            cases.add(i, &[a, b], row.as_object().unwrap(), None);
+            cases.add(i, &[a, b], row.as_object().unwrap(), None, Vec::new());
         }
         cases
     }

@@ -4,7 +4,7 @@
 use nalgebra::Vector2;
 
 use super::chart_axis::{ChartAxis, told_apart};
-use super::packed_numbers::PackedNumbers;
+use super::packed_numbers::PackedCurve;
 pub use super::svg::SERIES;
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width, wrapped};
 use crate::number_format::superscript;
@@ -203,8 +203,8 @@ pub(super) struct InteractiveSeries {
     line: bool,
     /// A page has it once for all series that share it.
     #[serde(skip)]
-    pub(super) x: PackedNumbers,
-    y: PackedNumbers,
+    pub(super) x: PackedCurve,
+    y: PackedCurve,
 }
 
 /// The plot area, px.
@@ -274,8 +274,8 @@ impl Chart {
                 dash: dashes(colour),
                 dots: series.mark != Mark::Line || series.points.len() == 1,
                 line: series.mark != Mark::Dots,
-                x: series.points.iter().map(|point| point.0).collect(),
-                y: series.points.iter().map(|point| sized(point.1)).collect(),
+                x: PackedCurve::of(series.points.iter().map(|point| point.0), x_scale == "linear"),
+                y: PackedCurve::of(series.points.iter().map(|point| sized(point.1)), y_scale == "linear"),
             }
         };
         Some(InteractiveChart {

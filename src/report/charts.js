@@ -2,7 +2,7 @@
 // player, by two events of the document: "shown", of the player, and "seek", of a chart, whose details are times.
 (() => {
 "use strict";
-const packed = (text) => Array.from(new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer));
+const packed = ({ first, rest }) => Array.from(new Float32Array(Uint8Array.from(atob(rest), (c) => c.charCodeAt(0)).buffer), (x) => first + x);
 const SERIES = [{% for pair in series_colours %}["{{ pair[0] }}", "{{ pair[1] }}"], {% endfor %}];
 const INK = ["#505a64", "#aab4be"], GRID = ["#e2e7ec", "#333c46"], PAPER = ["#ffffff", "#161b21"];
 const OVER_TIME = "time (s)", HEIGHT = 290, SIZE_IN_PRINT = [480, 215], SHARPNESS_IN_PRINT = 3;

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::ops::{ControlFlow, RangeInclusive};
@@ -13,17 +14,23 @@ use nalgebra::Vector2;
 
 pub use super::film_scene::FilmedMotion;
 use super::film_scene::{FilmScene, round_below};
+use super::frame::Frame;
 use super::picture::SvgRenderer;
+use super::rod_motion::{DrawnRod, RodMotion};
+use super::run_record::{RecordingTimes, Thinned};
+use super::sampling::{LEAST_PER_PERIOD, digits_of, fastest_drive};
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error, write_file};
 use crate::number_format::in_sentence;
+use crate::scene::Scene;
+use crate::stepper::Stepper;
 
 /// Settings of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilmSettings {
     /// Frames per second.
     pub per_second: u32,
-    /// Seconds of the run per second of the film; if absent, 1, or in an SVG a speed at which the motion is easy to see.
+    /// Seconds of the run per second of the film; if absent, a speed at which the motion is easy to see.
     pub speed: Option<f64>,
     /// Pixels per px of the figure.
     pub sharpness: f64,
@@ -49,8 +56,12 @@ const KEYFRAMES_PER_CYCLE: f64 = 12.0;
 /// Keyframes of an SVG per second, unless its motion has cycles.
 const KEYFRAMES_PER_SECOND: f64 = 15.0;
 
-/// Preferred duration of a cycle in an SVG, s, and that of a whole run.
-const SECONDS_OF_CYCLE: f64 = 1.6;
+/// Least and largest duration of a cycle in a film of up to so many of them, s. Faster cycles are slowed down to the least, so that of two
+/// films that of the faster beat never looks slower.
+const SECONDS_OF_CYCLE: [f64; 2] = [1.0, 4.0];
+const FEW_CYCLES: f64 = 5.0;
+
+/// Preferred duration of the film of a whole run, s.
 const SECONDS_OF_RUN: f64 = 8.0;
 
 /// A motion is shown at its own speed if that takes between these factors of the best time.
@@ -84,6 +95,8 @@ struct FilmPlan {
     window: [f64; 2],
     /// Number of frames.
     count: f64,
+    /// Seconds of the run per second of the film; that of an SVG is chosen by its motion.
+    speed: f64,
 }
 
 /// Most frames per second of a GIF: its delays are hundredths of a second, and many viewers take a delay of one for ten.
@@ -93,24 +106,59 @@ const MAX_GIF_RATE: u32 = 50;
 const SHARPNESS: RangeInclusive<f64> = 0.05..=20.0;
 
 impl FilmSettings {
-    /// Checks a film of a run from the first to the last of these times (s) that is to be written to `path`.
+    /// Checks a film of a run from the first to the last of these times (s), with this fastest drive (Hz), that is to be written to `path`.
     ///
     /// # Errors
     /// [`Error::Write`] for an extension other than .svg, .gif and .mp4, a run of one time, a window outside the run, a
     /// sharpness that is out of range, and rates that are not positive or too large.
-    pub fn check(&self, path: &Path, run: [f64; 2]) -> Result<()> {
-        self.plan(path, run).map(|_| ())
+    pub fn check(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<()> {
+        self.plan(path, run, drive).map(|_| ())
     }
 
     /// The number of pictures of such a film.
     ///
     /// # Errors
     /// Those of [`check`](Self::check).
-    pub fn picture_count(&self, path: &Path, run: [f64; 2]) -> Result<usize> {
-        self.plan(path, run).map(|plan| plan.count as usize)
+    pub fn picture_count(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<usize> {
+        self.plan(path, run, drive).map(|plan| plan.count as usize)
     }
 
-    fn plan(&self, path: &Path, [begin, end]: [f64; 2]) -> Result<FilmPlan> {
+    /// What is to be said of such a film: that it has too few pictures per period of the drive.
+    ///
+    /// # Errors
+    /// Those of [`check`](Self::check).
+    pub fn warning(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<Option<String>> {
+        let FilmPlan { format, speed, .. } = self.plan(path, run, drive)?;
+        let Some(frequency) = drive.filter(|_| format != FilmFormat::Svg) else { return Ok(None) };
+        let rate = f64::from(self.per_second) / (speed * frequency);
+        Ok((rate < LEAST_PER_PERIOD * (1.0 - 1e-9)).then(|| {
+            format!(
+                "{} has {} pictures per period of the fastest drive; with fewer than {LEAST_PER_PERIOD} the beat may look slower than it \
+                 is, or go backwards; --speed {} has enough",
+                path.display(),
+                in_sentence(rate, 2),
+                in_sentence(round_below(self.largest_speed(frequency)), 3)
+            )
+        }))
+    }
+
+    /// The largest speed of a film with enough pictures per period of a drive (Hz).
+    fn largest_speed(&self, frequency: f64) -> f64 {
+        f64::from(self.per_second) / (LEAST_PER_PERIOD * frequency)
+    }
+
+    /// The speed of a film of pictures, unless it is given: at most that of the run, unless a cycle is long.
+    fn picture_speed(&self, span: f64, drive: Option<f64>) -> f64 {
+        let easy = usual_speed(span, drive.map(f64::recip));
+        let is_of_cycles = drive.is_some_and(|frequency| span * frequency <= FEW_CYCLES);
+        let easy = if is_of_cycles { easy } else { easy.min(1.0) };
+        match drive.map(|frequency| self.largest_speed(frequency)) {
+            Some(largest) if easy > largest && largest > 0.0 => round_below(largest),
+            _ => easy,
+        }
+    }
+
+    fn plan(&self, path: &Path, [begin, end]: [f64; 2], drive: Option<f64>) -> Result<FilmPlan> {
         let refuse = |reason: String| Err(Error::Write { path: path.to_path_buf(), reason });
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
         let format = match ending.as_deref() {
@@ -131,7 +179,7 @@ impl FilmSettings {
             let (least, most) = (SHARPNESS.start(), SHARPNESS.end());
             return refuse(format!("found a sharpness of {}; allowed: {least} to {most}", self.sharpness));
         }
-        let speed = self.speed.unwrap_or(1.0);
+        let speed = self.speed.unwrap_or_else(|| self.picture_speed(last - first, drive));
         let count = match format {
             FilmFormat::Svg => 1.0, // its keyframes are chosen by its motion
             _ => ((last - first) / speed * f64::from(self.per_second)).round().max(2.0),
@@ -144,7 +192,7 @@ impl FilmSettings {
             let found = format!("{} pictures per second", self.per_second);
             return refuse(format!("found {found}; allowed: at most {MAX_GIF_RATE} in a GIF"));
         }
-        Ok(FilmPlan { format, window: [first, last], count })
+        Ok(FilmPlan { format, window: [first, last], count, speed })
     }
 
     /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
@@ -160,7 +208,7 @@ impl FilmSettings {
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<()> {
         let run = [motion.times().next(), motion.times().next_back()].map(|time| time.unwrap_or(f64::NAN));
-        let FilmPlan { format, window: [first, last], count } = self.plan(path, run)?;
+        let FilmPlan { format, window: [first, last], count, speed } = self.plan(path, run, motion.drive)?;
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
         if format == FilmFormat::Svg {
             return match watch(0.0) {
@@ -168,12 +216,17 @@ impl FilmSettings {
                 ControlFlow::Break(()) => Err(Error::Interrupted),
             };
         }
-        let (painter, scene) = (SvgRenderer::new(), FilmScene::of(*motion, [first, last], LOOKS, false));
+        // A film whose last shape is its first one loops without a jump: the picture after the last one would be the first one.
+        let closed = motion.can_be_followed() && closes(motion, [first, last]);
+        let scene = FilmScene::of(*motion, [first, last], LOOKS, closed);
+        let (painter, scene) = (SvgRenderer::new(), if closed { scene.looping() } else { scene });
+        let steps = if closed { count } else { count - 1.0 };
+        let pace = if (speed - 1.0).abs() < 1e-9 { String::new() } else { format!(", {}", pace_in_words(speed)) };
         // Rounded to a hundredth of the window, but not coarser than a hundredth of a second.
         let decimals = (2.0 - (last - first).log10().floor()).clamp(2.0, 9.0) as usize;
         let draw = |n: f64| {
-            let time = first + (last - first) * n / (count - 1.0);
-            let picture = scene.picture(time, &format!("{}, t = {time:.decimals$} s", motion.name));
+            let time = first + (last - first) * n / steps;
+            let picture = scene.picture(time, &format!("{}, t = {time:.decimals$} s{pace}", motion.name));
             painter.pixels(&picture, self.sharpness).map_err(refuse)
         };
         let mut frames = (0..count as usize).map(|n| n as f64).map(|n| match watch(n / count) {
@@ -199,12 +252,7 @@ impl FilmSettings {
         let scene = FilmScene::of(*motion, window, LOOKS, cycle.is_some() || closes(motion, window));
         let period = cycle.or(motion.cycle).map(|[from, until]| until - from).filter(|period| *period > 0.0);
         let speed = self.speed.unwrap_or_else(|| {
-            let easy = match period {
-                Some(period) if cycle.is_some() || span <= SECONDS_OF_RUN / SECONDS_OF_CYCLE * period => {
-                    easy_speed(period / SECONDS_OF_CYCLE)
-                }
-                _ => easy_speed(span / SECONDS_OF_RUN),
-            };
+            let easy = usual_speed(span, period);
             if scene.pace() * easy > MAX_PACE { round_below(MAX_PACE / scene.pace()) } else { easy }
         });
         let seconds = span / speed;
@@ -221,14 +269,8 @@ impl FilmSettings {
             }
             (KEYFRAMES_PER_SECOND * seconds).max(KEYFRAMES_PER_CYCLE * cycles).clamp(least, most).round() as usize
         };
-        let pace = if (speed - 1.0).abs() < 1e-9 {
-            "real time".to_string()
-        } else if speed < 1.0 {
-            format!("{} times slower", in_sentence(speed.recip(), 3))
-        } else {
-            format!("{} times faster", in_sentence(speed, 3))
-        };
-        let [from, until] = window.map(|time| in_sentence(time, 4));
+        let pace = pace_in_words(speed);
+        let [from, until] = window.map(|time| in_sentence(time, digits_of(window)));
         let title = format!("{} from t = {from} s to {until} s, {pace}", motion.name);
         Ok(scene.animated(seconds, keyframes, &pace, &title))
     }
@@ -299,6 +341,140 @@ impl FilmSettings {
     }
 }
 
+/// The speed at which a motion of `span` (s) with this `period` (s) is easy to see: few cycles by the duration of each, others by that of all.
+fn usual_speed(span: f64, period: Option<f64>) -> f64 {
+    let [least, most] = SECONDS_OF_CYCLE;
+    match period.filter(|period| span <= FEW_CYCLES * period * (1.0 + 1e-9)) {
+        Some(period) => period / period.clamp(least, most),
+        None => easy_speed(span / SECONDS_OF_RUN),
+    }
+}
+
+/// A speed, as a film says it.
+fn pace_in_words(speed: f64) -> String {
+    match speed {
+        _ if (speed - 1.0).abs() < 1e-9 => "real time".to_string(),
+        _ if speed < 1.0 => format!("{} times slower", in_sentence(speed.recip(), 3)),
+        _ => format!("{} times faster", in_sentence(speed, 3)),
+    }
+}
+
+/// The motion of a run for one film: what the film draws, whatever the length of the run.
+#[derive(Debug)]
+pub struct FilmRecord {
+    rod: DrawnRod,
+    samples: Samples,
+}
+
+#[derive(Debug)]
+enum Samples {
+    /// So many equidistant times from the first, and the last, s.
+    Even { first: f64, last: f64, intervals: u64, next: u64, frames: Vec<Frame> },
+    /// Frames all over the run, and densely those of the end of the run, in which the last cycle is.
+    WithLastCycle { times: RecordingTimes, tick: u64, whole: Thinned<Frame>, recent: VecDeque<Frame> },
+}
+
+/// Most frames that a record for an SVG has of the whole run, and of its end.
+const MAX_RECORDED: usize = 2400;
+
+/// Frames of such a record per period of the drive.
+const RECORDED_PER_PERIOD: f64 = 48.0;
+
+/// Two times closer than this part of an interval are equal.
+const SAME_TIME: f64 = 1e-9;
+
+impl FilmRecord {
+    /// Starts with the current state of a run of `scene` until time `end` (s), for a film with these `settings` that is to be written to
+    /// `path`.
+    ///
+    /// # Errors
+    /// Those of [`FilmSettings::check`] and of [`Stepper::at`].
+    pub fn start(settings: &FilmSettings, path: &Path, scene: &Scene, stepper: &mut Stepper, end: f64) -> Result<Self> {
+        let drive = fastest_drive(scene, stepper.model());
+        let FilmPlan { format, window: [first, last], count, .. } =
+            settings.plan(path, [stepper.time(), end], drive)?;
+        let is_chosen = settings.window != FilmSettings::default().window;
+        let even = |intervals: u64| Samples::Even { first, last, intervals, next: 0, frames: Vec::new() };
+        let samples = match format {
+            FilmFormat::Svg if is_chosen => even(MAX_RECORDED as u64),
+            FilmFormat::Svg => {
+                let spacing = match drive {
+                    Some(frequency) => RecordingTimes::Every(1.0 / (RECORDED_PER_PERIOD * frequency), 1),
+                    None => RecordingTimes::sampled(stepper.step_control(), (last - first) / MAX_RECORDED as f64),
+                };
+                let (whole, recent) = (Thinned::new(MAX_RECORDED), VecDeque::new());
+                Samples::WithLastCycle { times: spacing, tick: 0, whole, recent }
+            }
+            // Those of a film that loops; another one has hardly other times.
+            FilmFormat::Gif | FilmFormat::Mp4 => even(count as u64),
+        };
+        let mut record = Self { rod: DrawnRod::of(stepper.model()), samples };
+        match &mut record.samples {
+            Samples::Even { .. } => record.step(stepper)?,
+            Samples::WithLastCycle { whole, recent, .. } => {
+                let frame = Frame::of(&stepper.view(), record.rod.nodes());
+                recent.push_back(frame.clone());
+                whole.offer(0, || frame);
+            }
+        }
+        Ok(record)
+    }
+
+    /// Records the last step.
+    ///
+    /// # Errors
+    /// Those of [`Stepper::at`].
+    pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let nodes = self.rod.nodes();
+        match &mut self.samples {
+            Samples::Even { first, last, intervals, next, frames } => {
+                let spacing = (*last - *first) / *intervals as f64;
+                while *next <= *intervals {
+                    let (time, now) = (*first + *next as f64 * spacing, stepper.time());
+                    let is_now = (time - now).abs() <= SAME_TIME * spacing + 4.0 * f64::EPSILON * now.abs();
+                    if time > now && !is_now {
+                        break;
+                    }
+                    frames.push(stepper.at(if is_now { now } else { time }, |view| Frame::of(view, nodes))?);
+                    *next += 1;
+                }
+                Ok(())
+            }
+            Samples::WithLastCycle { times, tick, whole, recent } => {
+                let outcome = times.pass(stepper, |view, _| {
+                    *tick += 1;
+                    let frame = Frame::of(view, nodes);
+                    whole.offer(*tick, || frame.clone());
+                    if recent.len() == MAX_RECORDED {
+                        recent.pop_front();
+                    }
+                    recent.push_back(frame);
+                    Ok(ControlFlow::Continue(()))
+                });
+                outcome.map(drop)
+            }
+        }
+    }
+
+    /// The motion, up to the final state.
+    pub fn finish(self, stepper: &Stepper) -> RodMotion {
+        let Self { rod, samples } = self;
+        let (mut frames, until) = match samples {
+            Samples::Even { frames, last, .. } => (frames, last),
+            Samples::WithLastCycle { whole, recent, .. } => {
+                let since = recent.front().map_or(f64::INFINITY, |frame| frame.time);
+                let before = whole.kept.into_iter().take_while(|frame| frame.time < since);
+                (before.chain(recent).collect(), f64::INFINITY)
+            }
+        };
+        let now = stepper.time();
+        if now < until && frames.last().is_some_and(|frame| frame.time < now) {
+            frames.push(Frame::of(&stepper.view(), rod.nodes()));
+        }
+        RodMotion { rod, frames, is_of_last_periods: false }
+    }
+}
+
 /// How far the shapes of the rod at two times are apart, wherever it travels: the largest distance of a node, m.
 fn shape_distance(motion: &FilmedMotion<'_>, times: [f64; 2]) -> f64 {
     let [one, other] = times.map(|time| motion.at(time));
@@ -359,14 +535,18 @@ mod tests {
             medium: None,
             loads: None,
         };
-        RodMotion { rod: DrawnRod::unknown((0..nodes).collect()), frames: rows.map(frame).collect() }
+        RodMotion {
+            rod: DrawnRod::unknown((0..nodes).collect()),
+            frames: rows.map(frame).collect(),
+            is_of_last_periods: false,
+        }
     }
 
     #[test]
     fn a_film_that_is_stopped_leaves_the_earlier_one() {
         let folder = tempfile::tempdir().unwrap();
         let motion = motion(&[0.0, 1.0], &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1]);
-        let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None };
+        let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None, drive: None };
         let path = folder.path().join("rod.gif");
         let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
         settings.write(&path, &motion, |_| ControlFlow::Continue(())).unwrap();
@@ -383,7 +563,7 @@ mod tests {
     #[test]
     fn a_sharpness_or_a_window_that_is_no_number_is_refused() {
         let refused =
-            |settings: FilmSettings| settings.check(Path::new("rod.gif"), [0.0, 1.0]).unwrap_err().to_string();
+            |settings: FilmSettings| settings.check(Path::new("rod.gif"), [0.0, 1.0], None).unwrap_err().to_string();
         for sharpness in [f64::NAN, 0.0, -1.0, 1e9] {
             let said = refused(FilmSettings { sharpness, ..FilmSettings::default() });
             assert!(said.contains(&format!("found a sharpness of {sharpness}; allowed: 0.05 to 20")), "{said}");
@@ -408,7 +588,7 @@ mod tests {
 
     fn svg_of(length: f64, nodes: usize, periods: f64, cycle: Option<[f64; 2]>) -> std::result::Result<String, String> {
         let (times, x, y) = wave(length, nodes, 1 + (40.0 * periods) as usize, periods);
-        let motion = FilmedMotion { name: "wave", motion: &motion(&times, &x, &y), cycle };
+        let motion = FilmedMotion { name: "wave", motion: &motion(&times, &x, &y), cycle, drive: None };
         let window = [times[0], times[times.len() - 1]];
         FilmSettings::default().svg(&motion, window)
     }
@@ -462,18 +642,87 @@ mod tests {
             refused,
             "found 101 cycles that do not repeat; allowed in an SVG: 25; --from and --until choose some"
         );
-        let refused = FilmSettings::default().check(Path::new("rod.svg"), [0.0, 0.0]).unwrap_err().to_string();
+        let refused = FilmSettings::default().check(Path::new("rod.svg"), [0.0, 0.0], None).unwrap_err().to_string();
         assert!(refused.contains("a film needs a run of more than one time"), "{refused}");
     }
 
     #[test]
     fn a_rod_at_rest_and_one_in_a_single_place_have_a_picture() {
         for x in [[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], [0.0; 6]] {
-            let motion = FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None };
+            let motion =
+                FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None, drive: None };
             let svg = FilmSettings::default().svg(&motion, [0.0, 1.0]).unwrap();
             assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains("&lt;&amp;&gt;"), "{svg}");
             assert!(SvgRenderer::new().pixels(&svg, 1.0).is_ok());
         }
+    }
+
+    #[test]
+    fn of_two_films_that_of_the_faster_beat_never_looks_slower() {
+        let frequencies = [0.01, 0.1, 0.25, 0.5, 0.9, 1.0, 1.1, 2.0, 2.4, 2.6, 3.0, 7.0, 30.0, 250.0];
+        let shown = frequencies.map(|frequency| {
+            let speed = usual_speed(f64::recip(frequency), Some(f64::recip(frequency)));
+            assert!((frequency < 0.25) == (speed > 1.0), "{frequency} Hz at {speed}");
+            speed * frequency
+        });
+        assert!(
+            shown.windows(2).all(|pair| pair[0] <= pair[1] * (1.0 + 1e-12)),
+            "beats per second of films: {shown:?}"
+        );
+    }
+
+    #[test]
+    fn a_film_of_pictures_has_twelve_per_beat_unless_it_is_asked_for_another_speed_and_then_it_says_so() {
+        let path = Path::new("rod.gif");
+        for span in [0.01, 0.5, 8.0, 1000.0] {
+            for frequency in [0.5, 3.0, 30.0, 240.0] {
+                let (run, drive) = ([0.0, span], Some(frequency));
+                for per_second in [10, 25, 50] {
+                    let settings = FilmSettings { per_second, ..FilmSettings::default() };
+                    let Ok(plan) = settings.plan(path, run, drive) else { continue };
+                    let rate = f64::from(per_second) / (plan.speed * frequency);
+                    assert!(
+                        rate >= LEAST_PER_PERIOD * (1.0 - 1e-9),
+                        "{span} s, {frequency} Hz, {per_second}/s: {rate}"
+                    );
+                    assert_eq!(settings.warning(path, run, drive), Ok(None));
+                }
+            }
+        }
+        let fast = FilmSettings { speed: Some(1.0), ..FilmSettings::default() };
+        let said = fast.warning(path, [0.0, 0.5], Some(30.0)).unwrap().unwrap();
+        assert!(
+            said.contains("rod.gif has 0.83 pictures per period of the fastest drive") && said.contains("--speed 0.05"),
+            "{said}"
+        );
+        assert_eq!(fast.warning(path, [0.0, 20.0], Some(2.0)), Ok(None));
+    }
+
+    #[test]
+    fn a_film_of_whole_periods_loops_without_a_jump() {
+        let (times, x, y) = wave(1.0, 33, 200, 5.0);
+        let mut motion = motion(&times, &x, &y);
+        let fluid = crate::fluid::Fluid { density: 1000.0, ..crate::fluid::Fluid::NONE };
+        for frame in &mut motion.frames {
+            frame.medium = Some(super::super::frame::Medium { fluid, layers: None });
+        }
+        let motion = FilmedMotion { name: "wave", motion: &motion, cycle: None, drive: Some(1.0) };
+        for window in [[3.0, 4.0], [1.0, 4.0], [2.0, 3.001]] {
+            assert!(closes(&motion, window), "{window:?}");
+            let scene = FilmScene::of(motion, window, LOOKS, true).looping();
+            let [first, last] = window.map(|time| scene.picture(time, ""));
+            // A shift by a whole cell is none.
+            let shift =
+                |picture: &str| picture.split("translate(").nth(2).unwrap().split(' ').next().unwrap().to_string();
+            let [from, to]: [f64; 2] = [&first, &last].map(|picture| shift(picture).parse().unwrap());
+            assert!(from == 0.0 && (to < 0.2 || (to - scene.cell()).abs() < 0.2), "{window:?}: {from} {to}");
+            assert_eq!(
+                first,
+                last.replacen(&format!("translate({} 0)", shift(&last)), "translate(0 0)", 1),
+                "{window:?}"
+            );
+        }
+        assert!(!closes(&motion, [3.0, 4.3]));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use super::frame::Medium;
 use super::rod_motion::RodMotion;
 use crate::fluid::{Fluid, Layers};
-use crate::number_format::{in_sentence, significant};
+use crate::number_format::in_sentence;
 
 /// Width of a picture, and the least and the largest height, px.
 const WIDTH: f64 = 640.0;
@@ -31,6 +31,9 @@ const AT_REST: f64 = 0.01;
 const CELL: [f64; 2] = [150.0, 56.0];
 const SPECKS: [[[f64; 2]; 3]; 2] =
     [[[0.08, 0.2], [0.41, 0.75], [0.74, 0.38]], [[0.22, 0.6], [0.55, 0.15], [0.9, 0.82]]];
+
+/// Shortest cell of specks of a film that loops, px.
+const LEAST_CELL: f64 = 24.0;
 
 /// Font size, px.
 const FONT: f64 = 13.0;
@@ -65,6 +68,8 @@ pub struct FilmedMotion<'a> {
     pub motion: &'a RodMotion,
     /// Start and end of its last whole cycle, s, if it has cycles.
     pub cycle: Option<[f64; 2]>,
+    /// Frequency of its fastest drive, Hz, if it has one that is known.
+    pub drive: Option<f64>,
 }
 
 impl<'a> FilmedMotion<'a> {
@@ -76,6 +81,11 @@ impl<'a> FilmedMotion<'a> {
     /// Its times, s.
     pub fn times(&self) -> impl DoubleEndedIterator<Item = f64> + use<'a> {
         self.motion.frames.iter().map(|frame| frame.time)
+    }
+
+    /// True if a camera can move along with it, as there are no interfaces that would move.
+    pub fn can_be_followed(&self) -> bool {
+        self.medium().and_then(Medium::interfaces).is_none()
     }
 
     /// The medium at first, if it is known.
@@ -113,6 +123,8 @@ pub struct FilmScene<'a> {
     /// What each node moves over the window of a periodic motion, as seen by the camera, m: rounding, which is taken off so that the
     /// film closes.
     gap: Vec<Vector2<f64>>,
+    /// Distance after which the specks repeat, px.
+    cell: f64,
 }
 
 impl<'a> FilmScene<'a> {
@@ -133,7 +145,17 @@ impl<'a> FilmScene<'a> {
             false => vec![Vector2::zeros(); start.len()],
         };
         let drift = motion.steady_flow().map(|flow| flow - velocity);
-        let mut scene = Self { motion, window, velocity, drift, corner: Vector2::zeros(), unit: 1.0, height: 0.0, gap };
+        let mut scene = Self {
+            motion,
+            window,
+            velocity,
+            drift,
+            corner: Vector2::zeros(),
+            unit: 1.0,
+            height: 0.0,
+            gap,
+            cell: CELL[0],
+        };
         let times = (0..pictures.max(2)).map(|n| first + (last - first) * n as f64 / (pictures.max(2) - 1) as f64);
         let seen = times.flat_map(|time| {
             let points = scene.points(time);
@@ -153,6 +175,19 @@ impl<'a> FilmScene<'a> {
         let half = Vector2::new(-0.5 * WIDTH, 0.5 * (scene.height - FOOT)) / scene.unit;
         scene.corner = middle + half;
         scene
+    }
+
+    /// The same with specks that are at the end of the film where they are at its start.
+    pub fn looping(self) -> Self {
+        let passed = self.pace() * (self.window[1] - self.window[0]);
+        let cell = passed / (passed / CELL[0]).round().max(1.0);
+        Self { cell: if cell < LEAST_CELL { CELL[0] } else { cell }, ..self }
+    }
+
+    /// Distance after which the specks repeat, px.
+    #[cfg(test)]
+    pub fn cell(&self) -> f64 {
+        self.cell
     }
 
     /// The speed (px/s) at which the fluid goes by, at the motion's own speed.
@@ -190,7 +225,7 @@ impl<'a> FilmScene<'a> {
     /// The picture at a time.
     pub fn picture(&self, time: f64, clock: &str) -> String {
         let (body, head) = self.body(time);
-        let shift = self.pace() * (time - self.window[0]) % CELL[0];
+        let shift = self.pace() * (time - self.window[0]) % self.cell;
         let mut svg = self.begin(self.motion.name, ""); // a GIF has no half transparent corners
         self.put_fluid(&mut svg, &format!(" transform=\"translate({} 0)\"", tenth(shift)), "");
         let _ = writeln!(svg, "<path class=\"body rim\" d=\"{body}\"{BODY}/>");
@@ -213,7 +248,7 @@ impl<'a> FilmScene<'a> {
         let keyframes = keyframes.max(2);
         let times = (0..keyframes).map(|n| first + (last - first) * n as f64 / (keyframes - 1) as f64);
         let (bodies, heads): (Vec<String>, Vec<[f64; 2]>) = times.map(|time| self.body(time)).unzip();
-        let duration = significant(seconds, 4);
+        let duration = clock_value(seconds);
         let animate = |name: &str, values: String| {
             format!(
                 "<animate attributeName=\"{name}\" dur=\"{duration}s\" repeatCount=\"indefinite\" values=\"{values}\"/>"
@@ -228,7 +263,7 @@ impl<'a> FilmScene<'a> {
             true => format!(
                 "<animateTransform attributeName=\"transform\" type=\"translate\" from=\"0 0\" to=\"{} 0\" dur=\"{}s\" repeatCount=\"indefinite\"/>",
                 CELL[0],
-                significant(CELL[0] / pace, 4)
+                clock_value(CELL[0] / pace)
             ),
             false => String::new(),
         };
@@ -322,18 +357,20 @@ impl<'a> FilmScene<'a> {
         let half = 0.5 * WIDTH.hypot(self.height);
         let mut specks = String::new();
         let rows = (half / CELL[1]).ceil() as i32;
-        let columns = (half / CELL[0]).ceil() as i32;
+        let columns = (half / self.cell).ceil() as i32;
+        // As dense as in a cell of the usual size.
+        let count = ((3.0 * self.cell / CELL[0]).round() as usize).clamp(1, 3);
         for row in -rows..rows {
             for column in -columns - 1..columns {
-                for [x, y] in SPECKS[row.rem_euclid(2) as usize] {
-                    let (x, y) = ((f64::from(column) + x) * CELL[0], (f64::from(row) + y) * CELL[1]);
+                for [x, y] in SPECKS[row.rem_euclid(2) as usize].into_iter().take(count) {
+                    let (x, y) = ((f64::from(column) + x) * self.cell, (f64::from(row) + y) * CELL[1]);
                     // Specks that are never inside the picture are left out.
                     let turned = |x: f64| {
                         let (sin, cos) = angle.to_radians().sin_cos();
                         [x * cos - y * sin, x * sin + y * cos]
                     };
                     let inside = |[x, y]: [f64; 2]| x.abs() < 0.5 * WIDTH + 3.0 && y.abs() < 0.5 * self.height + 3.0;
-                    if (0..=10).any(|part| inside(turned(x + f64::from(part) * 0.1 * CELL[0]))) {
+                    if (0..=10).any(|part| inside(turned(x + f64::from(part) * 0.1 * self.cell))) {
                         let _ = write!(specks, "M{} {}h.1", tenth(x), tenth(y));
                     }
                 }
@@ -428,6 +465,13 @@ impl Bounds {
     }
 }
 
+/// A duration (s) as SVG writes it: four digits, and no power of ten.
+fn clock_value(seconds: f64) -> String {
+    let decimals = (3.0 - seconds.log10().floor()).clamp(0.0, 12.0) as usize;
+    let text = format!("{seconds:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
+}
+
 /// A number of px in tenths.
 #[derive(Debug, Clone, Copy)]
 struct Tenths(i64);
@@ -463,4 +507,18 @@ fn path(polygon: &[Vector2<f64>]) -> String {
         (x, y) = (next_x, next_y);
     }
     data + "z"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clock_value;
+
+    #[test]
+    fn durations_have_no_power_of_ten() {
+        for (seconds, text) in
+            [(5e-4, "0.0005"), (1.0, "1"), (1.6667, "1.667"), (12345.6, "12346"), (1.5e-7, "0.00000015")]
+        {
+            assert_eq!(clock_value(seconds), text);
+        }
+    }
 }

@@ -104,6 +104,15 @@ impl Claim {
     }
 }
 
+/// What a file is in a folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    /// Made by the owner of the folder.
+    Result,
+    /// Made from results for other programs.
+    Export,
+}
+
 /// Files that were exported from results for other programs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Export {
@@ -151,6 +160,11 @@ impl Manifest {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(e) => Err(Error::Read { path: file, reason: e.to_string() }),
         }
+    }
+
+    /// True for a file of the owner, which is no export.
+    fn has_result(&self, name: &str) -> bool {
+        [&self.sources, &self.files, &self.journals].iter().any(|files| files.contains(name)) || name == MANIFEST
     }
 
     fn lists(&self, name: &str) -> bool {
@@ -283,7 +297,9 @@ impl Folder {
         if *claim == Claim::Force {
             return Ok(());
         }
-        let occupied = |holds: String, wanted: String| Err(Error::Occupied { path: self.path.clone(), holds, wanted });
+        let occupied = |holds: String, wanted: String| {
+            Err(Error::Occupied { path: self.path.clone(), holds, wanted, kept: false })
+        };
         if let Some(other) = other {
             let [holds, wanted] = owner.in_place_of(other);
             return occupied(holds, wanted);
@@ -396,15 +412,28 @@ impl Folder {
         let _ = self.save(); // that of before lists what is there, and more
     }
 
-    /// Refuses the name of an existing unlisted file.
+    /// Refuses the name of an existing file that is no result of this owner.
     ///
     /// # Errors
     /// [`Error::Occupied`].
     pub fn admit(&self, name: &str) -> Result<()> {
+        self.admit_in(Role::Result, name)
+    }
+
+    /// Refuses the name of an existing file that does not have this role, or is of another owner. An export never replaces a result.
+    fn admit_in(&self, role: Role, name: &str) -> Result<()> {
         let exported = |export: &Export| export.files.contains(name) && !export.of.is_same(&self.owner);
         let path = self.path.join(name);
         let empty = || std::fs::metadata(&path).is_ok_and(|file| file.is_file() && file.len() == 0);
-        if self.claim == Claim::Force || !path.exists() || empty() {
+        if !path.exists() || empty() {
+            return Ok(());
+        }
+        if role == Role::Export && self.manifest.has_result(name) {
+            let holds =
+                self.manifest.owner.as_ref().map_or_else(|| "a result".to_string(), |of| format!("a file of {of}"));
+            return Err(Error::Occupied { path, holds, wanted: self.owner.to_string(), kept: true });
+        }
+        if self.claim == Claim::Force {
             return Ok(());
         }
         let [holds, wanted] = match self.manifest.exports.iter().find(|export| exported(export)) {
@@ -412,17 +441,17 @@ impl Folder {
             None if self.manifest.lists(name) => return Ok(()),
             None => [format!("a file that no {MANIFEST} lists"), self.owner.to_string()],
         };
-        Err(Error::Occupied { path, holds, wanted })
+        Err(Error::Occupied { path, holds, wanted, kept: false })
     }
 
     /// Starts writing results.
     pub fn results(&mut self) -> FolderWriter<'_> {
-        FolderWriter { folder: self, kept: WrittenFiles::default(), exports: false, earlier: BTreeSet::new() }
+        FolderWriter { folder: self, kept: WrittenFiles::default(), role: Role::Result, earlier: BTreeSet::new() }
     }
 
     /// Starts writing exports.
     pub fn exports(&mut self) -> FolderWriter<'_> {
-        FolderWriter { folder: self, kept: WrittenFiles::default(), exports: true, earlier: BTreeSet::new() }
+        FolderWriter { folder: self, kept: WrittenFiles::default(), role: Role::Export, earlier: BTreeSet::new() }
     }
 
     fn remove<'a>(&self, names: impl Iterator<Item = &'a String>) {
@@ -469,7 +498,7 @@ impl Drop for Folder {
 pub struct FolderWriter<'a> {
     folder: &'a mut Folder,
     kept: WrittenFiles,
-    exports: bool,
+    role: Role,
     /// Files of an earlier result with the same content that could not be replaced.
     earlier: BTreeSet<String>,
 }
@@ -485,15 +514,15 @@ impl FolderWriter<'_> {
     /// # Errors
     /// [`Error::Occupied`] if there is a file of that name that may not be replaced; [`Error::Write`].
     pub fn admit(&mut self, name: &str) -> Result<()> {
-        self.folder.admit(name)?;
-        self.folder.enter(&[name], self.exports)
+        self.folder.admit_in(self.role, name)?;
+        self.folder.enter(&[name], self.role)
     }
 
     /// Lists several files before they are written.
     pub fn list<'n>(&mut self, names: impl IntoIterator<Item = &'n str>) {
-        let Self { folder, exports, .. } = self;
-        let admitted: Vec<&str> = names.into_iter().filter(|name| folder.admit(name).is_ok()).collect();
-        let _ = folder.enter(&admitted, *exports); // what cannot be listed is told where it is written
+        let Self { folder, role, .. } = self;
+        let admitted: Vec<&str> = names.into_iter().filter(|name| folder.admit_in(*role, name).is_ok()).collect();
+        let _ = folder.enter(&admitted, *role); // what cannot be listed is told where it is written
     }
 
     /// Puts the file `name` in place, or records the error. An earlier file of that name is then removed, unless it has the same
@@ -557,8 +586,8 @@ impl FolderWriter<'_> {
 
     /// Removes files of earlier results that were not written again, and updates the manifest.
     pub fn finish(self) -> WrittenFiles {
-        let Self { folder, kept, exports, earlier } = self;
-        if !exports {
+        let Self { folder, kept, role, earlier } = self;
+        if role == Role::Result {
             let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
             let written: BTreeSet<String> = kept.files.iter().filter_map(name).chain(earlier).collect();
             folder.remove(folder.manifest.files.difference(&written));
@@ -601,16 +630,16 @@ impl Folder {
     }
 
     /// Lists files as results or exports, unless they are listed.
-    fn enter(&mut self, names: &[&str], exports: bool) -> Result<()> {
+    fn enter(&mut self, names: &[&str], role: Role) -> Result<()> {
         let Manifest { files, exports: exported, .. } = &self.manifest;
         let own = exported.iter().find(|export| export.of == self.owner).map(|export| &export.files);
-        let there = if exports { own } else { Some(files) };
+        let there = if role == Role::Export { own } else { Some(files) };
         if names.iter().all(|name| there.is_some_and(|files| files.contains(*name))) {
             return Ok(());
         }
         let before = self.manifest.clone();
         let all = || names.iter().map(ToString::to_string);
-        if exports {
+        if role == Role::Export {
             // Earlier exports under these names are replaced.
             let exported = &mut self.manifest.exports;
             exported.iter_mut().for_each(|export| export.files.retain(|file| !names.contains(&file.as_str())));

@@ -28,6 +28,7 @@ pub mod recorded_run;
 mod rod_motion;
 mod run_figures;
 mod run_record;
+pub mod sampling;
 mod summary;
 mod svg;
 pub mod tables;
@@ -44,7 +45,7 @@ pub use recorded_run::recorded_overrides;
 pub use rod_motion::{DrawnRod, MAX_POINTS, RodMotion, drawn_nodes};
 #[cfg(test)]
 pub(crate) use run_figures::energy_balance;
-pub use run_record::MotionRecord;
+pub use run_record::RecordingTimes;
 #[cfg(test)]
 pub(crate) use run_record::RunRecord;
 pub use summary::{FluidError, Summary, TendonMaxima};

@@ -156,7 +156,8 @@ impl RunOutput {
             results.put_file(file, Ok(svg));
         }
         let scene = (document.text(), document.overrides());
-        let page = Page { summary, scene, notes, motion: &record.motion(), figures: &figures }.html();
+        let page = Page { summary, scene, notes, motion: &record.motion(), figures: &figures };
+        let page = page.html();
         results.put_file("report.html", page);
         results.finish()
     }

@@ -10,8 +10,9 @@ use super::chart::{CellCases, Figure, InteractiveChart};
 use super::frame::{Frame, Medium};
 use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
-use super::packed_numbers::{PackedNumbers, QuantizedNumbers};
+use super::packed_numbers::{PackedCurve, PackedNumbers, QuantizedNumbers};
 use super::rod_motion::{HeadSupport, RodMotion, TendonPath};
+use super::sampling::whole_run_in_words;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
 use crate::fluid::Layers;
@@ -78,7 +79,7 @@ struct PageFigure<'a> {
 struct DrawnCharts<'a> {
     charts: Vec<DrawnChart<'a>>,
     /// The coordinates x of all series, each once.
-    x: Vec<&'a PackedNumbers>,
+    x: Vec<&'a PackedCurve>,
 }
 
 #[derive(Serialize)]
@@ -98,8 +99,8 @@ impl<'a> Figures<'a> {
             svg: figure.chart.is_none().then_some(figure.svg.as_str()),
             cells: figure.cells.as_ref().map(RawJson),
         };
-        let mut x: Vec<&PackedNumbers> = Vec::new();
-        let mut index = |numbers: &'a PackedNumbers| {
+        let mut x: Vec<&PackedCurve> = Vec::new();
+        let mut index = |numbers: &'a PackedCurve| {
             x.iter().position(|known| *known == numbers).unwrap_or_else(|| {
                 x.push(numbers);
                 x.len() - 1
@@ -141,6 +142,9 @@ pub struct Animation {
     /// Loads on the rod, if known.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     loads: Option<Loads>,
+    /// What is to be said of it, as that it is only a part of a run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<String>,
 }
 
 /// A rod of an animation.
@@ -391,7 +395,13 @@ impl Animation {
             media: Media::of(frames),
             flow: Flow::of(frames),
             loads: Loads::of(frames),
+            note: motion.is_of_last_periods.then(|| whole_run_in_words(frames)).flatten(),
         }
+    }
+
+    /// Adds a sentence that the player shows below it.
+    pub fn with_note(self, note: Option<String>) -> Self {
+        Self { note, ..self }
     }
 
     /// The series of charts that has the colour of the `i`-th rod with a name beside the first: neither that of the first rod, which is the

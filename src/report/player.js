@@ -88,6 +88,7 @@ function play(wanted) {
   largest = { force: most(motion.head_force), flow: most_flow() };
   force_scale = usual_size((motion.head_force ?? []).map(([x, y]) => Math.hypot(x, y)));
   named(motion.media);
+  part("motion-note").textContent = motion.note ?? "";
   // What the page's own address asked for is of what it shows first.
   const wanted_time = within_run(first_asked); first_asked = null;
   now = wanted_time ?? first; playing = wanted_time === null && motion.times.length > 1 && !matchMedia("(prefers-reduced-motion: reduce)").matches; part("play").textContent = playing ? "Pause" : "Play";
@@ -332,7 +333,13 @@ document.addEventListener("seek", (event) => {
   const time = motion && within_run(event.detail.time);
   if (event.detail.pauses) halt(time); else if (motion && !playing) { now = time; show(at(time)); }
 });
-addEventListener("hashchange", () => { if (motion && asked("t") !== null) halt(within_run(asked("t")) ?? motion.times[0]); });
+addEventListener("hashchange", () => {
+  if (!motion) return;
+  const wanted = [...part("colour").options].find((option) => option.value === (asked("colour") ?? "body") && !option.disabled);
+  if (wanted) part("colour").value = wanted.value;
+  named(motion.media);
+  halt(within_run(asked("t")) ?? now);
+});
 const KEYS = {
   " ": () => part("play").click(), k: () => part("play").click(), f: () => part("follow").click(),
   ArrowLeft: () => step(-1), ArrowRight: () => step(1), Home: () => step(-Infinity), End: () => step(Infinity),

@@ -1,5 +1,6 @@
 //! A finished run read back from its folder: summary, scene, curves of trajectory.csv, and the motion of the node table.
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -8,21 +9,29 @@ use serde_json::{Map, Value};
 
 use super::folder::{Folder, MANIFEST};
 use super::rod_motion::{DrawnRod, MAX_POINTS, drawn_nodes};
-use super::run_record::{MAX_SAMPLES, Thinned};
+use super::run_record::{Envelope, MAX_SAMPLES, Thinned};
+use super::sampling::{fastest_drive, interpolate};
 use crate::error::{Error, Result};
 use crate::scene::Document;
 use crate::wording::Phrase;
 
 /// Most rows of a node table that are kept of the window of a film; at least half as many are.
-const MAX_ROWS: usize = 2400;
+const MAX_ROWS: usize = 4800;
+
+/// Most of the last positions of the centre of mass that are kept, whatever the number of rows.
+const MAX_LAST_POSITIONS: usize = 9600;
 
 /// Curves of a run over time, thinned out if there are many rows.
 #[derive(Debug, Default)]
 pub struct Curves {
     columns: Vec<String>,
     rows: Vec<Vec<f64>>,
+    /// The columns over time.
+    over_time: Option<Envelope>,
     /// Middle (s) of the interval between two recorded times, and the mean velocity (m/s) of the centre of mass over it.
-    velocity: Vec<[f64; 3]>,
+    velocity: Option<Envelope>,
+    /// The last times (s) with the positions of the centre of mass (m), none of which is left out.
+    last_positions: VecDeque<[f64; 3]>,
 }
 
 /// The recorded positions of nodes.
@@ -34,6 +43,30 @@ enum NodeTable {
     /// Times (s), and positions.
     Memory(Vec<f64>, NodePositions),
     None,
+}
+
+/// The motion of a run within a window of time.
+#[derive(Debug)]
+pub struct RecordedMotion {
+    /// Recorded times (s) with the positions of nodes (m), along with those just outside the window. If there are many, some are left
+    /// out.
+    rows: Vec<Row>,
+    /// Mean time between the rows of its table within the window, s; `None` if there are fewer than two.
+    pub spacing: Option<f64>,
+}
+
+impl RecordedMotion {
+    /// The last time, s; `None` without any row.
+    pub fn end(&self) -> Option<f64> {
+        self.rows.last().map(|row| row.0)
+    }
+
+    /// The positions at a time (s) by interpolation; the first or last ones outside, and none of an empty motion.
+    pub fn at(&self, time: f64) -> Vec<[f64; 2]> {
+        let (rows, nodes) = (&self.rows, self.rows.first().map_or(0, |row| row.1.len()));
+        let flat = interpolate(rows.len(), time, |i| rows[i].0, |i, k| rows[i].1[k / 2][k % 2], 2 * nodes);
+        flat.chunks_exact(2).map(|point| [point[0], point[1]]).collect()
+    }
 }
 
 /// Positions of nodes in memory.
@@ -172,15 +205,20 @@ impl RecordedRun {
         self.nodes.start()
     }
 
-    /// The motion within a window of time (s): recorded times (s) with the positions of at most [`MAX_POINTS`] nodes (m), along with
-    /// those just outside the window. If there are many times, some are left out.
+    /// The motion within a window of time (s), of at most [`MAX_POINTS`] nodes.
     ///
     /// # Errors
     /// [`Error::Read`].
-    pub fn motion(&self, window: [f64; 2]) -> Result<Vec<(f64, Vec<[f64; 2]>)>> {
+    pub fn motion(&self, window: [f64; 2]) -> Result<RecordedMotion> {
         let mut rows = WindowBuilder::new(window);
         self.nodes.visit(&mut rows)?;
         Ok(rows.finish())
+    }
+
+    /// Frequency (Hz) of the fastest drive of its scene; `None` without one, and if the scene is not known.
+    pub fn fastest_drive(&self) -> Option<f64> {
+        let scene = self.scene.as_ref()?.scene().ok()?;
+        fastest_drive(&scene, &scene.model().ok()?)
     }
 
     /// The rod of its [`motion`](Self::motion), without its looks if its scene is not known.
@@ -331,8 +369,9 @@ impl Curves {
     /// the difference quotient of its position, unless it was recorded.
     pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         let column = |name: &str| self.columns.iter().position(|column| column == name);
-        let derived = |axis: usize| self.velocity.iter().map(|row| (row[0], row[axis])).collect();
+        let derived = |axis: usize| self.velocity.as_ref().map(|rows| rows.curve(axis)).unwrap_or_default();
         match (column(x), column(y), x, y) {
+            (Some(0), Some(y), ..) => self.over_time.as_ref().map(|rows| rows.curve(y)).unwrap_or_default(),
             (Some(x), Some(y), ..) => self.rows.iter().map(|row| (row[x], row[y])).collect(),
             (_, None, "time_s", "vx_com_m_s") => derived(1),
             (_, None, "time_s", "vy_com_m_s") => derived(2),
@@ -340,30 +379,29 @@ impl Curves {
         }
     }
 
-    /// The value of a column at a time (s) by linear interpolation; the first or last value outside.
-    pub fn at(&self, time: f64, name: &str) -> Option<f64> {
-        let k = self.columns.iter().position(|column| column == name)?;
-        let after = self.rows.partition_point(|row| row[0] < time);
-        let next = self.rows.get(after).or(self.rows.last())?;
-        let before = after.checked_sub(1).and_then(|i| self.rows.get(i)).unwrap_or(next);
-        Some(between(before[k], next[k], part(time, before[0], next[0])))
+    /// The centre of mass (m) at a time (s) by interpolation between recorded times, its first or last position outside; `None` if it
+    /// is not recorded.
+    pub fn centre_of_mass(&self, time: f64) -> Option<[f64; 2]> {
+        let columns = ["x_com_m", "y_com_m"].map(|name| self.columns.iter().position(|column| column == name));
+        let [Some(x), Some(y)] = columns else { return None };
+        let last = &self.last_positions;
+        let row = |row: &Vec<f64>| [row[0], row[x], row[y]];
+        match last.front().is_some_and(|first| first[0] <= time) {
+            true => interpolate(last.len(), time, |i| last[i][0], |i, axis| last[i][1 + axis], 2),
+            false => interpolate(self.rows.len(), time, |i| self.rows[i][0], |i, axis| row(&self.rows[i])[1 + axis], 2),
+        }
+        .try_into()
+        .ok()
     }
-}
-
-/// The fraction of the interval from `from` to `to` that has passed at `time`, between 0 and 1.
-fn part(time: f64, from: f64, to: f64) -> f64 {
-    if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 1.0 }
-}
-
-fn between(from: f64, to: f64, part: f64) -> f64 {
-    if part >= 1.0 { to } else { from + part * (to - from) }
 }
 
 /// Collects the rows of a table.
 struct CurvesBuilder {
     columns: Vec<String>,
     rows: Thinned<Vec<f64>>,
-    velocity: Thinned<[f64; 3]>,
+    over_time: Envelope,
+    velocity: Envelope,
+    last_positions: VecDeque<[f64; 3]>,
     /// The columns of the centre of mass.
     com: Option<[usize; 2]>,
     previous: Option<[f64; 3]>,
@@ -377,77 +415,92 @@ impl CurvesBuilder {
         }
         let place = |name: &str| columns.iter().position(|column| column == name);
         let com = place("x_com_m").zip(place("y_com_m")).map(|(x, y)| [x, y]);
-        let (rows, velocity) = (Thinned::new(MAX_SAMPLES), Thinned::new(MAX_SAMPLES));
-        Ok(Self { columns, rows, velocity, com, previous: None, row: 0 })
+        let [over_time, velocity] = [(); 2].map(|()| Envelope::new(MAX_SAMPLES));
+        let (rows, last_positions) = (Thinned::new(MAX_SAMPLES), VecDeque::new());
+        Ok(Self { columns, rows, over_time, velocity, last_positions, com, previous: None, row: 0 })
     }
 
     /// Takes the next row, with its value in each column; the last one is always kept.
     fn take(&mut self, is_last: bool, value: impl Fn(usize) -> Result<f64>) -> Result<()> {
-        let whole = || (0..self.columns.len()).map(&value).collect::<Result<Vec<f64>>>();
-        let mut kept = Ok(false);
-        self.rows.offer(self.row, || match whole() {
-            Ok(row) => {
-                kept = Ok(true);
-                row
-            }
-            Err(error) => {
-                kept = Err(error);
-                Vec::new()
-            }
+        let row = (0..self.columns.len()).map(&value).collect::<Result<Vec<f64>>>()?;
+        let mut is_kept = false;
+        self.rows.offer(self.row, || {
+            is_kept = true;
+            row.clone()
         });
-        if !kept? && is_last {
-            self.rows.kept.push(whole()?);
+        if !is_kept && is_last {
+            self.rows.kept.push(row.clone());
         }
         if let Some([x, y]) = self.com {
-            let now = [value(0)?, value(x)?, value(y)?];
+            let now = [row[0], row[x], row[y]];
+            if self.last_positions.len() == MAX_LAST_POSITIONS {
+                self.last_positions.pop_front();
+            }
+            self.last_positions.push_back(now);
             if let Some(previous) = self.previous.filter(|previous| now[0] > previous[0]) {
                 let step = now[0] - previous[0];
                 let slope = |i: usize| (now[i] - previous[i]) / step;
-                self.velocity.offer(self.row - 1, || [previous[0] + 0.5 * step, slope(1), slope(2)]);
+                self.velocity.take(3, |k| if k == 0 { previous[0] + 0.5 * step } else { slope(k) });
             }
             self.previous = Some(now);
         }
+        self.over_time.take(row.len(), |k| row[k]);
         self.row += 1;
         Ok(())
     }
 
     fn finish(self) -> Curves {
-        Curves { columns: self.columns, rows: self.rows.kept, velocity: self.velocity.kept }
+        let Self { columns, rows, over_time, velocity, last_positions, .. } = self;
+        Curves { columns, rows: rows.kept, over_time: Some(over_time), velocity: Some(velocity), last_positions }
     }
 }
 
-/// Collects the rows of a table of nodes within a window.
+/// Collects the rows of a table of nodes within a window, and two on both sides of it, between which is interpolated.
 struct WindowBuilder {
     window: [f64; 2],
-    before: Option<(f64, Vec<[f64; 2]>)>,
-    rows: Thinned<(f64, Vec<[f64; 2]>)>,
-    last: Option<(f64, Vec<[f64; 2]>)>,
+    before: VecDeque<Row>,
+    rows: Thinned<Row>,
+    last: Option<Row>,
     row: u64,
+    /// Rows from the end of the window on.
+    after: usize,
 }
+
+/// A time (s) with the positions of nodes (m).
+type Row = (f64, Vec<[f64; 2]>);
+
+/// Rows on each side of a window.
+const BESIDE: usize = 2;
 
 impl WindowBuilder {
     fn new(window: [f64; 2]) -> Self {
-        Self { window, before: None, rows: Thinned::new(MAX_ROWS), last: None, row: 0 }
+        Self { window, before: VecDeque::new(), rows: Thinned::new(MAX_ROWS), last: None, row: 0, after: 0 }
     }
 
     /// Takes the positions of `count` nodes at the next time; false if no more are needed.
     fn take(&mut self, time: f64, count: usize, at: impl Fn(usize) -> Result<[f64; 2]>) -> Result<bool> {
         let positions = drawn_nodes(count, MAX_POINTS).into_iter().map(at).collect::<Result<Vec<_>>>()?;
         if time < self.window[0] {
-            self.before = Some((time, positions));
+            if self.before.len() == BESIDE {
+                self.before.pop_front();
+            }
+            self.before.push_back((time, positions));
             return Ok(true);
         }
         self.rows.offer(self.row, || (time, positions.clone()));
         self.last = Some((time, positions));
         self.row += 1;
-        Ok(time < self.window[1])
+        self.after += usize::from(time >= self.window[1]);
+        Ok(self.after < BESIDE)
     }
 
-    fn finish(self) -> Vec<(f64, Vec<[f64; 2]>)> {
-        let Self { before, rows, last, .. } = self;
+    fn finish(self) -> RecordedMotion {
+        let Self { before, rows, last, row: count, .. } = self;
+        let span = rows.kept.first().zip(last.as_ref()).map(|(first, last)| last.0 - first.0);
+        let spacing = span.filter(|_| count > 1).map(|span| span / (count - 1) as f64);
         let ends = rows.kept.last().map(|(time, _)| *time);
         let last = last.filter(|(time, _)| ends.is_none_or(|end| *time > end));
-        before.into_iter().chain(rows.kept).chain(last).collect()
+        RecordedMotion { rows: before.into_iter().chain(rows.kept).chain(last).collect(), spacing }
     }
 }
 
@@ -552,15 +605,6 @@ impl NodeTable {
     }
 }
 
-/// The positions of a `motion` at a time (s) by linear interpolation; the first or last positions outside, and none of an empty motion.
-pub fn positions_at(motion: &[(f64, Vec<[f64; 2]>)], time: f64) -> Vec<[f64; 2]> {
-    let after = motion.partition_point(|(row, _)| *row < time);
-    let Some((to, next)) = motion.get(after).or(motion.last()) else { return Vec::new() };
-    let (from, before) = after.checked_sub(1).and_then(|i| motion.get(i)).map_or((to, next), |(time, row)| (time, row));
-    let part = part(time, *from, *to);
-    before.iter().zip(next).map(|(a, b)| [0, 1].map(|i| between(a[i], b[i], part))).collect()
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
@@ -598,7 +642,8 @@ mod tests {
         for (t, v) in run.curves.curve("time_s", "vy_com_m_s") {
             assert!((v + 2.0 * t).abs() < 1e-9, "{t} {v}");
         }
-        assert!((run.curves.at(1.23456, "x_com_m").unwrap() - 3.0 * 1.23456).abs() < 1e-12);
-        assert_eq!(run.curves.at(-1.0, "x_com_m"), Some(0.0));
+        let [x, y] = run.curves.centre_of_mass(1.23456).unwrap();
+        assert!((x - 3.0 * 1.23456).abs() < 1e-12 && (y + 1.23456 * 1.23456).abs() < 1e-12);
+        assert_eq!(run.curves.centre_of_mass(-1.0), Some([0.0; 2]));
     }
 }

@@ -5,6 +5,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::frame::{Frame, Medium};
+use super::sampling::interpolate;
 use crate::head::Signal;
 use crate::model::Model;
 use crate::tendons::Tendon;
@@ -28,6 +29,9 @@ pub struct RodMotion {
     pub rod: DrawnRod,
     /// Its frames in order of time, whose points are the nodes of the rod.
     pub frames: Vec<Frame>,
+    /// True if the frames before the last periods are left out, since fewer per period of the fastest drive would show another motion.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_of_last_periods: bool,
 }
 
 /// The rod of a motion, and how its head is held.
@@ -137,7 +141,7 @@ impl DrawnRod {
 impl RodMotion {
     /// A motion of the rod of a model, without frames.
     pub fn of(model: &Model) -> Self {
-        Self { rod: DrawnRod::of(model), frames: Vec::new() }
+        Self { rod: DrawnRod::of(model), frames: Vec::new(), is_of_last_periods: false }
     }
 
     /// The motion of the rod of a model of which positions are recorded: `rows` have a time (s) and the position (m) by the place of a
@@ -159,7 +163,8 @@ impl RodMotion {
             Frame { time, points, com: com.into(), medium: Some(Medium::at(model, time)), loads: None }
         };
         let frames = rows.into_iter().map(frame).collect();
-        Self { rod: DrawnRod::at(Some(model), places.iter().map(|place| nodes[*place]).collect()), frames }
+        let rod = DrawnRod::at(Some(model), places.iter().map(|place| nodes[*place]).collect());
+        Self { rod, frames, is_of_last_periods: false }
     }
 
     /// Adds the current frame.
@@ -167,15 +172,12 @@ impl RodMotion {
         self.frames.push(Frame::of(view, &self.rod.nodes));
     }
 
-    /// The points at a time (s), by linear interpolation; those of the first or last frame outside.
+    /// The points at a time (s), by interpolation; those of the first or last frame outside.
     pub fn points_at(&self, time: f64) -> Vec<Vector2<f64>> {
-        let next = self.frames.partition_point(|frame| frame.time <= time).min(self.frames.len().saturating_sub(1));
-        let (Some(from), Some(to)) = (self.frames.get(next.saturating_sub(1)), self.frames.get(next)) else {
-            return Vec::new();
-        };
-        let span = to.time - from.time;
-        let part = if span > 0.0 { ((time - from.time) / span).clamp(0.0, 1.0) } else { 1.0 };
-        let at = |a: f64, b: f64| (1.0 - part) * a + part * b;
-        from.points.iter().zip(&to.points).map(|(a, b)| Vector2::new(at(a[0], b[0]), at(a[1], b[1]))).collect()
+        let frames = &self.frames;
+        let count = 2 * frames.first().map_or(0, |frame| frame.points.len());
+        let value = |i: usize, k: usize| frames[i].points[k / 2][k % 2];
+        let flat = interpolate(frames.len(), time, |i| frames[i].time, value, count);
+        flat.chunks_exact(2).map(|point| Vector2::new(point[0], point[1])).collect()
     }
 }

@@ -1,23 +1,20 @@
 //! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 
 use super::frame::Frame;
 use super::rod_motion::{DrawnRod, RodMotion};
+use super::sampling::{FrameRecord, fastest_drive, tick};
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::scene::Scene;
-use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
 /// Most samples of a curve; at least half as many are kept.
 pub(super) const MAX_SAMPLES: usize = 2500;
-/// The same for frames of the animation.
-pub(super) const MAX_FRAMES: usize = 1200;
-
-/// The spectrum of the drive, which sets the times, is computed on at most this many nodes.
-const MAX_NODES_FOR_SPECTRUM: usize = 201;
+/// Frames of the animation, unless the run has fewer steps.
+pub(super) const FRAMES: RangeInclusive<usize> = 600..=1200;
 
 /// The times that are recorded.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +34,14 @@ impl RecordingTimes {
             (Some(interval), ..) => Self::Every(interval.get(), 1),
             (None, StepControl::Fixed(step), StepControl::Adaptive(_)) => Self::Every(step * every as f64, 1),
             (None, ..) => Self::Steps(every, 0),
+        }
+    }
+
+    /// Every step or, for adaptive steps, equidistant times at this `tick` (s).
+    pub fn sampled(control: StepControl, tick: f64) -> Self {
+        match control {
+            StepControl::Fixed(_) => Self::Steps(1, 0),
+            StepControl::Adaptive(_) => Self::Every(tick, 1),
         }
     }
 
@@ -69,48 +74,6 @@ impl RecordingTimes {
                 Ok(ControlFlow::Continue(()))
             }
         }
-    }
-}
-
-/// The motion of a run at its recorded times, for films.
-#[derive(Debug)]
-pub struct MotionRecord {
-    times: RecordingTimes,
-    motion: RodMotion,
-}
-
-impl MotionRecord {
-    /// Starts with the current state.
-    pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
-        let mut motion = RodMotion::of(stepper.model());
-        motion.push(&stepper.view());
-        Self { times: RecordingTimes::of(scene, stepper), motion }
-    }
-
-    /// Records the last step. `watch` is called at each recorded time, and may stop the run.
-    ///
-    /// # Errors
-    /// Those of [`Stepper::at`].
-    pub fn step(
-        &mut self,
-        stepper: &mut Stepper,
-        mut watch: impl FnMut() -> ControlFlow<()>,
-    ) -> Result<ControlFlow<()>> {
-        let Self { times, motion } = self;
-        times.pass(stepper, |view, recorded| {
-            if recorded {
-                motion.push(view);
-            }
-            Ok(watch())
-        })
-    }
-
-    /// The motion up to the final state.
-    pub fn finish(mut self, stepper: &Stepper) -> RodMotion {
-        if self.motion.frames.last().is_none_or(|frame| frame.time != stepper.time()) {
-            self.motion.push(&stepper.view());
-        }
-        self.motion
     }
 }
 
@@ -160,13 +123,93 @@ impl<T> Thinned<T> {
     }
 }
 
+/// Rows of a table over time, thinned: the least and the largest value of each column in each of equal parts, in the order in which they
+/// came, at the first and the last time of the part. What is faster than the parts fills a band, and never looks slower than it is.
+#[derive(Debug)]
+pub(super) struct Envelope {
+    /// Rows of the ends of each part, with the time first.
+    parts: Vec<[Vec<f64>; 2]>,
+    /// Rows per part, and those of the last part.
+    every: usize,
+    in_last: usize,
+    limit: usize,
+}
+
+impl Envelope {
+    /// An envelope of at most `rows` rows, and at least half as many.
+    pub(super) fn new(rows: usize) -> Self {
+        Self { parts: Vec::new(), every: 2, in_last: 0, limit: (rows / 2).max(2) }
+    }
+
+    /// Takes the next row, by the value in each of so many columns.
+    pub(super) fn take(&mut self, columns: usize, value: impl Fn(usize) -> f64) {
+        if let Some(last) = self.parts.last_mut().filter(|_| self.in_last < self.every) {
+            extend(last, value);
+            self.in_last += 1;
+            return;
+        }
+        if self.parts.len() == self.limit {
+            let mut parts = std::mem::take(&mut self.parts).into_iter();
+            while let Some(mut part) = parts.next() {
+                if let Some([first, second]) = parts.next() {
+                    extend(&mut part, |k| first[k]);
+                    extend(&mut part, |k| second[k]);
+                    self.in_last = 2 * self.every;
+                }
+                self.parts.push(part);
+            }
+            self.every *= 2;
+        }
+        let row: Vec<f64> = (0..columns).map(value).collect();
+        self.parts.push([row.clone(), row]);
+        self.in_last = 1;
+    }
+
+    /// The curve of column `y` over the first column.
+    pub(super) fn curve(&self, y: usize) -> Vec<(f64, f64)> {
+        let mut points = Vec::with_capacity(2 * self.parts.len());
+        for [first, second] in &self.parts {
+            points.push((first[0], first[y]));
+            if second[0] > first[0] {
+                points.push((second[0], second[y]));
+            }
+        }
+        points
+    }
+
+    /// The last time of a row.
+    fn end(&self) -> Option<f64> {
+        self.parts.last().map(|[_, last]| last[0])
+    }
+}
+
+/// Adds a row to a part.
+fn extend([first, second]: &mut [Vec<f64>; 2], value: impl Fn(usize) -> f64) {
+    second[0] = value(0);
+    for (k, (a, b)) in first.iter_mut().zip(second.iter_mut()).enumerate().skip(1) {
+        let value = value(k);
+        let (low, high) = (a.min(*b), a.max(*b));
+        if high.is_nan() {
+            (*a, *b) = (value, value);
+        } else if value > high {
+            (*a, *b) = (low, value);
+        } else if value < low {
+            (*a, *b) = (high, value);
+        }
+    }
+}
+
 /// Curves and frames of a run, independent of the recorded tables.
 #[derive(Debug)]
 pub struct RunRecord {
     times: RecordingTimes,
     columns: Vec<&'static Variable>,
+    /// What is drawn over time, and rows for curves over anything else.
+    over_time: Envelope,
     samples: Thinned<Vec<f64>>,
+    /// Frames for figures of the whole run, and those of the animation.
     frames: Thinned<Frame>,
+    motion: FrameRecord,
     /// Frames and samples of the last periods before the end, since those of a long run are too far apart.
     last: Vec<(Frame, Vec<f64>)>,
     last_times: Option<RecordingTimes>,
@@ -177,8 +220,7 @@ pub struct RunRecord {
 /// What is drawn but has no column in the tables.
 const DRAWN: [&str; 2] = ["vx_com_m_s", "vy_com_m_s"];
 
-/// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
-const SAMPLES_PER_PERIOD: f64 = 24.0;
+/// Samples per run, at least, for adaptive steps.
 const SAMPLES_PER_RUN: f64 = 1000.0;
 
 /// Frames per period of the drive in the last periods, and their number.
@@ -190,18 +232,9 @@ impl RunRecord {
     /// they contain, equidistant times.
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
-        let model = stepper.model();
-        // The phases of a fine mesh would take too many whole states, so the scene's spectrum is computed on a coarse rod.
-        let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
-        let drive = if is_fine { scene.spectrum() } else { Spectrum::of_model(model) }.fastest();
-        let wanted =
-            drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
-        let times = match stepper.step_control() {
-            StepControl::Fixed(_) => RecordingTimes::Steps(1, 0),
-            StepControl::Adaptive(_) => {
-                RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1)
-            }
-        };
+        let drive = fastest_drive(scene, stepper.model());
+        let tick = tick(duration, drive, stepper.step_control(), SAMPLES_PER_RUN);
+        let times = RecordingTimes::sampled(stepper.step_control(), tick);
         // The last periods before the end, if they are only a part of the run.
         let last_times = drive.and_then(|frequency| {
             let spacing = 1.0 / (FRAMES_PER_PERIOD * frequency);
@@ -219,14 +252,14 @@ impl RunRecord {
                 .copied()
                 .filter(|variable| variable.recorded || DRAWN.contains(&variable.name))
                 .collect(),
+            over_time: Envelope::new(MAX_SAMPLES),
             samples: Thinned::new(MAX_SAMPLES),
-            frames: Thinned::new(MAX_FRAMES),
-            rod: DrawnRod::of(model),
+            frames: Thinned::new(*FRAMES.end()),
+            motion: FrameRecord::start(duration, drive, &FRAMES, tick),
+            rod: DrawnRod::of(stepper.model()),
             step: 0,
         };
-        let view = stepper.view();
-        record.samples.offer(0, || sample(&record.columns, &view));
-        record.frames.offer(0, || Frame::with_loads(&view, record.rod.nodes()));
+        record.offer(&stepper.view());
         record
     }
 
@@ -255,8 +288,16 @@ impl RunRecord {
 
     fn take(&mut self, view: &View<'_>) {
         self.step += 1;
+        self.offer(view);
+    }
+
+    fn offer(&mut self, view: &View<'_>) {
+        let value = |k: usize| self.columns[k].first(view);
         self.samples.offer(self.step, || sample(&self.columns, view));
-        self.frames.offer(self.step, || Frame::with_loads(view, self.rod.nodes()));
+        self.over_time.take(self.columns.len(), value);
+        let frame = || Frame::with_loads(view, self.rod.nodes());
+        self.frames.offer(self.step, frame);
+        self.motion.offer(self.step, frame);
     }
 
     /// Records the final state, unless it was recorded.
@@ -265,15 +306,20 @@ impl RunRecord {
         if self.samples.kept.last().map(|sample| sample[0]) != now {
             self.samples.kept.push(sample(&self.columns, view));
         }
+        if self.over_time.end() != now {
+            self.over_time.take(self.columns.len(), |k| self.columns[k].first(view));
+        }
         if self.frames.kept.last().map(|frame| frame.time) != now {
             self.frames.kept.push(Frame::with_loads(view, self.rod.nodes()));
         }
+        self.motion.finish(view.state.t, || Frame::with_loads(view, self.rod.nodes()));
     }
 
     /// The curve of variable `y` against variable `x`; empty if the scene lacks one of them.
     pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         let column = |name: &str| self.columns.iter().position(|variable| variable.name == name);
         match (column(x), column(y)) {
+            (Some(0), Some(y)) => self.over_time.curve(y),
             (Some(x), Some(y)) => self.samples.kept.iter().map(|sample| (sample[x], sample[y])).collect(),
             _ => Vec::new(),
         }
@@ -284,9 +330,9 @@ impl RunRecord {
         &self.rod
     }
 
-    /// The motion over the whole run.
+    /// The motion for the animation; complete after [`finish`](Self::finish).
     pub fn motion(&self) -> RodMotion {
-        RodMotion { rod: self.rod.clone(), frames: self.frames.kept.clone() }
+        self.motion.motion(self.rod.clone())
     }
 
     /// True if the frames and samples of the last periods reach back to `since` (s).
@@ -328,4 +374,28 @@ impl RunRecord {
 
 fn sample(columns: &[&Variable], view: &View<'_>) -> Vec<f64> {
     columns.iter().map(|variable| variable.first(view)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thinned_curve_keeps_the_least_and_the_largest_value() {
+        for count in [1, 2, 99, 100, 101, 5000, 12_345] {
+            let mut envelope = Envelope::new(100);
+            let value = |n: usize| if n == count / 3 { 7.0 } else { (n as f64 * 1.7).sin() };
+            (0..count).for_each(|n| envelope.take(2, |k| if k == 0 { n as f64 } else { value(n) }));
+            let curve = envelope.curve(1);
+            assert!(curve.len() <= 100.min(count) && 2 * curve.len() >= 100.min(count), "{count}: {}", curve.len());
+            assert_eq!([curve[0].0, curve[curve.len() - 1].0], [0.0, count as f64 - 1.0]);
+            assert!(curve.windows(2).all(|pair| pair[0].0 < pair[1].0), "{count}");
+            let range =
+                |of: &mut dyn Iterator<Item = f64>| of.fold([f64::MAX, f64::MIN], |[a, b], x| [a.min(x), b.max(x)]);
+            assert_eq!(range(&mut curve.iter().map(|point| point.1)), range(&mut (0..count).map(value)), "{count}");
+            if count <= 100 {
+                assert!(curve.iter().enumerate().all(|(n, point)| *point == (n as f64, value(n))), "{count}: all rows");
+            }
+        }
+    }
 }

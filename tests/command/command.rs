@@ -311,7 +311,7 @@ fn a_film_shows_the_part_of_the_run_that_is_asked_for() {
         assert!(made.status.success(), "{}", text(&made.stderr));
         pictures(&folder.path().join("baseline.gif"))
     };
-    assert_eq!([count(&[]), count(&["--from", "0.2"]), count(&["--from", "0.1", "--until", "0.3"])], [10, 5, 5]);
+    assert_eq!([count(&[]), count(&["--from", "0.2"]), count(&["--from", "0.1", "--until", "0.3"])], [20, 10, 10]); // two beats per second are slowed down to one
     let refused = film(&["--from", "0.5"]);
     assert!(text(&refused.stderr).contains("allowed: a part of the run, 0 to 0.4 s"), "{}", text(&refused.stderr));
     let missing = caudal(&["export", "out/nothing-here", "--gif"]);
@@ -552,7 +552,18 @@ fn a_film_that_cannot_be_made_is_refused_before_the_run() {
 #[test]
 fn the_delays_of_a_gif_do_not_add_up_their_rounding() {
     let folder = tempfile::tempdir().unwrap();
-    let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.2", "--gif", "--fps", "30", "--out"];
+    let all = [
+        "export",
+        "models/baseline.toml",
+        "--set",
+        "solver.duration_s=0.2",
+        "--gif",
+        "--fps",
+        "30",
+        "--speed",
+        "1",
+        "--out",
+    ];
     let made = caudal(&[&all[..], &[folder.path().to_str().unwrap()]].concat());
     assert!(made.status.success(), "{}", text(&made.stderr));
     let file = std::fs::File::open(folder.path().join("baseline.gif")).unwrap();

@@ -420,11 +420,28 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
-/// The value at a time of what was recorded, on a straight line between two records.
+/// The value at a time of what was recorded, on the cubic between two records whose slopes at both are those of parabolas.
 fn interpolated(times: &[f64], values: &[f64], time: f64) -> f64 {
     let next = times.iter().position(|t| *t >= time - 1e-12).unwrap_or(times.len() - 1).max(1);
-    let part = (time - times[next - 1]) / (times[next] - times[next - 1]);
-    values[next - 1] + part * (values[next] - values[next - 1])
+    let rise = |a: usize, b: usize| (values[b] - values[a]) / (times[b] - times[a]);
+    let slope = |k: usize| match k {
+        0 => rise(0, 1),
+        _ if k + 1 == times.len() => rise(k - 1, k),
+        _ => {
+            let part = (times[k + 1] - times[k]) / (times[k + 1] - times[k - 1]);
+            part * rise(k - 1, k) + (1.0 - part) * rise(k, k + 1)
+        }
+    };
+    let step = times[next] - times[next - 1];
+    let u = (time - times[next - 1]) / step;
+    let hermite = [
+        2.0 * u.powi(3) - 3.0 * u * u + 1.0,
+        u.powi(3) - 2.0 * u * u + u,
+        3.0 * u * u - 2.0 * u.powi(3),
+        u.powi(3) - u * u,
+    ];
+    let [a, p, b, q] = [values[next - 1], step * slope(next - 1), values[next], step * slope(next)];
+    hermite.iter().zip([a, p, b, q]).map(|(weight, value)| weight * value).sum()
 }
 
 #[test]

@@ -23,6 +23,7 @@ mod progress;
 mod recorded;
 mod reference;
 mod results;
+mod sampling;
 mod scenes;
 mod studies;
 mod sweep;

@@ -556,8 +556,10 @@ fn the_motion_of_a_case_has_no_more_times_than_steps_and_ends_with_it() {
         let mut journal = sweep.journal(&mut held, "cases.journal", &job).unwrap();
         run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_, row| {
             let times: Vec<f64> = row.motion.iter().flat_map(|motion| &motion.frames).map(|frame| frame.time).collect();
-            assert_eq!(times.len(), frames, "{steps} steps: {times:?}");
-            assert!(times[0] == 0.0 && (times[frames - 1] / (1e-3 * steps as f64) - 1.0).abs() < 1e-12);
+            assert!((frames / 2..=frames).contains(&times.len()), "{steps} steps: {times:?}");
+            // A run of two beats is too long for twenty times: they are those of its end.
+            assert_eq!(times[0] > 0.0, steps == 1000, "{times:?}");
+            assert!((times[times.len() - 1] / (1e-3 * steps as f64) - 1.0).abs() < 1e-12);
             assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
         })
         .unwrap();

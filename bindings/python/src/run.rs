@@ -9,6 +9,7 @@ use caudal::report::RodMotion;
 use caudal::report::Summary;
 use caudal::report::film::{FilmSettings, FilmedMotion};
 use caudal::report::picture::{self, PictureFormat};
+use caudal::report::sampling::fastest_drive;
 use caudal::report::trajectory::{TrajectoryColumn, TrajectoryTable};
 use caudal::report::vtk;
 use caudal::report::{Claim, Folder, Owner, RunOutput};
@@ -184,7 +185,8 @@ pub fn write_film(
         let count = nodes.len();
         let row = |(n, time): (usize, f64)| (time, move |place: usize| [x, y].map(|all| all[n * count + place]));
         let motion = RodMotion::of_positions(&model, &nodes, times.into_iter().enumerate().map(row));
-        let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle: None };
+        let motion =
+            FilmedMotion { name: &scene.name, motion: &motion, cycle: None, drive: fastest_drive(scene, &model) };
         let film = FilmSettings { per_second, speed: Some(speed), sharpness, window };
         film.write(&path, &motion, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
     });

@@ -2,16 +2,18 @@
 
 use super::super::frame::Frame;
 use super::super::page::Animation;
-use super::super::recorded_run::{RecordedRun, positions_at};
+use super::super::recorded_run::{RecordedMotion, RecordedRun};
 use super::super::rod_motion::RodMotion;
-use super::super::run_record::MAX_FRAMES;
+use super::super::run_record::FRAMES;
+use super::super::sampling::{LEAST_PER_PERIOD, Sampling, last_periods_in_words};
 use crate::error::Result;
-
-/// Recorded times (s) with positions of nodes (m).
-type Motion = Vec<(f64, Vec<[f64; 2]>)>;
+use crate::number_format::in_sentence;
 
 /// Rods smaller than the largest by this factor are dots.
 const SPECK: f64 = 1e-2;
+
+/// Relative rounding of a number of rows per period.
+const ROUNDING: f64 = 1e-6;
 
 /// A film of several rods.
 #[derive(Debug)]
@@ -37,32 +39,60 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     if shown.len() < 2 || window[1] <= window[0] {
         return Ok(None);
     }
-    let motions: Vec<Motion> = shown.iter().map(|i| runs[*i].motion(window)).collect::<Result<_>>()?;
-    // A table that was truncated by a full disk ends earlier than its run.
-    let last =
-        motions.iter().map(|motion| motion.last().map_or(f64::NEG_INFINITY, |row| row.0)).fold(window[1], f64::min);
-    window[1] = last;
-    if window[1] <= window[0] {
-        return Ok(None);
+    // Of several drives the fastest decides.
+    let drives: Vec<Option<f64>> = shown.iter().map(|i| runs[*i].fastest_drive()).collect();
+    let drive = drives.iter().flatten().copied().reduce(f64::max);
+    let most = (2 * FRAMES.end() / shown.len()).min(*FRAMES.end());
+    let common = window;
+    let (mut sampling, mut motions);
+    // A table that was truncated by a full disk ends earlier than its run: then the film ends there.
+    loop {
+        sampling = Sampling::of(window[1] - common[0], drive, &(most / 2..=most));
+        window[0] = sampling.last.map_or(common[0], |last| window[1] - last);
+        motions = shown.iter().map(|i| runs[*i].motion(window)).collect::<Result<Vec<_>>>()?;
+        let end = motions.iter().map(|motion| motion.end().unwrap_or(f64::NEG_INFINITY)).fold(window[1], f64::min);
+        if end <= common[0] {
+            return Ok(None);
+        }
+        if end >= window[1] {
+            break;
+        }
+        window[1] = end;
     }
-    // As many frames as the most finely recorded run has, within the common time.
-    let within = |motion: &Motion| motion.iter().filter(|(time, _)| (window[0]..=window[1]).contains(time)).count();
-    let finest = motions.iter().map(within).max().unwrap_or(0);
-    let frames = finest.clamp(2, 2 * MAX_FRAMES / shown.len());
-    let time = |k: usize| window[0] + (window[1] - window[0]) * k as f64 / (frames - 1) as f64;
-    let frames_of = |run: &RecordedRun, motion: &Motion| -> Vec<Frame> {
+    // No more frames than the most finely recorded run has rows.
+    let span = window[1] - window[0];
+    let finest = motions.iter().filter_map(|motion| motion.spacing).fold(f64::INFINITY, f64::min);
+    let frames = 1 + ((span / sampling.spacing.max(finest)).round() as usize).clamp(1, most - 1);
+    let time = |k: usize| window[0] + span * k as f64 / (frames - 1) as f64;
+    let of_last_periods =
+        sampling.last.map(|_| last_periods_in_words(window, "the whole time that the runs have in common"));
+    let rates = shown.iter().zip(&motions).zip(&drives).filter_map(|((i, motion), drive)| {
+        let rate = 1.0 / (motion.spacing? * (*drive)?);
+        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING))
+            .then(|| format!("{} has {} rows", labels[*i], in_sentence(rate, 2)))
+    });
+    let rates: Vec<String> = rates.collect();
+    let too_coarse = (!rates.is_empty()).then(|| {
+        format!(
+            "The tables of nodes are too coarse for a film: {} per period of the fastest drive, fewer than {LEAST_PER_PERIOD}. What is \
+             between the rows is not known; a smaller record.every or record.interval_s records it.",
+            rates.join(", ")
+        )
+    });
+    let note = of_last_periods.into_iter().chain(too_coarse).collect::<Vec<_>>().join(" ");
+    let frames_of = |run: &RecordedRun, motion: &RecordedMotion| -> Vec<Frame> {
         let frame = |time: f64| {
-            let points = positions_at(motion, time);
+            let points = motion.at(time);
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
-            let com = ["x_com_m", "y_com_m"].map(|name| run.curves.at(time, name));
-            let com = [com[0].unwrap_or_else(|| mean(0)), com[1].unwrap_or_else(|| mean(1))];
+            let com = run.curves.centre_of_mass(time).unwrap_or_else(|| [mean(0), mean(1)]);
             // The media of the runs may differ.
             Frame { time, points, com, medium: None, loads: None }
         };
         (0..frames).map(time).map(frame).collect()
     };
-    let motion = |(i, motion): (&usize, &Motion)| {
-        Ok((*i, RodMotion { rod: runs[*i].rod()?, frames: frames_of(&runs[*i], motion) }))
+    let motion = |(i, motion): (&usize, &RecordedMotion)| {
+        let (rod, frames) = (runs[*i].rod()?, frames_of(&runs[*i], motion));
+        Ok((*i, RodMotion { rod, frames, is_of_last_periods: false }))
     };
     let rods: Vec<(usize, RodMotion)> = shown.iter().zip(&motions).map(motion).collect::<Result<_>>()?;
     let size = |motion: &RodMotion| motion.frames.first().map_or(0.0, |frame| length(&frame.points));
@@ -70,7 +100,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     let specks = rods.iter().filter(|(_, motion)| size(motion) < SPECK * largest).map(|(i, _)| labels[*i].clone());
     let specks = specks.collect();
     let Some(((i, first), others)) = rods.split_first() else { return Ok(None) };
-    let one = Animation::of_named(&labels[*i], colours[*i], first);
+    let one = Animation::of_named(&labels[*i], colours[*i], first).with_note((!note.is_empty()).then_some(note));
     let animation = others.iter().fold(one, |film, (i, motion)| film.with_companion(&labels[*i], colours[*i], motion));
     Ok(Some(Film { animation, shown, window, specks }))
 }

@@ -15,6 +15,9 @@ pub struct CaseResult {
     /// Its motion, if recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<RodMotion>,
+    /// Times (s) with the x of the centre of mass (m), over the whole run, of a case whose motion is recorded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub path: Vec<[f64; 2]>,
     /// Time (s) and centre of mass (m) along its path, if recorded.
     pub trace: Vec<[f64; 3]>,
     /// Wall-clock time, s.

@@ -14,8 +14,9 @@ use crate::assessment::Assessment;
 use crate::batch::{Batch, WIDTH};
 use crate::error::{Error, Result};
 use crate::jobs::{self, Journal};
-use crate::report::RodMotion;
 use crate::report::Summary;
+use crate::report::sampling::{self, FrameRecord, fastest_drive};
+use crate::report::{DrawnRod, Frame, RecordingTimes, RodMotion};
 use crate::run::{BatchedRun, Ending, run_batched};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -85,6 +86,7 @@ fn run_cases_with(
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
     for ((case, BatchedRun { scene, stepper }), outcome) in own.into_iter().zip(&runs).zip(&outcomes) {
+        case.row.motion = case.motion.take().map(|motion| motion.finish(stepper, outcome.ending == Ending::Complete));
         if outcome.ending != Ending::Interrupted {
             case.row.quantities = quantities(&Summary::of(scene, stepper, outcome, &case.warnings));
         }
@@ -108,12 +110,54 @@ fn scene(sweep: &Sweep, index: usize) -> Result<Hashed<'_>> {
     }
 }
 
+/// The record of the motion of a running case.
+struct CaseMotion {
+    times: RecordingTimes,
+    tick: u64,
+    rod: DrawnRod,
+    frames: FrameRecord,
+}
+
+impl CaseMotion {
+    /// Starts with the current state: as many `frames` of the run, or of its last periods if they are too few.
+    fn start(scene: &Scene, stepper: &Stepper, frames: usize) -> Self {
+        let (duration, control) = (scene.solver.duration_s.get(), stepper.step_control());
+        let drive = fastest_drive(scene, stepper.model());
+        let tick = sampling::tick(duration, drive, control, frames as f64 - 1.0);
+        let frames = FrameRecord::start(duration, drive, &(frames..=frames), tick);
+        let times = RecordingTimes::sampled(control, tick);
+        let mut motion = Self { times, tick: 0, rod: DrawnRod::of(stepper.model()), frames };
+        motion.frames.offer(0, || Frame::of(&stepper.view(), motion.rod.nodes()));
+        motion
+    }
+
+    /// Records the last step.
+    fn pass(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let Self { times, tick, rod, frames } = self;
+        let outcome = times.pass(stepper, |view, _| {
+            *tick += 1;
+            frames.offer(*tick, || Frame::of(view, rod.nodes()));
+            Ok(ControlFlow::Continue(()))
+        });
+        outcome.map(drop)
+    }
+
+    /// The motion: up to the final state, or to the last recorded one of a case that failed.
+    fn finish(mut self, stepper: &Stepper, is_complete: bool) -> RodMotion {
+        if is_complete {
+            self.frames.finish(stepper.time(), || Frame::of(&stepper.view(), self.rod.nodes()));
+        }
+        self.frames.motion(self.rod)
+    }
+}
+
 /// A running case.
 struct CaseRun<'a> {
     scene: &'a Result<Hashed<'a>>,
     warnings: Vec<String>,
     row: CaseResult,
-    /// Numbers of recorded times of the motion and of the path.
+    motion: Option<CaseMotion>,
+    /// Numbers of recorded times of the path of the played motion, and of that of traces.csv.
     wanted: [usize; 2],
     /// Numbers of these times that have passed.
     passed: [usize; 2],
@@ -125,7 +169,7 @@ impl<'a> CaseRun<'a> {
     fn of(sweep: &'a Sweep, index: usize, scene: &'a Result<Hashed<'a>>) -> Self {
         let frames = if sweep.plays(index) { sweep.record.frames } else { 0 };
         let wanted = [frames, sweep.record.traces];
-        Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, passed: [0; 2], due: 0.0 }
+        Self { scene, warnings: Vec::new(), row: CaseResult::default(), motion: None, wanted, passed: [0; 2], due: 0.0 }
     }
 
     /// Starts the run, with a stepper that may be `made` before; if it cannot start, the result has the error.
@@ -134,6 +178,7 @@ impl<'a> CaseRun<'a> {
             self.row.scene_hash = hash.to_string();
             let mut stepper = made.map_or_else(|| Stepper::of(scene), Ok)?;
             self.warnings = Assessment::of_run(scene, &stepper)?.warnings;
+            self.motion = (self.wanted[0] > 0).then(|| CaseMotion::start(scene, &stepper, self.wanted[0]));
             self.keep(&mut stepper)?;
             Ok(BatchedRun { scene, stepper })
         });
@@ -145,19 +190,21 @@ impl<'a> CaseRun<'a> {
         self.row.quantities.insert("ending".to_string(), error.to_string().into());
     }
 
-    /// Records frames and path up to the time of `stepper`. A frame is the state after the first step that reaches its time, so
-    /// that there are at most as many frames as steps, and the cost of each is proportional to its points.
+    /// Records motion and paths up to the time of `stepper`.
     fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
         let now = stepper.time();
         let reached_time = now * (1.0 + ROUNDING);
-        let Self { row, scene: Ok((scene, _)), wanted, passed, due, .. } = self else { return Ok(()) };
+        let Self { row, scene: Ok((scene, _)), motion, wanted, passed, due, .. } = self else { return Ok(()) };
+        if let Some(motion) = motion {
+            motion.pass(stepper)?;
+        }
         if reached_time < *due {
             return Ok(());
         }
         let [frames, points] = wanted.map(|count| move |i: usize| even(scene.solver.duration_s.get(), count, i));
         let reached = (passed[0]..).map_while(&frames).take_while(|time| *time <= reached_time).count();
         if reached > 0 {
-            row.motion.get_or_insert_with(|| RodMotion::of(stepper.model())).push(&stepper.view());
+            row.path.push([now, stepper.view().metrics.now.com.x]);
             passed[0] += reached;
         }
         while let Some(time) = points(passed[1]).filter(|time| *time <= now) {

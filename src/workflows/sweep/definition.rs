@@ -70,7 +70,7 @@ struct SweepFile {
 pub struct SweepRecordTable {
     /// Number of cases, chosen evenly by chance, whose motion is kept for the report to play.
     pub played: usize,
-    /// Times of that motion; no more than steps.
+    /// Times of that motion, no more than steps: of the whole run or, if they are fewer than 12 per period of the fastest drive, of its last periods.
     pub frames: usize,
     /// Times of the path of the centre of mass that are kept of every case, for traces.csv; 0 for none.
     pub traces: usize,
@@ -599,6 +599,7 @@ impl Sweep {
             };
             if !self.plays(index) {
                 row.motion = None;
+                row.path.clear();
             } else if row.motion.is_none() {
                 continue; // its motion is now to be recorded
             }

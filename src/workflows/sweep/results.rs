@@ -129,8 +129,10 @@ impl<'a> SweepResults<'a> {
                 *kind = ColumnType::widened(*kind, &json(&value));
             }
             match row {
-                Cow::Borrowed(row) => cases.add(index, &case.levels, &row.quantities, row.motion.clone()),
-                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.motion),
+                Cow::Borrowed(row) => {
+                    cases.add(index, &case.levels, &row.quantities, row.motion.clone(), row.path.clone())
+                }
+                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.motion, row.path),
             }
         }
         // A quantity that is a list in some cases and null in others is a list.
