@@ -15,6 +15,7 @@ mod findings;
 mod folder;
 mod frame;
 mod heat_map;
+mod interpolation;
 mod number_groups;
 pub mod outcome_map;
 mod output;

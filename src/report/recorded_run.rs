@@ -8,9 +8,10 @@ use csv::{Reader, StringRecord};
 use serde_json::{Map, Value};
 
 use super::folder::{Folder, MANIFEST};
+use super::interpolation::interpolate;
 use super::rod_motion::{DrawnRod, MAX_POINTS, drawn_nodes};
 use super::run_record::{Envelope, MAX_SAMPLES, Thinned};
-use super::sampling::{fastest_drive, interpolate};
+use super::sampling::fastest_drive;
 use crate::error::{Error, Result};
 use crate::scene::Document;
 use crate::wording::Phrase;

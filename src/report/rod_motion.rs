@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::frame::{Frame, Medium};
-use super::sampling::interpolate;
+use super::interpolation::interpolate;
 use crate::head::Signal;
 use crate::model::Model;
 use crate::tendons::Tendon;
