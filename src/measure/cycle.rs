@@ -746,7 +746,7 @@ measure!(
     "efficiency",
     "",
     "1",
-    "efficiency D(|U|)|U|/P of a free swimmer, D the drag of the straight rod along itself at that speed; of a held head in a stream its thrust times its speed against the stream, over the power of actuation and head",
+    "efficiency D(|U|)|U|/P of a free swimmer, D the drag of the straight rod with its head body along itself at that speed; of a held head in a stream its thrust times its speed against the stream, over the power of actuation and head",
     |c, d| match c.thrust_speed_and_power(d) {
         Some(([thrust, speed], power)) => Some(thrust * speed / power),
         None => c.speed_and_power(d).and_then(|(speed, power)| Some(d.towing_force(speed)? * speed / power)),

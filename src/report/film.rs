@@ -256,18 +256,20 @@ impl FilmSettings {
             if scene.pace() * easy > MAX_PACE { round_below(MAX_PACE / scene.pace()) } else { easy }
         });
         let seconds = span / speed;
+        // Of several frequencies the fastest one counts: pictures between two keyframes are interpolated.
+        let [least, most] = KEYFRAMES;
+        let cycles = period.map_or(0.0, |period| span / period).max(motion.drive.map_or(0.0, |drive| span * drive));
+        if cycles * KEYFRAMES_PER_CYCLE > most {
+            let (found, allowed) = (in_sentence(cycles, 3), (most / KEYFRAMES_PER_CYCLE).floor());
+            return Err(format!(
+                "found {found} cycles that do not repeat; allowed in an SVG: {allowed}; --from and --until choose some"
+            ));
+        }
+        let wanted = KEYFRAMES_PER_CYCLE * cycles;
         let keyframes = if cycle.is_some() {
-            KEYFRAMES_OF_CYCLE
+            KEYFRAMES_OF_CYCLE.max(wanted.ceil() as usize + 1)
         } else {
-            let [least, most] = KEYFRAMES;
-            let cycles = period.map_or(0.0, |period| span / period);
-            if cycles * KEYFRAMES_PER_CYCLE > most {
-                let (found, allowed) = (in_sentence(cycles, 3), (most / KEYFRAMES_PER_CYCLE).floor());
-                return Err(format!(
-                    "found {found} cycles that do not repeat; allowed in an SVG: {allowed}; --from and --until choose some"
-                ));
-            }
-            (KEYFRAMES_PER_SECOND * seconds).max(KEYFRAMES_PER_CYCLE * cycles).clamp(least, most).round() as usize
+            (KEYFRAMES_PER_SECOND * seconds).max(wanted + 1.0).clamp(least, most).round() as usize
         };
         let pace = pace_in_words(speed);
         let [from, until] = window.map(|time| in_sentence(time, digits_of(window)));

@@ -813,6 +813,24 @@ fn what_moves_less_than_a_billionth_of_its_length_does_not_swim() {
 }
 
 #[test]
+fn what_gets_nowhere_in_its_cycles_has_no_cost_of_transport_from_its_start() {
+    // The whole rod bends at once, so that no wave travels; its shaped start throws it aside.
+    let text = "name = \"standing\"\n[rod]\nnodes = 33\nlength_m = 0.3\nouter_radius_m = 0.004\nyoungs_modulus_pa = 2e6\n\
+                density_kg_m3 = 1100.0\n[actuation]\nkind = \"travelling-wave\"\nkappa_amp = 5.0\nfrequency_hz = 1.0\n\
+                wavelength_m = 1e9\n[start]\nkind = \"shaped\"\n[medium]\nviscosity_pa_s = 1.0\ndensity_kg_m3 = 1260.0\n\
+                [drag]\nlaw = \"stokes-like\"\nratio = 2.0\n[solver]\nintegrator = \"newmark\"\ntime_step_s = 2e-3\nduration_s = 6.0\n";
+    let folder = scene(text);
+    done(folder.path(), &["run", "scene.toml", "--out", "out"]);
+    let summary = std::fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    assert!(summary["net_displacement_m"].as_array().is_none_or(|by| by.iter().any(|x| x.as_f64() != Some(0.0))));
+    for name in ["cost_of_transport", "efficiency"] {
+        let [cycle, whole] = [format!("cycle_{name}"), name.to_string()].map(|name| summary[name].clone());
+        assert!(cycle.is_null() && whole.is_null(), "{name}: {cycle}, {whole}");
+    }
+}
+
+#[test]
 fn a_page_lists_every_number_of_the_summary_once_with_its_unit_and_nothing_that_is_not_there() {
     let folder = scene(EEL);
     done(folder.path(), &["run", "scene.toml", "--out", "out"]);

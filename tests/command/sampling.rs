@@ -230,3 +230,22 @@ fn films_are_slowed_to_a_beat_per_second_go_where_they_are_sent_and_say_what_the
     let said = done(folder.path(), "export run --png --figures shape --out pictures");
     assert!(said.contains("1 file in pictures"), "{said}");
 }
+
+#[test]
+fn an_svg_film_has_twelve_keyframes_per_period_of_the_fastest_of_several_drives_or_is_refused() {
+    let folder = place();
+    let head = "\n[head]\nkind = \"driven\"\nposition_m = { amplitude = [0.0, 0.01], frequency_hz = 1.0 }\n\
+                angle_rad = { amplitude = 0.05, frequency_hz = 9.0, phase_rad = 1.5707963267948966 }\n";
+    let passive =
+        EEL.split("[actuation]").next().unwrap().to_string() + "[medium]" + EEL.split("[medium]").nth(1).unwrap();
+    std::fs::write(folder.path().join("two.toml"), passive + head).unwrap();
+    done(folder.path(), "export two.toml film.svg --from 1 --until 3 --set solver.duration_s=3.0");
+    let film = std::fs::read_to_string(folder.path().join("film.svg")).unwrap();
+    let values = film.split("values=\"").nth(1).unwrap().split('"').next().unwrap();
+    let keyframes = values.split(';').count() - 1;
+    // Two seconds, with 18 periods of the head's angle.
+    assert!((12 * 18..=12 * 18 + 1).contains(&keyframes), "{keyframes}");
+    let refused = caudal(folder.path(), "export two.toml long.svg --from 0 --until 3 --set solver.duration_s=3.0");
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(said.contains("found 27 cycles that do not repeat; allowed in an SVG: 25"), "{said}");
+}

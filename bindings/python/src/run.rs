@@ -173,7 +173,7 @@ pub fn write_film(
     scene: &Bound<'_, Scene>,
     times: Vec<f64>,
     positions: [PyReadonlyArrayDyn<'_, f64>; 2],
-    look: (u32, f64, f64, [f64; 2]),
+    look: (u32, Option<f64>, f64, [f64; 2]),
 ) -> PyResult<()> {
     let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
     let (per_second, speed, sharpness, window) = look;
@@ -187,7 +187,7 @@ pub fn write_film(
         let motion = RodMotion::of_positions(&model, &nodes, times.into_iter().enumerate().map(row));
         let motion =
             FilmedMotion { name: &scene.name, motion: &motion, cycle: None, drive: fastest_drive(scene, &model) };
-        let film = FilmSettings { per_second, speed: Some(speed), sharpness, window };
+        let film = FilmSettings { per_second, speed, sharpness, window };
         film.write(&path, &motion, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {

@@ -24,6 +24,11 @@ impl Summary {
         let whole = stepper.cycles().since_start();
         let of_run =
             |measure: &cycle::CycleMeasure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
+        // What gets nowhere in its cycles does not swim, however far its start has moved it.
+        let of_swimmer = |measure: &cycle::CycleMeasure| {
+            let cycles = stepper.cycles().whole(f64::INFINITY);
+            of_run(measure).filter(|_| cycles.is_empty() || measure.mean(cycles, dynamics).is_some())
+        };
         let cycles = stepper.cycles().averages(dynamics);
         let hinge = model.hinge.as_ref().map(|_| metrics.totals.hinge);
         Self {
@@ -114,8 +119,8 @@ impl Summary {
             other_impulse_n_s: metrics.totals.impulse.other.into(),
             momentum_defect_n_s: metrics.momentum_defect().into(),
             notes: notes(scene, model, metrics, &stepper.state().q, stepper.step_control(), warnings),
-            cost_of_transport: of_run(&cycle::COST_OF_TRANSPORT),
-            efficiency: of_run(&cycle::EFFICIENCY),
+            cost_of_transport: of_swimmer(&cycle::COST_OF_TRANSPORT),
+            efficiency: of_swimmer(&cycle::EFFICIENCY),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
             head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
             mean_head_force_n: of_run(&cycle::HEAD_FORCE_X).zip(of_run(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),

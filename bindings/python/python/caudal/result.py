@@ -370,7 +370,7 @@ class Result(Mapping[str, Array]):
         path: Union[str, os.PathLike[str]],
         *,
         fps: int = 25,
-        speed: float = 1.0,
+        speed: Optional[float] = None,
         sharpness: float = 1.0,
         window: tuple[float, float] = (-np.inf, np.inf),
     ) -> None:
@@ -383,7 +383,7 @@ class Result(Mapping[str, Array]):
         fps : int, optional
             Pictures per second.
         speed : float, optional
-            Seconds of the run per second of the film.
+            Seconds of the run per second of the film; as ``caudal export`` chooses it by default: a beat takes at least a second.
         sharpness : float, optional
             Pixels per px of a picture that is 640 px wide, 0.05 to 20.
         window : tuple of float, optional
