@@ -29,7 +29,7 @@ use crate::system::{Form, System};
 
 /// Up to this many nodes shapes are computed from dense matrices. Beyond, eigenvectors lose digits (2e-8 of the first frequency
 /// at 129 nodes); the Krylov iteration needs at least that many nodes.
-pub const DENSE: usize = 65;
+pub const MAX_DENSE_NODES: usize = 65;
 
 /// Convergence of the Krylov iteration, relative to the largest eigenvalue of (K + σM)⁻¹M.
 const TOLERANCE: f64 = 1e-12;
@@ -141,15 +141,6 @@ impl Modes {
         Ok(Self { bending: bending?, stretching: stretching?, drag, winches })
     }
 
-    /// Upper bounds of the highest frequencies of `matrices`, in place of all frequencies: by sums of rows of M and K (S. A.
-    /// Gershgorin, 1931). `None` where M is not diagonally dominant. Their [`stable_steps`](Self::stable_steps) are at
-    /// most those of the modes, at a cost that grows as N.
-    pub fn bounded(matrices: &Matrices, winches: f64) -> Option<Self> {
-        let [bending, stretching] = ModeKind::BOTH.map(|axis| Some(vec![matrices.highest_bound(axis)?]));
-        let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
-        Some(Self { bending: bending?, stretching: stretching?, drag, winches })
-    }
-
     /// The lowest frequency of all.
     pub fn lowest(&self) -> f64 {
         self.bending.iter().chain(&self.stretching).copied().fold(f64::INFINITY, f64::min)
@@ -166,6 +157,39 @@ impl Modes {
         self.stable_steps(&*(method.build)(&method.defaults()), damping)
     }
 
+    /// The highest frequency of each kind.
+    pub fn highest_of_each(&self) -> HighestFrequencies {
+        let highest = |frequencies: &Vec<f64>| frequencies.last().copied().unwrap_or_default();
+        let frequencies = [&self.bending, &self.stretching].map(highest);
+        HighestFrequencies { frequencies, drag: self.drag, winches: self.winches }
+    }
+
+    /// The [stable steps](HighestFrequencies::stable_steps) of its highest modes.
+    pub fn stable_steps(&self, method: &dyn Integrator, damping: Option<&Damping>) -> Option<StableSteps> {
+        self.highest_of_each().stable_steps(method, damping)
+    }
+}
+
+/// The highest frequencies of bending and stretching, or upper bounds of them, and what damps them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HighestFrequencies {
+    /// Angular frequencies of the rod itself, rad/s.
+    pub frequencies: [f64; 2],
+    /// See [`Modes::drag`].
+    pub drag: [f64; 2],
+    /// See [`Modes::winches`].
+    pub winches: f64,
+}
+
+impl HighestFrequencies {
+    /// Upper bounds by sums of rows of M and K of `matrices` (S. A. Gershgorin, 1931), at a cost that grows as N; `None` where M is not
+    /// diagonally dominant. Their [stable steps](Self::stable_steps) are at most those of the modes.
+    pub fn bounds(matrices: &Matrices, winches: f64) -> Option<Self> {
+        let [bending, stretching] = ModeKind::BOTH.map(|axis| matrices.highest_bound(axis));
+        let drag = ModeKind::BOTH.map(|axis| matrices.largest_damping(axis));
+        Some(Self { frequencies: [bending?, stretching?], drag, winches })
+    }
+
     /// The steps of `method` that in theory amplify no mode of a rod with this `damping`; `None` if all steps are stable.
     /// Kelvin–Voigt damping gives a mode the damping ratio ζ = τω/2, and a drag c per inertia gives c/(2ω). With both, the
     /// largest stable step decreases as ω grows, so the highest mode of each kind is decisive. Some methods allow longer steps
@@ -178,18 +202,17 @@ impl Modes {
         };
         let times = damping
             .map_or([[0.0; 2]; 2], |damping| [ends(&mut damping.bending.iter()), ends(&mut damping.stretching.iter())]);
-        let highest =
-            [&self.bending, &self.stretching].map(|frequencies| frequencies.last().copied().unwrap_or_default());
-        let bounds = highest.into_iter().zip(times).zip(self.drag).filter_map(|((own, [least, most]), drag)| {
-            let frequency = own.hypot(self.winches.sqrt());
-            if frequency == 0.0 {
-                return None;
-            }
-            let ratios = [least * own * own, most * own * own + drag].map(|damping| 0.5 * damping / frequency);
-            let limits = ratios.into_iter().filter_map(|ratio| stability_limit(method, ratio));
-            let limit = limits.min_by(f64::total_cmp)?;
-            Some(StableSteps { largest: limit / frequency, frequency, limit })
-        });
+        let bounds =
+            self.frequencies.into_iter().zip(times).zip(self.drag).filter_map(|((own, [least, most]), drag)| {
+                let frequency = own.hypot(self.winches.sqrt());
+                if frequency == 0.0 {
+                    return None;
+                }
+                let ratios = [least * own * own, most * own * own + drag].map(|damping| 0.5 * damping / frequency);
+                let limits = ratios.into_iter().filter_map(|ratio| stability_limit(method, ratio));
+                let limit = limits.min_by(f64::total_cmp)?;
+                Some(StableSteps { largest: limit / frequency, frequency, limit })
+            });
         bounds.min_by(|a, b| a.largest.total_cmp(&b.largest))
     }
 }
@@ -476,7 +499,7 @@ pub fn lowest(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
 pub fn lowest_of_model(model: Model, count: usize) -> Result<Vec<Mode>> {
     let nodes = model.rod.nodes;
     let count = count.clamp(1, nodes / 2);
-    let mut modes = if nodes <= DENSE {
+    let mut modes = if nodes <= MAX_DENSE_NODES {
         let matrices = Matrices::of_natural_modes(model)?;
         [matrices.modes(ModeKind::Bending)?, matrices.modes(ModeKind::Stretching)?].concat()
     } else {
@@ -702,7 +725,7 @@ impl LinOp<f64> for ShiftInvert {
 /// # Errors
 /// Those of [`lowest_of_model`].
 pub fn first_frequency(model: Model) -> Result<f64> {
-    if model.rod.nodes <= DENSE {
+    if model.rod.nodes <= MAX_DENSE_NODES {
         return Ok(lowest_of_model(model, 1)?.first().map_or(f64::INFINITY, |mode| mode.frequency));
     }
     let (operator, sigma) = ShiftInvert::of(model)?;

@@ -15,7 +15,7 @@ use crate::head::{Hinge, Signal, pose};
 use crate::integrator::{Integrator, Method, StepControl};
 use crate::metrics::Energy;
 use crate::model::{Drive, Mechanics, Model, chain};
-use crate::modes::{self, Matrices, Modes, StableSteps};
+use crate::modes::{self, HighestFrequencies, Matrices, Modes, StableSteps};
 use crate::number_format::{signed, significant, two_digits};
 use crate::reduced::MODELS;
 use crate::reduced::fluid_estimates::SAFETY_FACTOR;
@@ -128,14 +128,14 @@ struct AssessmentBasis {
     /// The flow around the rod, or the reason why it is unknown.
     regime: std::result::Result<Regime, String>,
     /// The natural modes, and whether they were computed on a coarser mesh.
-    natural: NaturalModes,
+    natural: LazyModes,
     is_coarse: bool,
     /// The spectrum of the drives of the rod.
     spectrum: Spectrum,
 }
 
 /// The natural modes of a model, of which a run needs the lowest and a bound of the highest only.
-struct NaturalModes {
+struct LazyModes {
     matrices: Matrices,
     /// What winches add, see [`Modes::winches`].
     winches: f64,
@@ -143,7 +143,7 @@ struct NaturalModes {
     all: OnceCell<Modes>,
 }
 
-impl NaturalModes {
+impl LazyModes {
     fn all(&self) -> Result<&Modes> {
         if let Some(all) = self.all.get() {
             return Ok(all);
@@ -159,11 +159,12 @@ impl NaturalModes {
         method: &dyn Integrator,
         damping: Option<&Damping>,
     ) -> Result<Option<StableSteps>> {
-        let exceeded = |modes: &Modes| modes.stable_steps(method, damping).filter(|steps| step > steps.largest);
+        let exceeded =
+            |highest: HighestFrequencies| highest.stable_steps(method, damping).filter(|steps| step > steps.largest);
         // Bounds of the frequencies cost far less, and most steps are shorter than they ask.
-        match Modes::bounded(&self.matrices, self.winches) {
-            Some(bounds) if self.all.get().is_none() && exceeded(&bounds).is_none() => Ok(None),
-            _ => Ok(exceeded(self.all()?)),
+        match HighestFrequencies::bounds(&self.matrices, self.winches) {
+            Some(bounds) if self.all.get().is_none() && exceeded(bounds).is_none() => Ok(None),
+            _ => Ok(exceeded(self.all()?.highest_of_each())),
         }
     }
 }
@@ -206,10 +207,11 @@ impl Assessment {
         let (is_inertial, spacing) = (model.forces.are_inertial(), model.rod.spacing);
         let dry = model.rod.sections.line_density(0.5);
         let winches = model.tendons.stiffness_over_inertia(&model.rod);
-        let lowest = if model.rod.nodes > modes::DENSE { modes::first_frequency(coarse.model()?).ok() } else { None };
+        let lowest =
+            if model.rod.nodes > modes::MAX_DENSE_NODES { modes::first_frequency(coarse.model()?).ok() } else { None };
         let matrices = Matrices::of_natural_modes(model)?;
         let line_density = if is_inertial { matrices.line_density(spacing) } else { dry };
-        let natural = NaturalModes { matrices, winches, all: OnceCell::new() };
+        let natural = LazyModes { matrices, winches, all: OnceCell::new() };
         let first_frequency = match lowest {
             Some(lowest) => lowest,
             None => natural.all()?.lowest(),
@@ -733,7 +735,7 @@ impl Assessment {
     }
 
     /// Warns of steps with which the scene's method amplifies a natural mode.
-    fn warn_of_limit(&mut self, scene: &Scene, stepper: &Stepper, natural: &NaturalModes) -> Result<()> {
+    fn warn_of_limit(&mut self, scene: &Scene, stepper: &Stepper, natural: &LazyModes) -> Result<()> {
         if stepper.view().dynamics.mechanics == Mechanics::Full
             && let StepControl::Fixed(step) = stepper.step_control()
             && let Some(StableSteps { largest, frequency, limit }) =

@@ -130,8 +130,8 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             return Ok(whole);
         }
     }
-    let RecordedEnding { file, fingerprint, end } = match folder {
-        None => RecordedEnding { file: arguments.run.clone(), fingerprint: None, end: None },
+    let SummaryExcerpt { file, fingerprint, end } = match folder {
+        None => SummaryExcerpt { file: arguments.run.clone(), fingerprint: None, end: None },
         Some(folder) => match summary(folder) {
             Ok(found) => found,
             Err(error) => return Ok(refuse(&error)),
@@ -255,7 +255,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
 }
 
 /// What the summary of a run says of it.
-struct RecordedEnding {
+struct SummaryExcerpt {
     /// The file of its scene.
     file: PathBuf,
     fingerprint: Option<String>,
@@ -264,7 +264,7 @@ struct RecordedEnding {
 }
 
 /// What the summary of the run in `folder` says of it.
-fn summary(folder: &Path) -> Result<RecordedEnding> {
+fn summary(folder: &Path) -> Result<SummaryExcerpt> {
     let path = folder.join("summary.json");
     let read = |reason: String| Error::Read { path: path.clone(), reason };
     let text = std::fs::read_to_string(&path).map_err(|e| read(e.to_string()))?;
@@ -274,7 +274,7 @@ fn summary(folder: &Path) -> Result<RecordedEnding> {
         entry("scene_file").ok_or_else(|| read("it is not that of a run; give its scene instead".to_string()))?;
     let end = summary.get("end_time_s").and_then(serde_json::Value::as_f64);
     let is_part = summary.get("complete") == Some(&serde_json::Value::Bool(false));
-    Ok(RecordedEnding {
+    Ok(SummaryExcerpt {
         file: PathBuf::from(file),
         fingerprint: entry("scene_fingerprint"),
         end: end.filter(|_| is_part),

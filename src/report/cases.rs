@@ -932,11 +932,7 @@ mod tests {
     fn motion(way: f64) -> Option<RodMotion> {
         let frame =
             |time: f64| Frame { time, points: vec![[0.0; 2]; 3], com: [way * time, 0.0], medium: None, loads: None };
-        Some(RodMotion {
-            rod: DrawnRod::at(None, vec![0, 1, 2]),
-            frames: vec![frame(0.0), frame(1.0)],
-            is_of_last_periods: false,
-        })
+        Some(RodMotion::whole(DrawnRod::at(None, vec![0, 1, 2]), vec![frame(0.0), frame(1.0)]))
     }
 
     /// A sweep along one axis, whose last case fails before it moves.

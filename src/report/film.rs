@@ -473,7 +473,7 @@ impl FilmRecord {
         if now < until && frames.last().is_some_and(|frame| frame.time < now) {
             frames.push(Frame::of(&stepper.view(), rod.nodes()));
         }
-        RodMotion { rod, frames, is_of_last_periods: false }
+        RodMotion::whole(rod, frames)
     }
 }
 
@@ -537,11 +537,7 @@ mod tests {
             medium: None,
             loads: None,
         };
-        RodMotion {
-            rod: DrawnRod::unknown((0..nodes).collect()),
-            frames: rows.map(frame).collect(),
-            is_of_last_periods: false,
-        }
+        RodMotion::whole(DrawnRod::unknown((0..nodes).collect()), rows.map(frame).collect())
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Interpolation between rows of numbers at times.
 
+use crate::head::{Row, hermite};
+
 /// The numbers at a `time` between those at `rows` times that rise, by the cubic through the neighbours on both sides; the first or last
 /// numbers outside, and none without rows.
 pub fn interpolate(
@@ -20,13 +22,10 @@ pub fn interpolate(
         let nearest = low.saturating_sub(1);
         return if rows == 0 { Vec::new() } else { (0..count).map(|k| value(nearest, k)).collect() };
     }
-    let [from, to] = [low - 1, low];
-    let step = time_of(to) - time_of(from);
-    let u = (time - time_of(from)) / step;
-    // The slope at a row, times the step: of the parabola through it and its neighbours, or of the line at an end.
-    let slope = |row: usize, k: usize| {
+    // The rate at a row is that of the parabola through it and its neighbours, or of the line at an end.
+    let rate = |row: usize, k: usize| {
         let rise = |a: usize, b: usize| (value(b, k) - value(a, k)) / (time_of(b) - time_of(a));
-        let slope = match (row.checked_sub(1), row + 1 < rows) {
+        match (row.checked_sub(1), row + 1 < rows) {
             (Some(before), true) => {
                 let [left, right] = [time_of(row) - time_of(before), time_of(row + 1) - time_of(row)];
                 (rise(before, row) * right + rise(row, row + 1) * left) / (left + right)
@@ -34,16 +33,11 @@ pub fn interpolate(
             (Some(before), false) => rise(before, row),
             (None, true) => rise(row, row + 1),
             (None, false) => 0.0,
-        };
-        slope * step
+        }
     };
     let at = |k: usize| {
-        let [a, b] = [value(from, k), value(to, k)];
-        if u == 0.0 {
-            return a;
-        }
-        let (rise, p, q) = (b - a, slope(from, k), slope(to, k));
-        a + u * (p + u * (3.0 * rise - 2.0 * p - q + u * (p + q - 2.0 * rise)))
+        let [from, to] = [low - 1, low].map(|row| Row { time: time_of(row), value: value(row, k), rate: rate(row, k) });
+        hermite(&from, &to, time).value
     };
     (0..count).map(at).collect()
 }

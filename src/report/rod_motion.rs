@@ -127,11 +127,6 @@ impl DrawnRod {
         &self.nodes
     }
 
-    /// The arc length from the head to each point of a frame at rest, m.
-    pub(super) fn arc_lengths(&self) -> &[f64] {
-        &self.arc_lengths
-    }
-
     /// True if the first point is the head.
     pub(super) fn shows_head(&self) -> bool {
         self.nodes.first() == Some(&0)
@@ -141,7 +136,12 @@ impl DrawnRod {
 impl RodMotion {
     /// A motion of the rod of a model, without frames.
     pub fn of(model: &Model) -> Self {
-        Self { rod: DrawnRod::of(model), frames: Vec::new(), is_of_last_periods: false }
+        Self::whole(DrawnRod::of(model), Vec::new())
+    }
+
+    /// A motion that these frames show from its beginning.
+    pub fn whole(rod: DrawnRod, frames: Vec<Frame>) -> Self {
+        Self { rod, frames, is_of_last_periods: false }
     }
 
     /// The motion of the rod of a model of which positions are recorded: `rows` have a time (s) and the position (m) by the place of a
@@ -164,7 +164,7 @@ impl RodMotion {
         };
         let frames = rows.into_iter().map(frame).collect();
         let rod = DrawnRod::at(Some(model), places.iter().map(|place| nodes[*place]).collect());
-        Self { rod, frames, is_of_last_periods: false }
+        Self::whole(rod, frames)
     }
 
     /// Adds the current frame.

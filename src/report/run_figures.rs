@@ -286,7 +286,7 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     let frames = record.frames();
     let end = frames.last()?.time;
     let recent = record.frames_since(frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since)));
-    let arcs = record.rod().arc_lengths();
+    let arcs = &record.rod().arc_lengths;
     let inner = 1..arcs.len().saturating_sub(1);
     if recent.len() < LEAST_SAMPLES || inner.len() < 2 {
         return None;
@@ -340,7 +340,7 @@ fn curvatures(points: &[[f64; 2]]) -> Vec<f64> {
 /// Half the lateral excursion of each point from time `since` (s) on, over arc length.
 fn amplitude(record: &RunRecord, since: f64) -> Option<Vec<(f64, f64)>> {
     let shapes = seen_along(record, since)?;
-    let arcs = record.rod().arc_lengths();
+    let arcs = &record.rod().arc_lengths;
     let side =
         |i: usize, furthest: fn(f64, f64) -> f64, start| shapes.iter().map(|shape| shape[i].1).fold(start, furthest);
     let half = |i: usize| 0.5 * (side(i, f64::max, f64::NEG_INFINITY) - side(i, f64::min, f64::INFINITY));
@@ -370,7 +370,7 @@ fn of_last_period(record: &RunRecord, period: f64) -> Option<Vec<(&Frame, f64)>>
 /// The lag of the curvature's first harmonic behind that nearest to the head, rad, over arc length, over the last `period` (s).
 fn phase(record: &RunRecord, period: f64) -> Option<Vec<(f64, f64)>> {
     let cycle = of_last_period(record, period)?;
-    let arcs = record.rod().arc_lengths();
+    let arcs = &record.rod().arc_lengths;
     let curvatures: Vec<Vec<f64>> = cycle.iter().map(|(frame, _)| curvatures(&frame.points)).collect();
     let mut harmonics = vec![Vector2::zeros(); arcs.len()];
     for (k, harmonic) in harmonics.iter_mut().enumerate() {
@@ -414,7 +414,7 @@ fn power_along(record: &RunRecord, period: Option<f64>) -> Option<Vec<(f64, f64)
         }
     };
     let span = period.unwrap_or(span);
-    let arcs = record.rod().arc_lengths();
+    let arcs = &record.rod().arc_lengths;
     let power = |frame: &Frame, i: usize| frame.loads.as_ref().map_or(0.0, |loads| loads.power[i]);
     let mean = |i: usize| weighted.iter().map(|(frame, weight)| weight * power(frame, i)).sum::<f64>() / span;
     // A clamped head also has a joint.

@@ -11,48 +11,23 @@ use std::time::Duration;
 use caudal::jobs::BUILD;
 use caudal::report::MANIFEST;
 
-const EEL: &str = r#"
-name = "eel"
-[rod]
-nodes = 5
-length_m = 1.0
-outer_radius_m = 0.02
-youngs_modulus_pa = 5e6
-density_kg_m3 = 1150.0
-[actuation]
-kind = "travelling-wave"
-kappa_amp = 3.0
-frequency_hz = 5.0
-wavelength_m = 1.0
-[medium]
-viscosity_pa_s = 0.8
-density_kg_m3 = 1200.0
-[drag]
-law = "cross-flow"
-[solver]
-integrator = "newmark"
-time_step_s = 1e-2
-duration_s = 0.3
-[design]
-goal = "distance"
-direction = "-x"
-starts = 1
-iterations = 1
-bounds = [0.5, 2.0]
-knots = [0.2, 0.8]
-"#;
+use crate::eel::{EEL, said};
+
+/// What the eel's scene has for a design.
+const DESIGN: &str = "[design]\ngoal = \"distance\"\ndirection = \"-x\"\nstarts = 1\niterations = 1\nbounds = [0.5, 2.0]\nknots = [0.2, 0.8]\n";
 
 const SWEEP: &str = "name = \"eels\"\nscene = \"eel.toml\"\n[axes]\ndrag.form_drag = [1.0, 1.2]\n";
 
 /// A folder with scenes, a sweep of them, and two runs.
 fn scenes() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let held = EEL
+    let eel = EEL.replace("duration_s = 0.6", "duration_s = 0.3") + DESIGN;
+    let held = eel
         .replace("name = \"eel\"", "name = \"flag\"")
         .replace("[solver]", "[reactive]\n[head]\nkind = \"clamped\"\n[solver]");
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("eel.toml", EEL);
-    write("worm.toml", &EEL.replace("name = \"eel\"", "name = \"worm\""));
+    write("eel.toml", &eel);
+    write("worm.toml", &eel.replace("name = \"eel\"", "name = \"worm\""));
     write("flag.toml", &held);
     write("eels.toml", SWEEP);
     for run in ["one", "two"] {
@@ -69,10 +44,6 @@ fn command(folder: &Path, arguments: &str) -> Command {
 
 fn caudal(folder: &Path, arguments: &str) -> Output {
     command(folder, arguments).output().unwrap()
-}
-
-fn errors(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// The files in `folder` but the manifest, and what killed programs left half-made.
@@ -190,13 +161,13 @@ fn a_study_leaves_the_journal_of_a_sweep_and_nobody_s_results_are_mixed() {
     let here = folder.path().join("here");
     let ok = |arguments: &str| {
         let output = caudal(folder.path(), &format!("{arguments} --out here"));
-        assert_eq!(output.status.code(), Some(0), "{arguments}: {}", errors(&output));
+        assert_eq!(output.status.code(), Some(0), "{arguments}: {}", said(&output));
     };
     let refused = |arguments: &str, words: &str| {
         let was = files(&here);
         let output = caudal(folder.path(), &format!("{arguments} --out here"));
         assert_eq!(output.status.code(), Some(2), "{arguments}");
-        assert!(errors(&output).contains(words), "{arguments}: {}", errors(&output));
+        assert!(said(&output).contains(words), "{arguments}: {}", said(&output));
         assert_eq!(files(&here), was, "{arguments}");
     };
     ok("sweep eels.toml");
@@ -230,7 +201,7 @@ fn a_study_leaves_the_journal_of_a_sweep_and_nobody_s_results_are_mixed() {
     // A run and the design of its scene have folders of their own.
     for arguments in ["run eel.toml", "design eel.toml", "run eel.toml", "export eel.toml --vtk"] {
         let output = caudal(folder.path(), arguments);
-        assert!(matches!(output.status.code(), Some(0 | 1)), "{arguments}: {}", errors(&output));
+        assert!(matches!(output.status.code(), Some(0 | 1)), "{arguments}: {}", said(&output));
     }
     assert!(
         folder.path().join("out/eel/summary.json").exists()
@@ -250,9 +221,9 @@ fn results_without_a_manifest_and_files_of_the_user_s_are_not_taken() {
     assert_eq!(output.status.code(), Some(2));
     let expected = "which no manifest.json lists (an older caudal wrote none), not a run of `eel`; choose another folder with --out, or replace it with --force\n";
     assert!(
-        errors(&output).starts_with("error: here: holds summary.json, ") && errors(&output).ends_with(expected),
+        said(&output).starts_with("error: here: holds summary.json, ") && said(&output).ends_with(expected),
         "{}",
-        errors(&output)
+        said(&output)
     );
     assert_eq!(files(&here), was);
     assert_eq!(caudal(folder.path(), "run eel.toml --out here --force").status.code(), Some(0));
@@ -263,8 +234,8 @@ fn results_without_a_manifest_and_files_of_the_user_s_are_not_taken() {
     let output = caudal(folder.path(), "study modes eel.toml --out study");
     let study = files(&folder.path().join("study"));
     assert_eq!(study["modes.csv"], b"mine", "{:?}", study.keys());
-    assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
-    assert!(errors(&output).contains("holds a file that no manifest.json lists"), "{}", errors(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(said(&output).contains("holds a file that no manifest.json lists"), "{}", said(&output));
     // What looks like a file in the making is one only beside a file that is listed.
     let strangers = [".notes.abc123.partial", ".download.partial", ".summary.json.abc123.partial"];
     strangers.iter().for_each(|name| std::fs::write(here.join(name), "mine").unwrap());
@@ -277,7 +248,7 @@ fn results_without_a_manifest_and_files_of_the_user_s_are_not_taken() {
     std::fs::write(folder.path().join("web").join(MANIFEST), "{\"icons\": 3").unwrap();
     let output = caudal(folder.path(), "run eel.toml --out web");
     assert_eq!(output.status.code(), Some(2));
-    assert!(errors(&output).contains("it is no manifest of results; choose another folder"), "{}", errors(&output));
+    assert!(said(&output).contains("it is no manifest of results; choose another folder"), "{}", said(&output));
 }
 
 #[test]
@@ -291,7 +262,7 @@ fn restart_leaves_nothing_of_the_sweep_before() {
     let other = SWEEP.replace("drag.form_drag = [1.0, 1.2]", "rod.length_m = [1.0, 1.1]");
     std::fs::write(folder.path().join("eels.toml"), other).unwrap();
     let refused = caudal(folder.path(), "sweep eels.toml --out here");
-    assert!(errors(&refused).contains("begin anew with --restart"), "{}", errors(&refused));
+    assert!(said(&refused).contains("begin anew with --restart"), "{}", said(&refused));
     assert_eq!(figures(files(&here).into_keys().collect()), before);
     assert_eq!(caudal(folder.path(), "sweep eels.toml --out here --restart").status.code(), Some(0));
     let after = figures(files(&here).into_keys().collect());
@@ -312,7 +283,7 @@ fn a_journal_that_is_elsewhere_or_only_begun_is_no_hindrance() {
     std::os::unix::fs::symlink(&elsewhere, here.join("cases.journal")).unwrap();
     std::fs::write(folder.path().join("eels.toml"), SWEEP.replace("[1.0, 1.2]", "[1.0, 1.1, 1.2]")).unwrap();
     let grown = caudal(folder.path(), "sweep eels.toml --out here");
-    assert_eq!(grown.status.code(), Some(0), "{}", errors(&grown));
+    assert_eq!(grown.status.code(), Some(0), "{}", said(&grown));
     assert!(String::from_utf8_lossy(&grown.stdout).contains("2 of 3 cases are done already"), "{grown:?}");
     assert!(std::fs::symlink_metadata(here.join("cases.journal")).unwrap().file_type().is_symlink());
     assert_eq!(std::fs::read_to_string(&elsewhere).unwrap().lines().count(), 4);
@@ -320,7 +291,7 @@ fn a_journal_that_is_elsewhere_or_only_begun_is_no_hindrance() {
     assert_eq!(caudal(folder.path(), "sweep eels.toml --out parts --shard 1/2").status.code(), Some(0));
     std::fs::write(folder.path().join("parts/shard-2-of-2.journal"), "0123456789abc").unwrap();
     let merged = caudal(folder.path(), "sweep merge eels.toml --out parts --partial");
-    assert_eq!(merged.status.code(), Some(0), "{}", errors(&merged));
+    assert_eq!(merged.status.code(), Some(0), "{}", said(&merged));
     assert!(folder.path().join("parts/table.csv").exists());
 }
 
@@ -349,7 +320,7 @@ fn films_and_pictures_of_other_results_go_with_them() {
     let made = |name: &str| here.join(name).exists();
     let must = |arguments: &str| {
         let output = caudal(folder.path(), arguments);
-        assert!(output.status.success(), "{arguments}: {}", errors(&output));
+        assert!(output.status.success(), "{arguments}: {}", said(&output));
     };
     must("run eel.toml");
     must("export out/eel --gif --png");

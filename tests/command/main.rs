@@ -10,6 +10,7 @@ mod command;
 mod compare;
 mod digest;
 mod documents;
+mod eel;
 mod figures;
 mod folders;
 mod gallery;

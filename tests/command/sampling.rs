@@ -4,52 +4,29 @@
 #![cfg(feature = "pictures")]
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 
-/// 100 steps per period of 0.2 s.
-const EEL: &str = r#"
-name = "eel"
-[rod]
-nodes = 5
-length_m = 1.0
-outer_radius_m = 0.02
-youngs_modulus_pa = 5e6
-density_kg_m3 = 1150.0
-[actuation]
-kind = "travelling-wave"
-kappa_amp = 3.0
-frequency_hz = 5.0
-wavelength_m = 1.0
-[medium]
-viscosity_pa_s = 0.8
-density_kg_m3 = 1200.0
-[drag]
-law = "cross-flow"
-[solver]
-integrator = "newmark"
-time_step_s = 2e-3
-duration_s = 0.6
-"#;
+use crate::eel::{self, EEL};
+
+/// The eel with 100 steps per period.
+fn scene() -> String {
+    EEL.replace("time_step_s = 1e-2", "time_step_s = 2e-3")
+}
 
 fn place() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("eel.toml"), EEL).unwrap();
-    folder
+    eel::place(&scene())
 }
 
 fn caudal(folder: &Path, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_caudal")).current_dir(folder).args(arguments.split(' ')).output().unwrap()
+    eel::caudal(folder, &arguments.split(' ').collect::<Vec<_>>())
 }
 
-/// What the command prints.
 fn done(folder: &Path, arguments: &str) -> String {
-    let output = caudal(folder, arguments);
-    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
+    eel::done(folder, &arguments.split(' ').collect::<Vec<_>>())
 }
 
 /// The data of a page in the script with this id.
@@ -80,8 +57,9 @@ fn delays(file: &Path) -> Vec<u16> {
 fn a_page_plays_at_least_twelve_frames_per_period_and_says_if_it_plays_the_last_periods() {
     let folder = place();
     let adaptive = "integrator = \"esdirk3\"\ntolerance = 1e-3\n";
-    let adaptive = EEL.replace("integrator = \"newmark\"\ntime_step_s = 2e-3\n", adaptive);
-    for (duration, scene) in [(0.6, EEL), (15.0, EEL), (40.0, EEL), (40.0, &adaptive)] {
+    let own = scene();
+    let adaptive = own.replace("integrator = \"newmark\"\ntime_step_s = 2e-3\n", adaptive);
+    for (duration, scene) in [(0.6, &own), (15.0, &own), (40.0, &own), (40.0, &adaptive)] {
         std::fs::write(folder.path().join("eel.toml"), scene).unwrap();
         done(folder.path(), &format!("run eel.toml --set solver.duration_s={duration} --out run --force"));
         let motion = data(&folder.path().join("run/report.html"), "motion");
@@ -236,8 +214,9 @@ fn an_svg_film_has_twelve_keyframes_per_period_of_the_fastest_of_several_drives_
     let folder = place();
     let head = "\n[head]\nkind = \"driven\"\nposition_m = { amplitude = [0.0, 0.01], frequency_hz = 1.0 }\n\
                 angle_rad = { amplitude = 0.05, frequency_hz = 9.0, phase_rad = 1.5707963267948966 }\n";
+    let own = scene();
     let passive =
-        EEL.split("[actuation]").next().unwrap().to_string() + "[medium]" + EEL.split("[medium]").nth(1).unwrap();
+        own.split("[actuation]").next().unwrap().to_string() + "[medium]" + own.split("[medium]").nth(1).unwrap();
     std::fs::write(folder.path().join("two.toml"), passive + head).unwrap();
     done(folder.path(), "export two.toml film.svg --from 1 --until 3 --set solver.duration_s=3.0");
     let film = std::fs::read_to_string(folder.path().join("film.svg")).unwrap();

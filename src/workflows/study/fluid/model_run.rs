@@ -149,7 +149,7 @@ impl FluidModelRun {
         self.means = MotionAndPower::of(stepper.cycles(), dynamics);
         let averages = stepper.cycles().averages(dynamics);
         (self.actuation_power, self.efficiency) = (averages.mean(&ACTUATION_POWER), averages.mean(&EFFICIENCY));
-        self.motion = Some(RodMotion { rod, frames, is_of_last_periods: false });
+        self.motion = Some(RodMotion::whole(rod, frames));
         let names = causes.iter().map(|(name, _)| *name);
         self.parts = names.enumerate().map(|(i, name)| forces.part(&stepper.model().rod, i, name)).collect();
         Ok(())
