@@ -124,14 +124,7 @@ impl Stepper {
             c: DMatrix::zeros(read.len(), starts.len()),
             d: DMatrix::zeros(read.len(), given.len()),
         };
-        for (i, state) in states.iter().enumerate() {
-            let (row, scale) = state.row_of_many(&ends.now, ends.width);
-            let (by_state, by_input) = row.split_at(starts.len());
-            for (to, from) in [(&mut found.a, by_state), (&mut found.b, by_input)] {
-                let to = to.as_mut_slice().iter_mut().skip(i).step_by(states.len());
-                to.zip(from).for_each(|(to, x)| *to = x / scale);
-            }
-        }
+        ends.write_rows(&states, [&mut found.a, &mut found.b]);
         let rest = self.read_by_gradients(&ends, &read, [&mut found.c, &mut found.d])?;
         for j in 0..ends.width {
             let (readings, input, j_read, rest) = match j.checked_sub(starts.len()) {
@@ -313,8 +306,8 @@ impl Stepper {
         let mut inputs = Vec::with_capacity(given.len());
         for (variable, k) in given {
             let first = variable.entries(self.model()).start;
-            let (direction, tangent) = (self.input_direction(variable, k - first, h)?, self.zero_tangent());
-            inputs.push(Input { direction, tangent, force: Vec::new(), head: Default::default() });
+            let direction = self.input_direction(variable, k - first, h)?;
+            inputs.push(Input { direction, force: Vec::new(), head: Default::default() });
         }
         let width = starts.len() + inputs.len();
         let State { q, memory, .. } = self.state();
@@ -359,12 +352,16 @@ impl Stepper {
         if !columns.begun && columns.consistent.contains(&true) {
             // No internal step was made: only the time has advanced.
             let state = self.state().clone();
-            columns.reinitialise(self.dynamics_mut(), &state, false)?;
+            let mut tangent = self.take_tangent();
+            columns.reinitialise(self.dynamics_mut(), &mut tangent, &state, false)?;
         }
         self.return_to_now()?;
         Ok(columns)
     }
 }
+
+/// Rows that are copied to a matrix together: its columns are contiguous, and here the rows are.
+const ROWS_AT_ONCE: usize = 8;
 
 /// Number of copies of a matrix in memory, including those made for a host's language.
 const COPIES: usize = 3;
@@ -397,7 +394,6 @@ fn entry_of((variable, k): (&'static Variable, usize)) -> Entry {
 #[derive(Debug)]
 struct Input {
     direction: InputDirection,
-    tangent: Box<StateTangent>,
     /// ∂f/∂u.
     force: Vec<f64>,
     /// Motion of the head.
@@ -436,6 +432,21 @@ impl Columns {
         State { q: of(q), v: of(v), a: of(a), memory: of(memory), ..State::default() }
     }
 
+    /// Writes the rows of these `states` to `a` and `b`, whose columns follow each other here.
+    fn write_rows(&self, states: &[Coordinate], [a, b]: [&mut DMatrix<f64>; 2]) {
+        let (width, first) = (self.width, self.width - self.inputs.len());
+        for (written, states) in states.chunks(ROWS_AT_ONCE).enumerate() {
+            let rows: Vec<_> = states.iter().map(|state| state.row_of_many(&self.now, width)).collect();
+            for (to, columns) in [(&mut *a, 0..first), (&mut *b, first..width)] {
+                for (mut to, j) in to.column_iter_mut().zip(columns) {
+                    let to = to.as_mut_slice().iter_mut().skip(written * ROWS_AT_ONCE);
+                    to.zip(&rows)
+                        .for_each(|(to, (row, scale))| *to = if *scale == 1.0 { row[j] } else { row[j] / scale });
+                }
+            }
+        }
+    }
+
     /// Follows the internal step that `stepper` has just made.
     fn follow(&mut self, stepper: &mut Stepper) -> Result<()> {
         let (Some(from), to) = (stepper.previous().cloned(), stepper.state().clone()) else { return Ok(()) };
@@ -451,11 +462,12 @@ impl Columns {
             self.states.push(to.clone());
             self.stages.push(self.now.clone());
         }
+        let mut tangent = stepper.take_tangent();
         // Accelerations are recomputed where they jump, in all columns if the step itself recomputed them.
         let jumped = stepper.reinitialisations() != self.reinitialisations;
         self.reinitialisations = stepper.reinitialisations();
         if jumped || !self.begun && self.consistent.contains(&true) {
-            self.reinitialise(stepper.dynamics_mut(), &from, jumped)?;
+            self.reinitialise(stepper.dynamics_mut(), &mut tangent, &from, jumped)?;
         }
         self.begun = true;
         if let Some(integrator) = stepper.integrator() {
@@ -468,7 +480,7 @@ impl Columns {
             state.links.clear();
             dynamics.move_to(state.t, state);
             equations.assemble(dynamics, state, stages.direction)?;
-            look_at_inputs(dynamics, state, &mut self.inputs, &mut self.point)?;
+            look_at_inputs(dynamics, state, &mut self.inputs, &mut self.point, &mut tangent)?;
             given.push(self.inputs.iter().map(|input| (input.force.clone(), input.head)).collect::<Vec<_>>());
         }
         let (held, model) = (dynamics.held.is_some(), std::sync::Arc::clone(&dynamics.model));
@@ -488,12 +500,19 @@ impl Columns {
         if let Some(last) = own.last_mut() {
             std::mem::swap(now, last);
         }
+        stepper.put_tangent(tangent);
         stepper.return_to_now()
     }
 
     /// Makes the accelerations of columns satisfy the equation of motion at `from` again: of `all` columns, or of those that
     /// begin so.
-    fn reinitialise(&mut self, dynamics: &mut Dynamics, from: &State, all: bool) -> Result<()> {
+    fn reinitialise(
+        &mut self,
+        dynamics: &mut Dynamics,
+        tangent: &mut StateTangent,
+        from: &State,
+        all: bool,
+    ) -> Result<()> {
         let mut state = from.clone();
         state.links.clear();
         dynamics.move_to(from.t, &mut state);
@@ -502,7 +521,7 @@ impl Columns {
         let [start, ..] = &mut equations[..] else { return Ok(()) };
         let (width, first) = (*width, *width - inputs.len());
         start.assemble(dynamics, &state, Direction::POSITIONS)?;
-        look_at_inputs(dynamics, &state, inputs, point)?;
+        look_at_inputs(dynamics, &state, inputs, point, tangent)?;
         let held = dynamics.held.is_some();
         let flows = || inputs.iter().map(|input| input.direction.flow());
         if *jump
@@ -661,22 +680,20 @@ fn flow_jump_force(dynamics: &mut Dynamics, state: &State) -> Result<Option<[Vec
     Ok(Some([of(Vector2::x())?, of(Vector2::y())?]))
 }
 
-/// Evaluates the changes due to `inputs` in `state`, to whose time `dynamics` was moved.
+/// Evaluates the changes due to `inputs` in `state`, to whose time `dynamics` was moved, each along the `tangent`.
 fn look_at_inputs(
     dynamics: &mut Dynamics,
     state: &State,
     inputs: &mut [Input],
     point: &mut LocalDerivatives,
+    tangent: &mut StateTangent,
 ) -> Result<()> {
-    if inputs.is_empty() {
-        return Ok(());
-    }
-    for Input { direction, tangent, .. } in inputs.iter_mut() {
+    for (i, Input { direction, force, head }) in inputs.iter_mut().enumerate() {
         direction.evaluate(dynamics, state.t, tangent);
-    }
-    let bent = dynamics.shape(state)?;
-    point.look(&bent);
-    for Input { direction, tangent, force, head } in inputs.iter_mut() {
+        let bent = dynamics.shape(state)?;
+        if i == 0 {
+            point.look(&bent);
+        }
         direction.follow(&bent, tangent);
         force.clear();
         force.resize(state.q.len(), 0.0);

@@ -23,25 +23,43 @@ fn node_mut(x: &mut [f64], k: usize, width: usize, columns: Range<usize>) -> [&m
     [&mut first[columns.clone()], &mut second[columns]]
 }
 
-/// For each node, the columns from the first to the last in which `x` is not zero. A step begins with unit vectors, whose products with a band
-/// have a few columns only.
-fn extents(x: &[f64], width: usize) -> Vec<Range<usize>> {
-    let extent = |rows: &[f64]| {
-        let (first, second) = rows.split_at(width);
-        let any = |(x, y): (&f64, &f64)| *x != 0.0 || *y != 0.0;
-        let begin = first.iter().zip(second).position(any);
-        begin.map_or(0..0, |begin| begin..first.iter().zip(second).rposition(any).map_or(begin, |last| last + 1))
-    };
-    x.chunks_exact(2 * width).map(extent).collect()
+/// For each node, the columns in which vectors side by side are not zero, by groups of neighbouring columns: bit `g` stands for group `g`. A
+/// step begins with unit vectors, whose products with a band have a few columns only.
+struct Occupied {
+    width: usize,
+    /// Columns of a group.
+    group: usize,
+    groups: Vec<u64>,
 }
 
-/// The smallest range that has both in it.
-#[inline(always)]
-fn union(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
-    match (a.is_empty(), b.is_empty()) {
-        (true, _) => b.clone(),
-        (_, true) => a.clone(),
-        _ => a.start.min(b.start)..a.end.max(b.end),
+/// The fewest columns of a group: what a product does at once.
+const MIN_GROUP: usize = 8;
+
+impl Occupied {
+    fn of(x: &[f64], width: usize) -> Self {
+        let group = width.div_ceil(u64::BITS as usize).max(MIN_GROUP);
+        let groups = |rows: &[f64]| {
+            let (first, second) = rows.split_at(width);
+            let pairs = first.chunks(group).zip(second.chunks(group)).enumerate();
+            pairs.fold(0, |groups, (g, (first, second))| {
+                let bits = first.iter().zip(second).fold(0, |bits, (x, y)| bits | x.to_bits() | y.to_bits());
+                // Without the sign, which zero may have too.
+                groups | u64::from(bits << 1 != 0) << g
+            })
+        };
+        Self { width, group, groups: x.chunks_exact(2 * width).map(groups).collect() }
+    }
+
+    /// Calls `work` with each run of columns in which any of `nodes` is not zero.
+    #[inline(always)]
+    fn each<const N: usize>(&self, nodes: [usize; N], mut work: impl FnMut(Range<usize>)) {
+        let mut groups = nodes.into_iter().fold(0, |groups, k| groups | self.groups[k]);
+        while groups != 0 {
+            let first = groups.trailing_zeros();
+            let end = first + (groups >> first).trailing_ones();
+            groups &= u64::MAX.checked_shl(end).unwrap_or(0);
+            work(first as usize * self.group..(end as usize * self.group).min(self.width));
+        }
     }
 }
 
@@ -76,12 +94,14 @@ fn add_product([y0, y1]: [&mut [f64]; 2], [a, b, c, d]: [f64; 4], [x0, x1]: [&[f
 
 /// Adds `factor` times `matrix` times `width` vectors to y.
 fn add_band_of_many(matrix: &BandMatrix, factor: f64, x: &[f64], y: &mut [f64], width: usize) {
-    let (nodes, extents) = (matrix.rows().len(), extents(x, width));
+    let (nodes, occupied) = (matrix.rows().len(), Occupied::of(x, width));
     for (i, row) in matrix.rows().iter().enumerate() {
         for (j, [a, b, c, d]) in row.iter().enumerate() {
             let Some(j) = (i + j).checked_sub(HALF_BANDWIDTH).filter(|j| *j < nodes) else { continue };
-            let (columns, block) = (&extents[j], [factor * a, factor * b, factor * c, factor * d]);
-            add_product(node_mut(y, i, width, columns.clone()), block, node(x, j, width, columns.clone()));
+            let block = [factor * a, factor * b, factor * c, factor * d];
+            occupied.each([j], |columns| {
+                add_product(node_mut(y, i, width, columns.clone()), block, node(x, j, width, columns));
+            });
         }
     }
 }
@@ -148,7 +168,7 @@ impl Equations {
                 Ok(())
             });
         }
-        let (nodes, extents) = (self.matrix.rows().len(), extents(x, width));
+        let (nodes, occupied) = (self.matrix.rows().len(), Occupied::of(x, width));
         let columns = self.columns.as_ref().filter(|_| self.held.is_none()).map(|[columns, _]| columns);
         // Sums over the nodes minus those of the external forces, and the values of one node; see `balance`.
         let [mut excess, mut own] = [0, 1].map(|_| if columns.is_some() { vec![0.0; 2 * width] } else { Vec::new() });
@@ -157,21 +177,26 @@ impl Equations {
             // Forces of one node on their own, where their sum over all nodes is needed.
             let sum = if columns.is_some() { &mut own[..] } else { &mut y[2 * i * width..2 * (i + 1) * width] };
             for (j, block) in neighbours(i, row, nodes) {
-                let (block, both) = (self.stiffness(i, j, block), union(&extents[i], &extents[j]));
-                let [to, from] = [j, i].map(|k| node(x, k, width, both.clone()));
-                subtract_difference(node_mut(sum, 0, width, both), block, to, from);
+                let block = self.stiffness(i, j, block);
+                occupied.each([i, j], |columns| {
+                    let [to, from] = [j, i].map(|k| node(x, k, width, columns.clone()));
+                    subtract_difference(node_mut(sum, 0, width, columns), block, to, from);
+                });
             }
-            let columns_of_node = || extents[i].clone();
             if let Some(place) = &self.place {
                 let block = entries(place[i] * -self.direction.q);
-                add_product(node_mut(sum, 0, width, columns_of_node()), block, node(x, i, width, columns_of_node()));
+                occupied.each([i], |columns| {
+                    add_product(node_mut(sum, 0, width, columns.clone()), block, node(x, i, width, columns));
+                });
             }
             if let Some(columns) = columns {
                 let sums = y[2 * i * width..].iter_mut().zip(&mut excess).zip(&own);
                 sums.for_each(|((y, excess), own)| (*y, *excess) = (*y + own, *excess + own));
                 let outside = entries(columns[i] * self.direction.q);
-                let excess = node_mut(&mut excess, 0, width, columns_of_node());
-                add_product(excess, outside, node(x, i, width, columns_of_node()));
+                occupied.each([i], |columns| {
+                    let excess = node_mut(&mut excess, 0, width, columns.clone());
+                    add_product(excess, outside, node(x, i, width, columns));
+                });
             }
         }
         if columns.is_some() {
@@ -200,16 +225,19 @@ impl Equations {
         }
         match (&self.damping, &self.drift) {
             (Some(damping), Some(drift)) => {
-                let (nodes, extents) = (damping.rows().len(), extents(x, width));
+                let (nodes, occupied) = (damping.rows().len(), Occupied::of(x, width));
                 for (i, row) in damping.rows().iter().enumerate() {
                     for (j, [a, b, c, d]) in neighbours(i, row, nodes) {
                         let block = [-factor * a, -factor * b, -factor * c, -factor * d];
-                        let both = union(&extents[i], &extents[j]);
-                        let [to, from] = [j, i].map(|k| node(x, k, width, both.clone()));
-                        subtract_difference(node_mut(y, i, width, both), block, to, from);
+                        occupied.each([i, j], |columns| {
+                            let [to, from] = [j, i].map(|k| node(x, k, width, columns.clone()));
+                            subtract_difference(node_mut(y, i, width, columns), block, to, from);
+                        });
                     }
-                    let (columns, block) = (&extents[i], entries(drift[i] * factor));
-                    add_product(node_mut(y, i, width, columns.clone()), block, node(x, i, width, columns.clone()));
+                    let block = entries(drift[i] * factor);
+                    occupied.each([i], |columns| {
+                        add_product(node_mut(y, i, width, columns.clone()), block, node(x, i, width, columns));
+                    });
                 }
             }
             (Some(damping), None) => add_band_of_many(damping, factor, x, y, width),

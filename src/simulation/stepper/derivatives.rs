@@ -681,13 +681,15 @@ impl Stepper {
         Ok(((more.0 - less.0) / (2.0 * step), (more.1 - less.1) / (2.0 * step)))
     }
 
-    fn take_tangent(&mut self) -> Box<StateTangent> {
+    /// A zero differential of the state and of all inputs, to be [put back](Self::put_tangent) for the next one who needs it.
+    pub(crate) fn take_tangent(&mut self) -> Box<StateTangent> {
         let mut tangent = self.tangent.take().unwrap_or_else(|| Box::new(StateTangent::new(&self.dynamics)));
         tangent.clear();
         tangent
     }
 
-    fn put_tangent(&mut self, tangent: Box<StateTangent>) -> VariableDerivatives<'_> {
+    /// The derivatives of all variables along `tangent`, which is kept for the next one who [takes](Self::take_tangent) it.
+    pub(crate) fn put_tangent(&mut self, tangent: Box<StateTangent>) -> VariableDerivatives<'_> {
         let time = self.time();
         let tangent = &**self.tangent.insert(tangent);
         let now = View {

@@ -373,11 +373,6 @@ impl Stepper {
         self.variables.iter().copied().filter(given).collect()
     }
 
-    /// A zero differential of the state and of all inputs.
-    pub(crate) fn zero_tangent(&self) -> Box<StateTangent> {
-        Box::new(StateTangent::new(&self.dynamics))
-    }
-
     /// The change of all variables if the current state changes by `change`, and an input of the step that led to it changes by
     /// `direction`.
     ///
