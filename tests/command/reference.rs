@@ -27,9 +27,10 @@ A key without a default is **required** or has no effect if absent. Some types c
 "#;
 
 /// Units by the ends of keys, longer ends first.
-const UNITS: [(&str, &str); 25] = [
+const UNITS: [(&str, &str); 27] = [
     ("inertia_kg_m2", "kg m²"),
     ("_n_m_s", "N m s"),
+    ("_n_m2", "N m²"),
     ("_n_s_m2", "N s/m²"),
     ("_kg_m3", "kg/m³"),
     ("_rad_s", "rad/s"),
@@ -41,6 +42,7 @@ const UNITS: [(&str, &str); 25] = [
     ("_rad", "rad"),
     ("_hz", "Hz"),
     ("_pa", "Pa"),
+    ("_kg_m", "kg/m"),
     ("_kg", "kg"),
     ("_from_s", "s"),
     ("interval_s", "s"),

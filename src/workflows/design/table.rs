@@ -183,12 +183,12 @@ impl<'de> Deserialize<'de> for Bounds {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(deny_unknown_fields)]
 pub struct FrontSettings {
-    /// The second goal, a mean over the cycles, `distance` or `efficiency`.
+    /// The second goal: a mean over the cycles, `distance` or `efficiency`.
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
-    /// Which is better: "larger", where it is absent, or "smaller".
+    /// Whether a "larger" or a "smaller" value is better. By default, "larger".
     pub better: Option<String>,
-    /// Designs on the front, its ends among them.
+    /// Number of designs on the front, including its two ends.
     #[serde(default = "points")]
     pub points: usize,
 }
@@ -213,10 +213,10 @@ pub struct Floor {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(rename_all = "kebab-case")]
 pub enum Aggregate {
-    /// The scene in which the goal is worst.
+    /// The objective of the worst case.
     #[default]
     Worst,
-    /// The mean of the goal over all of them.
+    /// The mean of the objective over all cases.
     Mean,
 }
 
@@ -239,88 +239,91 @@ impl Aggregate {
     }
 }
 
-/// `[design]`.
+/// The design problem that `caudal design` solves: identification of a stiffness, or an optimal body and drive.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct DesignTable {
-    /// What is wanted.
+    /// The goal of the design.
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
-    /// What identification finds and a dynamic goal may change; stiffness where it is absent.
+    /// The unknowns that identification determines and that a search varies: stiffness, amplitude, phase, and numbers of the
+    /// scene by their keys.
     #[serde(default = "stiffness")]
     #[cfg_attr(feature = "schema", schemars(with = "Vec<String>"))]
     pub variables: Vec<DesignVariable>,
-    /// Where it is unknown, ξ. In between, ln EI and ln amplitude are linear in ξ, as is the phase. With `track-tip` 1/EI is linear
-    /// instead of ln EI, with `identify` and `static-shape` EI itself. Every joint where it is absent.
+    /// Positions ξ along the rod at which profiles are unknown. By default, every joint. Between them, ln EI, ln amplitude and
+    /// phase are linear in ξ; with `track-tip` 1/EI is linear instead of ln EI, and with `identify` and `static-shape` EI itself.
     pub knots: Option<Vec<f64>>,
-    /// Least and largest stiffness, over the largest EI of the rod's sections.
+    /// Smallest and largest stiffness, relative to the largest EI of the rod's sections.
     #[serde(default = "default_bounds", deserialize_with = "value::pair")]
     pub bounds: [f64; 2],
-    /// True where stiffness may not rise from head to tip.
+    /// True if the stiffness must not increase from head to tip.
     #[serde(default)]
     pub monotone: bool,
-    /// Weight of ½Σ(second differences)² of the unknowns: of the stiffness, in information, in identification; of ln EI, ln
-    /// amplitude and phase, over the objective of the first start, in a dynamic goal.
+    /// Weight of the roughness ½Σ(second differences)² of the profiles: in identification that of the stiffness; in a search that
+    /// of ln EI, ln amplitude and phase, relative to the objective of the first start.
     #[serde(default)]
     pub smoothness: f64,
-    /// The mean stiffness, over the largest EI of the rod's sections: at most this in a dynamic goal, this else.
+    /// Mean stiffness, relative to the largest EI of the rod's sections: the largest mean in a search, and the exact mean
+    /// otherwise.
     pub mean: Option<f64>,
-    /// Least and largest amplitude, over the scene's.
+    /// Smallest and largest amplitude, relative to that of the scene.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub amplitude_bounds: Option<[f64; 2]>,
-    /// The largest mean amplitude, over the scene's.
+    /// The largest mean amplitude, relative to that of the scene.
     pub amplitude_mean: Option<f64>,
-    /// Least and largest phase, rad.
+    /// Smallest and largest phase, rad.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub phase_bounds_rad: Option<[f64; 2]>,
-    /// Least and largest of the scene's numbers among the variables, over what they are in the scene.
+    /// Smallest and largest value of the numbers among the variables, relative to their values in the scene: one pair for all, or
+    /// a table of pairs by key.
     pub number_bounds: Option<Bounds>,
     /// Those numbers.
     #[serde(skip)]
     pub numbers: Vec<SceneParameter>,
-    /// File with node positions.
+    /// CSV file with the positions of the markers, of the target shape, or of the target path of the tip.
     pub data: Option<String>,
-    /// Standard deviation of those positions, m; by default what polynomials leave.
+    /// Standard deviation of the marker positions, m. By default, estimated from the residual of the fitted polynomials.
     pub noise_m: Option<f64>,
-    /// Length of the window that polynomials are fitted over, s; by default as long as the data bear.
+    /// Duration over which each polynomial is fitted, s. By default, as long as the data allow.
     pub window_s: Option<f64>,
-    /// True where the actuation's strength is unknown too.
+    /// True if the strength of the actuation is unknown as well.
     #[serde(default)]
     pub actuation_gain: bool,
-    /// Which way counts: "+x" or "-x".
+    /// Direction in which displacement counts: "+x" or "-x".
     pub direction: Option<String>,
-    /// Which mean over the cycles is better: "larger", where it is absent, or "smaller".
+    /// Whether a "larger" or a "smaller" mean over the cycles is better. By default, "larger".
     pub better: Option<String>,
     /// Largest total mass, kg.
     pub largest_mass_kg: Option<f64>,
-    /// True where the whole is to be as heavy as the fluid that it displaces.
+    /// True if the swimmer must be as heavy as the fluid that it displaces.
     #[serde(default)]
     pub neutral_buoyancy: bool,
-    /// Least thickness of the wall, m.
+    /// Smallest thickness of the wall of a hollow section, m.
     pub least_wall_m: Option<f64>,
-    /// Largest moment that a joint carries at any time, N m.
+    /// Largest moment that a joint transmits at any time, N m.
     pub largest_moment_n_m: Option<f64>,
     /// Largest strain of the outermost fibre, beyond that of the natural curvature.
     pub largest_strain: Option<f64>,
     /// Largest power of the actuation at any time, W.
     pub largest_power_w: Option<f64>,
-    /// Least mean forward speed over the last whole cycles, m/s.
+    /// Smallest mean forward speed over the last whole cycles, m/s.
     pub least_speed_m_s: Option<f64>,
-    /// Least mean thrust on a held head over the last whole cycles, N.
+    /// Smallest mean thrust on a held head over the last whole cycles, N.
     pub least_thrust_n: Option<f64>,
-    /// A sweep's file: the design is for its cases, all of them, made of this scene.
+    /// File of a sweep of this scene: one design is found for all of its cases.
     pub over: Option<String>,
-    /// What counts of these: the "worst" case, where it is absent, or the "mean" of all.
+    /// The objective of several cases. By default, worst.
     pub robust: Option<Aggregate>,
-    /// A second goal, against which the first is traded.
+    /// A second goal: the design is a Pareto front of both.
     pub front: Option<FrontSettings>,
     /// What the other goal of a front has to reach.
     #[serde(skip)]
     pub floor: Option<Floor>,
-    /// Starts of a dynamic goal.
+    /// Number of starts of a search. By default, 3, or 1 for a fit to measured positions.
     pub starts: Option<usize>,
-    /// Most iterations a start; 200 where it is absent.
+    /// Largest number of iterations per start. By default, 200.
     pub iterations: Option<usize>,
 }
 

@@ -63,7 +63,7 @@ impl SweepAxis {
 pub struct Sampling {
     /// Number of points.
     pub count: usize,
-    /// What the points are drawn from; the same seed gives the same points.
+    /// Seed of the random numbers; the same seed gives the same points.
     #[serde(default)]
     pub seed: u64,
 }

@@ -41,24 +41,24 @@ const BYTES_PER_ROW: f64 = 5000.0;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 struct SweepFile {
-    /// Name; the file's where it has none.
+    /// Name of the sweep. By default, the name of the file without its extension.
     #[serde(default)]
     name: String,
-    /// The base scene, a file beside this one.
+    /// Path of the base scene, relative to this file.
     scene: String,
     /// What is set in the base scene for every case.
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "serde_json::Map<String, serde_json::Value>"))]
     set: toml::Table,
-    /// The axes: keys of the scene with their levels.
+    /// The axes: keys of the scene, each with its levels.
     #[cfg_attr(feature = "schema", schemars(with = "serde_json::Map<String, serde_json::Value>"))]
     axes: toml::Table,
-    /// How many points a Latin hypercube has.
+    /// Size and seed of the Latin hypercube.
     samples: Option<Sampling>,
-    /// What is kept of a case.
+    /// What is recorded of a case, in addition to its row of the table.
     #[serde(default)]
     record: SweepRecordTable,
-    /// What the report shows.
+    /// Options of the report.
     #[serde(default)]
     report: ReportTable,
 }
@@ -68,11 +68,12 @@ struct SweepFile {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(rename = "RecordTable"))]
 #[serde(default, deny_unknown_fields)]
 pub struct SweepRecordTable {
-    /// Number of cases, chosen evenly by chance, whose motion is kept for the report to play.
+    /// Number of cases whose motion is stored for the report to play. They are drawn at random.
     pub played: usize,
-    /// Times of that motion, no more than steps: of the whole run or, if they are fewer than 12 per period of the fastest drive, of its last periods.
+    /// Number of times of that motion, at most the number of steps. They cover the whole run or, if they are fewer than 12 per
+    /// period of the fastest drive, its last periods.
     pub frames: usize,
-    /// Times of the path of the centre of mass that are kept of every case, for traces.csv; 0 for none.
+    /// Number of times at which the path of the centre of mass is stored for every case, in traces.csv; 0 for none.
     pub traces: usize,
 }
 
@@ -87,7 +88,7 @@ impl Default for SweepRecordTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct ReportTable {
-    /// The axis whose levels have figures of their own, and are compared.
+    /// The axis whose levels have separate figures and are compared.
     pub split: Option<String>,
 }
 
