@@ -40,7 +40,7 @@ pub struct FilmSettings {
     /// First and last time that it shows, s, limited to those of the run. By default it shows the last cycle of a motion that repeats, and
     /// of another one all of it, or as many of its last periods as a film has room for.
     pub window: [f64; 2],
-    /// Whether it replaces a file that is no film by caudal.
+    /// Whether it replaces a file that caudal did not write.
     pub claim: Claim,
 }
 
@@ -187,8 +187,8 @@ impl FilmSettings {
     ///
     /// # Errors
     /// [`Error::Write`] for an extension other than .svg, .gif and .mp4, a run of one time, a window outside the run, a
-    /// sharpness that is out of range, rates that are not positive or too large, and frames per second of an SVG; [`Error::Occupied`] for
-    /// a file that caudal did not write, unless the claim is forced.
+    /// sharpness that is out of range, rates that are not positive or too large, frames per second of an SVG, and a file that caudal did
+    /// not write, unless the claim is forced.
     pub fn check(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<()> {
         let plan = self.plan(path, run)?;
         let span = plan.window[1] - plan.window[0];
@@ -298,19 +298,14 @@ impl FilmSettings {
         Ok(FilmPlan { format, window: [first, last], is_chosen: self.window != Self::default().window })
     }
 
-    /// Refuses the name of a file that is no film by caudal, unless the claim is forced.
+    /// Refuses the name of a file that caudal did not write, unless the claim is forced.
     fn admit(&self, path: &Path) -> Result<()> {
-        let is_foreign =
-            || std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0) && !is_marked(path);
-        match self.claim {
-            Claim::Own if is_foreign() => Err(Error::Occupied {
-                path: path.to_path_buf(),
-                holds: "a file that is no film by caudal".to_string(),
-                wanted: "a film".to_string(),
-                kept: false,
-            }),
-            _ => Ok(()),
+        let is_there = std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0);
+        if self.claim == Claim::Force || !is_there || is_marked(path) {
+            return Ok(());
         }
+        let reason = format!("there is a file that caudal did not write; choose another name, or {}", Phrase::Replace);
+        Err(Error::Write { path: path.to_path_buf(), reason })
     }
 
     /// What a film of `motion` that is written to `path` shows of it: what is chosen; otherwise the last cycle, if the motion repeats; otherwise
@@ -813,7 +808,7 @@ mod tests {
     fn all_formats_show_the_last_cycle_of_a_motion_that_repeats_and_otherwise_as_many_periods_as_there_is_room_for() {
         for (periods, frequency, returns, part) in [
             (4.0, 1.0, true, "the last cycle, from t = 3 s to 4 s, real time"),
-            (900.0, 30.0, true, "the last cycle, from t = 29.97 s to 30 s, 30 times slower"),
+            (900.0, 30.0, true, "the last cycle, from t = 29.967 s to 30 s, 30 times slower"),
             (4.5, 1.0, false, "the whole run, from t = 0 s to 4.5 s, real time"),
             (20.0, 2.0, false, "the whole run, from t = 0 s to 10 s, real time"),
             (900.0, 30.0, false, "the last "),
@@ -866,7 +861,7 @@ mod tests {
         for name in ["rod.svg", "rod.gif"] {
             let path = folder.path().join(name);
             let write = |claim: Claim| {
-                let settings = FilmSettings { claim, ..FilmSettings::default() };
+                let settings = FilmSettings { claim, speed: Some(10.0), ..FilmSettings::default() };
                 let excerpt = settings.excerpt(&path, &motion)?;
                 settings.write(&path, &motion, &excerpt, |_| ControlFlow::Continue(()))
             };
@@ -877,7 +872,7 @@ mod tests {
                 if let Err(refused) = found {
                     let said = refused.to_string();
                     assert!(
-                        said.contains("holds a file that is no film by caudal")
+                        said.contains("there is a file that caudal did not write; choose another name")
                             && said.ends_with("replace it with --force")
                     );
                     assert_eq!(std::fs::read_to_string(&path).unwrap(), there);

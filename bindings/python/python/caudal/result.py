@@ -391,15 +391,14 @@ class Result(Mapping[str, Array]):
             First and last time that it shows (s), as far as the run has them. By default it shows the last cycle of a motion that
             repeats, and of another one all of it, or as many of its last periods as a film has room for.
         force : bool, optional
-            Replace a file of that name that is no film by caudal, which is refused otherwise.
+            Replace a file of that name that caudal did not write, which is refused otherwise.
 
         Raises
         ------
-        caudal.errors.OccupiedError
-            For a file that is no film by caudal.
         caudal.errors.WriteError
-            For another ending, pictures per second of an ``.svg``, too many pictures, without ffmpeg for an ``.mp4``, and where the file cannot be written. An earlier film is replaced
-            by a complete one only: after Ctrl-C it is as it was.
+            For a file that caudal did not write, another ending, pictures per second of an ``.svg``, too many pictures, no ffmpeg for
+            an ``.mp4``, and where the file cannot be written. An earlier film is replaced by a complete one only: after Ctrl-C it is
+            as it was.
         """
         for name in ("x_m", "y_m"):
             if name not in self:
