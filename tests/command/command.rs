@@ -733,7 +733,7 @@ fn a_film_that_ctrl_c_ends_leaves_the_earlier_one_and_says_so() {
     assert!(caudal(&all).status.success());
     let film = folder.path().join("baseline.gif");
     let whole = std::fs::read(&film).unwrap();
-    let output = interrupted_after(4, &[&all[..], &["--speed", "1e-4"]].concat());
+    let output = interrupted_after(4, &[&all[..], &["--speed", "2e-3"]].concat());
     assert_eq!(output.status.code(), Some(130));
     assert!(text(&output.stderr).contains("baseline.gif was not written; the earlier one is kept"));
     assert_eq!(std::fs::read(&film).unwrap(), whole);

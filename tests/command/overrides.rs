@@ -401,9 +401,9 @@ fn lists_with_defaults(schema: &serde_json::Value, table: &str) -> Vec<String> {
 fn an_entry_of_a_list_that_is_not_given_is_overridden_beside_its_defaults() {
     let cases = [
         ("actuation.envelope", "[1.0, 0.0]", ["0.5", "0.25"].as_slice()),
-        ("medium.flow_m_s", "[0.0, 0.0]", &["0.1", "{ amplitude = 0.1, frequency_hz = 1.0 }"]),
         ("design.bounds", "[0.01, 100.0]", &["0.1", "2.0"]),
         ("design.variables", "[\"stiffness\"]", &["\"rod.outer_radius_m\""]),
+        ("medium.flow_m_s", "[0.0, 0.0]", &["0.1", "{ amplitude = 0.1, frequency_hz = 1.0 }"]),
     ];
     let schema = Scene::schema();
     let tables = schema["$defs"].as_object().unwrap();

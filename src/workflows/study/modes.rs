@@ -211,7 +211,7 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
     let modes = steady.eigenmodes()?;
     let fastest = |grows: bool| {
         let some = modes.iter().filter(|mode| mode.grows() || !grows);
-        some.max_by(|a, b| a.growth.total_cmp(&b.growth))
+        some.rev().max_by(|a, b| a.growth.total_cmp(&b.growth)) // of equal ones the slowest
     };
     let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok((findings, None)) };
     let slowest_swing = modes.iter().find(|mode| mode.frequency > 0.0);
