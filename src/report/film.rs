@@ -15,7 +15,7 @@ use nalgebra::Vector2;
 
 pub use super::film_scene::FilmedMotion;
 use super::film_scene::{FilmScene, MARK, round_below};
-use super::folder::Claim;
+use super::folder::{Claim, Folder};
 use super::frame::Frame;
 use super::picture::SvgRenderer;
 use super::rod_motion::{DrawnRod, RodMotion};
@@ -188,7 +188,7 @@ impl FilmSettings {
     /// # Errors
     /// [`Error::Write`] for an extension other than .svg, .gif and .mp4, a run of one time, a window outside the run, a
     /// sharpness that is out of range, rates that are not positive or too large, frames per second of an SVG, and a file that caudal did
-    /// not write, unless the claim is forced.
+    /// not write, unless the claim is forced; [`Error::Occupied`] for a result.
     pub fn check(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<()> {
         let plan = self.plan(path, run)?;
         let span = plan.window[1] - plan.window[0];
@@ -252,13 +252,15 @@ impl FilmSettings {
         if pictures <= most {
             return Ok(());
         }
-        // An SVG has as many as its motion has cycles.
-        let (name, fewer) = match format {
-            FilmFormat::Svg => ("an SVG", String::new()),
-            FilmFormat::Gif => ("a GIF", format!(", or {}", Phrase::FewerPictures)),
-            FilmFormat::Mp4 => ("an MP4", format!(", or {}", Phrase::FewerPictures)),
+        let (found, window) = (format!("found {pictures:.0} pictures"), Phrase::FilmWindow);
+        let fewer = Phrase::FewerPictures;
+        let reason = match format {
+            FilmFormat::Svg => {
+                format!("{found}, {KEYFRAMES_PER_CYCLE} per cycle; allowed in an SVG: {most}; {window}")
+            }
+            FilmFormat::Gif => format!("{found}; allowed in a GIF: {most}; {window}, or {fewer}"),
+            FilmFormat::Mp4 => format!("{found}; allowed in an MP4: {most}; {window}, or {fewer}"),
         };
-        let reason = format!("found {pictures:.0} pictures; allowed in {name}: {most}; {}{fewer}", Phrase::FilmWindow);
         Err(Error::Write { path: path.to_path_buf(), reason })
     }
 
@@ -298,8 +300,11 @@ impl FilmSettings {
         Ok(FilmPlan { format, window: [first, last], is_chosen: self.window != Self::default().window })
     }
 
-    /// Refuses the name of a file that caudal did not write, unless the claim is forced.
+    /// Refuses the name of a result, and unless the claim is forced that of a file that caudal did not write.
     fn admit(&self, path: &Path) -> Result<()> {
+        if let Some(holds) = Folder::result_at(path) {
+            return Err(Error::Occupied { path: path.to_path_buf(), holds, wanted: "a film".to_string(), kept: true });
+        }
         let is_there = std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0);
         if self.claim == Claim::Force || !is_there || is_marked(path) {
             return Ok(());
@@ -328,10 +333,13 @@ impl FilmSettings {
                 let pace = FilmScene::of(*motion, window, LOOKS, closes).pace();
                 speed = if pace * speed > MAX_PACE { round_below(MAX_PACE / pace) } else { speed };
             }
-            let mut pictures = self.pictures(format, span, speed, frequency);
-            if format == FilmFormat::Svg && part == FilmedPart::Cycle {
-                pictures = self.pictures(format, span, f64::INFINITY, frequency).max(KEYFRAMES_OF_CYCLE);
-            }
+            let pictures = match (format, part) {
+                // However slowly it is shown.
+                (FilmFormat::Svg, FilmedPart::Cycle) => {
+                    self.pictures(format, span, f64::INFINITY, frequency).max(KEYFRAMES_OF_CYCLE)
+                }
+                _ => self.pictures(format, span, speed, frequency),
+            };
             FilmExcerpt { window, pictures: pictures as usize, part, speed, closes }
         };
         let most = format.most_pictures();
@@ -835,7 +843,10 @@ mod tests {
     fn a_chosen_window_with_too_many_pictures_is_refused_with_what_has_fewer() {
         let settings = FilmSettings { window: [0.0, 30.0], ..FilmSettings::default() };
         let found = excerpts(settings, 900.0, 30.0, false);
-        let words = ["found 10801 pictures; allowed in an SVG: 301", "found 15000 pictures; allowed in a GIF: 3000"];
+        let words = [
+            "found 10801 pictures, 12 per cycle; allowed in an SVG: 301",
+            "found 15000 pictures; allowed in a GIF: 3000",
+        ];
         let fewer = ["", ", or give a smaller --fps or a larger --speed"];
         for ((found, words), fewer) in found.iter().zip(words).zip(fewer) {
             let said = found.as_ref().unwrap_err().to_string();

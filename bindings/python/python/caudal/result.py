@@ -395,6 +395,8 @@ class Result(Mapping[str, Array]):
 
         Raises
         ------
+        caudal.errors.OccupiedError
+            For the name of a result in a folder of ``run(..., out=...)``, which no film replaces.
         caudal.errors.WriteError
             For a file that caudal did not write, another ending, pictures per second of an ``.svg``, too many pictures, no ffmpeg for
             an ``.mp4``, and where the file cannot be written. An earlier film is replaced by a complete one only: after Ctrl-C it is
