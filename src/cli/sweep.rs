@@ -176,7 +176,7 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     print_unless_quiet(&format!("{}: {done} cases in {:.2} s", sweep.name, elapsed.as_secs_f64()));
     if arguments.shard.is_some() {
         print_unless_quiet(&format!(
-            "{}: when all shards are there, `caudal sweep merge` makes table and report",
+            "{}: when all shards are complete, `caudal sweep merge` writes the table and the report",
             path.display()
         ));
         return Ok(ExitCode::SUCCESS);
@@ -192,7 +192,7 @@ fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
         print_error(&format!("case {index}: {ending}"));
     }
     if !failed.is_empty() {
-        print_error(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
+        print_error(&format!("{} cases failed; their rows in table.csv give the reasons", failed.len()));
     }
     let whole = print_kept(&kept, folder.path());
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
@@ -225,7 +225,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
     let missing: Vec<usize> = results.missing().collect();
     if let Some(first) = missing.first() {
         let lacking = format!(
-            "{} of {} cases are in none of the {} journals, case {first} the first of them",
+            "{} of {} cases are missing from the {} journals, the first is case {first}",
             missing.len(),
             sweep.size(),
             paths.len()
@@ -234,7 +234,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
             print_unless_quiet(&lacking);
             return finish(&results, &mut claimed()?);
         }
-        print_error(&format!("{lacking}; let their shards finish, or take what is there with --partial"));
+        print_error(&format!("{lacking}; wait for their shards to finish, or merge the available cases with --partial"));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     finish(&results, &mut claimed()?)

@@ -104,7 +104,7 @@ impl HeadTable {
             });
         }
         if self.inertia_kg_m2.is_none() {
-            let problem = "missing; a hinged head needs the inertia of what turns with it: the rotor of the motor times the square of the gear's ratio, and the head's own";
+            let problem = "missing; a hinged head needs its moment of inertia: that of the motor's rotor times the square of the gear ratio, plus the head's own";
             return Err(KeyError { key: "head.inertia_kg_m2".into(), problem: problem.into() });
         }
         let constant = |ScalarSignal(angle): &ScalarSignal| angle.formula().and_then(Signal::constant);
@@ -112,7 +112,7 @@ impl HeadTable {
         if commanded && self.stiffness() == 0.0 {
             let found = "an angle that changes, without head.stiffness_n_m";
             let allowed =
-                "a number, the angle at the start: without a servo's stiffness nothing turns the head to an angle";
+                "a number, the initial angle: a servo without stiffness does not turn the head to an angle";
             return Err(KeyError { key: "head.angle_rad".into(), problem: value::refused(found, allowed) });
         }
         Ok(())

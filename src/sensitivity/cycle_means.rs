@@ -166,7 +166,7 @@ impl Problem {
         Ok(averages
             .reason
             .or(of_efficiency)
-            .unwrap_or_else(|| "the scene has nothing that it is a mean of".to_string()))
+            .unwrap_or_else(|| "the scene has no such quantity".to_string()))
     }
 
     /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives with respect

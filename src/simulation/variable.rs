@@ -737,7 +737,7 @@ const HINGE: Requirement = Requirement { met: has_hinge, what: r#"a [head] with 
 const SERVO: Requirement = Requirement { met: has_servo, what: "a hinged [head] with stiffness_n_m" };
 const INERTIAL_FLUID: Requirement =
     Requirement { met: has_inertial_fluid, what: "a fluid that the rod accelerates: [reactive]" };
-const OTHER_FORCES: Requirement = Requirement { met: has_other_forces, what: "a force of your own" };
+const OTHER_FORCES: Requirement = Requirement { met: has_other_forces, what: "a user-defined force" };
 const DAMPED: Requirement = Requirement {
     met: is_damped,
     what: "a damped material: rod.damping_time_s or rod.loss_factor, or a hinged [head] with damping_n_m_s",
@@ -1047,12 +1047,12 @@ pub static VARIABLES: &[Variable] = &[
     output("tip_vx_m_s", "m/s", "velocity of the tip node, x", |v, _| v.state.v[2 * v.tip()]),
     output("tip_vy_m_s", "m/s", "velocity of the tip node, y", |v, _| v.state.v[2 * v.tip() + 1]),
     output("tip_spin_rad_s", "rad/s", "angular velocity of the tip", |v, _| turn(v, v.tip())[1]).changing(|now, change, _| turn_change(now, change, now.tip())[1]),
-    output("pose_x_m", "m", "position of the head as it moves, x", |v, _| v.state.q[0]),
-    output("pose_y_m", "m", "position of the head as it moves, y", |v, _| v.state.q[1]),
-    output("pose_angle_rad", "rad", "direction of the head as it moves, from +x; of a free one within a half turn", |v, _| turn(v, 0)[0]).changing(|now, change, _| turn_change(now, change, 0)[0]).turned(),
-    output("pose_vx_m_s", "m/s", "velocity of the head as it moves, x", |v, _| v.state.v[0]),
-    output("pose_vy_m_s", "m/s", "velocity of the head as it moves, y", |v, _| v.state.v[1]),
-    output("pose_spin_rad_s", "rad/s", "angular velocity of the head as it moves", |v, _| turn(v, 0)[1]).changing(|now, change, _| turn_change(now, change, 0)[1]).turned(),
+    output("pose_x_m", "m", "actual position of the head, x", |v, _| v.state.q[0]),
+    output("pose_y_m", "m", "actual position of the head, y", |v, _| v.state.q[1]),
+    output("pose_angle_rad", "rad", "actual direction of the head, from +x; of a free head within a half turn", |v, _| turn(v, 0)[0]).changing(|now, change, _| turn_change(now, change, 0)[0]).turned(),
+    output("pose_vx_m_s", "m/s", "actual velocity of the head, x", |v, _| v.state.v[0]),
+    output("pose_vy_m_s", "m/s", "actual velocity of the head, y", |v, _| v.state.v[1]),
+    output("pose_spin_rad_s", "rad/s", "actual angular velocity of the head", |v, _| turn(v, 0)[1]).changing(|now, change, _| turn_change(now, change, 0)[1]).turned(),
     output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.metrics.now.head_force.x).when(HELD_HEAD).fed(&HEAD_X).recorded(),
     output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.metrics.now.head_force.y).when(HELD_HEAD).fed(&HEAD_Y).recorded(),
     output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.metrics.now.head_moment).when(HELD_HEAD).fed(&HEAD_NATURAL).recorded(),
@@ -1063,8 +1063,8 @@ pub static VARIABLES: &[Variable] = &[
     output("drag_force_y_n", "N", "force of drag on the rod, y", |v, _| v.metrics.now.resultants.drag.y).when(FLUID_THERE).fed(&FLUID).recorded(),
     output("reactive_force_x_n", "N", "force of the accelerated fluid on the rod, without the wake, x", |v, _| v.metrics.now.resultants.inertia.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("reactive_force_y_n", "N", "force of the accelerated fluid on the rod, without the wake, y", |v, _| v.metrics.now.resultants.inertia.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("wake_force_x_n", "N", "force on the tip of the wake that leaves it, x", |v, _| v.metrics.now.resultants.wake.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("wake_force_y_n", "N", "force on the tip of the wake that leaves it, y", |v, _| v.metrics.now.resultants.wake.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("wake_force_x_n", "N", "force of the shed wake on the tip, x", |v, _| v.metrics.now.resultants.wake.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("wake_force_y_n", "N", "force of the shed wake on the tip, y", |v, _| v.metrics.now.resultants.wake.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
     output("rod_momentum_x_n_s", "N s", "momentum of the rod, x", |v, _| v.metrics.now.momentum.rod.x).when(INERTIAL_FLUID).recorded(),
     output("rod_momentum_y_n_s", "N s", "momentum of the rod, y", |v, _| v.metrics.now.momentum.rod.y).when(INERTIAL_FLUID).recorded(),
     output("fluid_momentum_x_n_s", "N s", "momentum of the fluid that the rod accelerates, relative to the flow, x", |v, _| v.metrics.now.momentum.fluid.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
@@ -1081,7 +1081,7 @@ pub static VARIABLES: &[Variable] = &[
     output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.metrics.totals.impulse.head.y).when(INERTIAL_FLUID).total(),
     output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.metrics.momentum_defect().x).when(INERTIAL_FLUID).total(),
     output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID).total(),
-    output("hinge_angle_rad", "rad", "angle of the hinged head, from +x; it goes on beyond a half turn", |v, _| turn(v, 0)[0]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[0]).recorded(),
+    output("hinge_angle_rad", "rad", "angle of the hinged head, from +x; not limited to a half turn", |v, _| turn(v, 0)[0]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[0]).recorded(),
     output("hinge_spin_rad_s", "rad/s", "angular velocity of the hinged head", |v, _| turn(v, 0)[1]).when(HINGE).changing(|now, change, _| turn_change(now, change, 0)[1]).recorded(),
     output("hinge_torque_n_m", "N m", "torque of the motor of the hinged head, with that of its servo and within its limit", |v, _| v.metrics.now.hinge.torque).when(HINGE).fed(HINGE_INPUTS).recorded(),
     output("hinge_power_w", "W", "power put in by the motor of the hinged head", |v, _| v.metrics.now.hinge.power()).when(HINGE).fed(HINGE_INPUTS).changing(hinge_power_change).recorded(),
@@ -1119,7 +1119,7 @@ pub static VARIABLES: &[Variable] = &[
     output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.metrics.now.kappa[k] / (v.model().rod.joint_part(k) * v.model().rod.spacing)).sized(Size::Joints),
     output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.metrics.now.moment[k] * bend::curvature_per_turning(v.metrics.now.kappa[k])).sized(Size::Joints).fed(&OWN_NATURAL).changing(joint_moment_change),
 
-    output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0).total(),
+    output("cycles_used", "1", "number of whole cycles over which the averages named cycle_... are taken", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0).total(),
     output("cycles_periodic", "1", "1 if these cycles differ by at most 1 %, otherwise 0", |v, _| f64::from(CycleDifference::largest(v.cycles.whole(v.state.t), v.dynamics.model.rod.length).is_some_and(|d| d.is_periodic()))).changing(|_, _, _| 0.0).total(),
     average(&cycle::PERIOD, |v, _| v.average(&cycle::PERIOD)),
     average(&cycle::SPEED, |v, _| v.average(&cycle::SPEED)),
@@ -1156,9 +1156,9 @@ pub static VARIABLES: &[Variable] = &[
     input("actuation_frequency_hz", "Hz", "frequency of the actuation; the phase stays continuous when it changes", |v, _| v.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(ACTUATION).at_least_zero(),
     input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(ACTUATION),
     input_array("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, in addition to the actuation's", Size::Joints, |v, k| of(&v.inputs.natural, k), |d, first, x| set_joints(d, |inputs| &mut inputs.natural, first, x)),
-    input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, which bends them against their stiffness, in addition to the actuation's; the shape model takes the curvature to which it would bend them", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
+    input_array("active_moment_n_m", "N m", "the host's own active moment at the joints, in addition to the actuation's, which bends them against their stiffness; the shape model uses the resulting curvature", Size::Joints, |v, k| of(&v.inputs.moment, k), |d, first, x| set_joints(d, |inputs| &mut inputs.moment, first, x)).when(WHOLE_RATE),
     input("hinge_added_torque_n_m", "N m", "torque that the host adds to that of the motor of the hinged head, before its limit", |v, _| v.inputs.hinge.torque, |d, _, x| d.inputs.hinge.torque = x[0]).when(HINGE),
-    input("hinge_added_angle_rad", "rad", "angle that the host adds to that which the servo of the hinged head is told", |v, _| v.inputs.hinge.angle, |d, _, x| d.inputs.hinge.angle = x[0]).when(SERVO),
+    input("hinge_added_angle_rad", "rad", "angle that the host adds to the command of the servo of the hinged head", |v, _| v.inputs.hinge.angle, |d, _, x| d.inputs.hinge.angle = x[0]).when(SERVO),
     input("tendon_1_added_tension_n", "N", "tension that the host adds to that of tendon 1; together they are at least 0", |v, _| v.inputs.tension[0], |d, _, x| d.inputs.tension[0] = x[0]).when(PULLED_1),
     input("tendon_1_added_length_m", "m", "length that the host adds to that which the winch gives tendon 1", |v, _| v.inputs.winch[0], |d, _, x| d.inputs.winch[0] = x[0]).when(WINCH_1),
     input("tendon_2_added_tension_n", "N", "tension that the host adds to that of tendon 2; together they are at least 0", |v, _| v.inputs.tension[1], |d, _, x| d.inputs.tension[1] = x[0]).when(PULLED_2),

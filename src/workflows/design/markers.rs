@@ -410,8 +410,8 @@ impl Markers {
         let before = motion.samples.len();
         motion.samples.retain(|_| fits.next().unwrap_or(false));
         for (left_out, why) in [
-            (beside, "beside a gap, or between rows further apart than most"),
-            (before - motion.samples.len(), "too fast for the window, or astray"),
+            (beside, "next to a gap, or between rows with a longer interval than most"),
+            (before - motion.samples.len(), "too fast for the smoothing window, or outliers"),
         ] {
             if left_out > 0 {
                 let samples = if left_out == 1 { "sample" } else { "samples" };

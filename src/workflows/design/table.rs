@@ -420,7 +420,7 @@ impl DesignTable {
                 Err(fault("design.direction", format!("found {direction:?}; allowed: \"+x\" or \"-x\"")))
             }
             (None, Goal::Distance | Goal::Efficiency) => {
-                Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the way that counts".to_string()))
+                Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the direction of travel".to_string()))
             }
             (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip | Goal::Cycle(_)) => {
                 let problem = "found with a goal without direction; allowed: with \"distance\" and \"efficiency\"";
@@ -542,7 +542,7 @@ impl DesignTable {
         }
         match front.better.as_deref() {
             Some(better) if !matches!(front.goal, Goal::Cycle(_)) => {
-                let allowed = "with means over cycles, \"cycle_…\"; design.direction says which way counts";
+                let allowed = "with means over cycles, \"cycle_…\"; design.direction gives the direction of travel";
                 Err((
                     "design.front.better",
                     format!("found {better:?} with a goal that implies it; allowed: {allowed}"),

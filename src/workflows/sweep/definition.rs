@@ -327,7 +327,7 @@ impl Sweep {
     fn check(&self, report: &ReportTable) -> std::result::Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         if self.name.contains(['/', '\\']) || ["", ".", ".."].contains(&self.name.trim()) {
-            return fault("name", format!("found {:?}; allowed: a name that can be a folder's", self.name));
+            return fault("name", format!("found {:?}; allowed: a valid folder name", self.name));
         }
         let sizes = self.dimensions.iter().map(|dimension| self.axes[dimension[0]].levels.len());
         let size = sizes.clone().try_fold(1_usize, |product, size| product.checked_mul(size));
@@ -363,7 +363,7 @@ impl Sweep {
                     return fault(
                         &axis.path,
                         format!(
-                            "sets {key}, which an axis before it moves; allowed: one axis with its values, then factors"
+                            "sets {key}, which an earlier axis sets; allowed: one axis with its values, then factors"
                         ),
                     );
                 }

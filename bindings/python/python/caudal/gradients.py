@@ -245,7 +245,7 @@ def value_and_grad(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     if not isinstance(output, str):
-        raise TypeError(f"output: found {output!r}; allowed: one name; of several Simulation.pull_back has derivatives")
+        raise TypeError(f"output: found {output!r}; allowed: one name; Simulation.pull_back has the derivatives of several")
     read = [] if output.startswith("cycle_") else [output]
     given = arrays_of(values)
     content = _Simulation(scene, given, read)

@@ -137,7 +137,7 @@ class TailEnv(gymnasium.Env):
         wrong = [name for name in actions if known[name].causality != "input"]
         if wrong:
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
-            raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
+            raise ValueError(f"{wrong[0]} is not an input; allowed: {inputs}")
         for name, bounds in actions.items():
             two = np.shape(bounds) == (2,) and all(is_number(bound) for bound in bounds)
             if not two or not -np.inf < bounds[0] < bounds[1] < np.inf:

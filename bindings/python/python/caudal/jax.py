@@ -82,7 +82,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     def check_names(values: dict[str, Any]) -> None:
         wrong = [name for name in values if name not in known]
         if wrong:
-            raise ValueError(unknown(wrong[0], known, "has no derivative", "; caudal.parameters(scene) lists what there is"))
+            raise ValueError(unknown(wrong[0], known, "has no derivative", "; caudal.parameters(scene) lists them"))
 
     called = _Callbacks()
 
