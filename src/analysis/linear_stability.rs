@@ -173,8 +173,7 @@ impl SteadyState {
             return Err(unsteady("drag.law", &problem));
         }
         if model.tendons.iter().any(|tendon| tendon.winch().is_some()) {
-            let problem =
-                "a winch pulls a tendon, which couples all nodes along it; allowed: a constant tension_n";
+            let problem = "a winch pulls a tendon, which couples all nodes along it; allowed: a constant tension_n";
             return Err(unsteady("tendons", problem));
         }
         let mut tensions = model.tendons.iter().map(|tendon| tendon.signal().constant());

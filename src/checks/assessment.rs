@@ -292,7 +292,10 @@ impl Assessment {
                         let known = estimates.in_words(estimates.uncertainty);
                         format!("the most accurate of these; published uncertainty {known}")
                     } else {
-                        format!("estimated errors relative to the most accurate law: {}", estimates.in_words(law.errors))
+                        format!(
+                            "estimated errors relative to the most accurate law: {}",
+                            estimates.in_words(law.errors)
+                        )
                     };
                     fact("law of the fluid", format!("{}: {text}{below}", law.name()));
                 }
@@ -696,7 +699,8 @@ impl Assessment {
         let densities: Vec<f64> =
             std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density)).collect();
         if densities.windows(2).any(|pair| (pair[1] - pair[0]) * up < 0.0) {
-            self.warnings.push("a denser fluid lies above a lighter one: this layering is unstable at rest".to_string());
+            self.warnings
+                .push("a denser fluid lies above a lighter one: this layering is unstable at rest".to_string());
         }
     }
 
@@ -843,11 +847,11 @@ impl Assessment {
                 let jump = scene.start.kind == StartKind::Jump;
                 let shaped = jump && scene.actuation.is_some() && !stepper.model().active_moments;
                 let smooth = if shaped { "shaped" } else { "ramp" };
-                let start =
-                    if jump { "the jump start" } else { "the shaped start with winches that are taut at once" };
+                let start = if jump { "the jump start" } else { "the shaped start with winches that are taut at once" };
                 [start.to_string(), format!("start.kind = \"{smooth}\" avoids them")]
             };
-            let rings = format!("{start} excites vibrations at {} Hz and above", significant(self.first_frequency / TAU, 4));
+            let rings =
+                format!("{start} excites vibrations at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
                 Some(ringing) if ringing > MAX_RESOLVED_PHASE => warnings.push(format!(
                     "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the time step and the method; {advice}"
@@ -982,11 +986,8 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
         );
     };
     let ratios: Vec<String> = modes.bending.iter().take(3).map(|omega| significant(0.5 * time * omega, 3)).collect();
-    let mut text = format!(
-        "τ = {} s in bending, damping ratios of the first modes {}",
-        significant(time, 3),
-        ratios.join(", ")
-    );
+    let mut text =
+        format!("τ = {} s in bending, damping ratios of the first modes {}", significant(time, 3), ratios.join(", "));
     let critical = modes.bending.iter().position(|omega| time * omega >= 2.0);
     if let Some(mode) = critical {
         text += &format!("; overdamped from mode {} on", mode + 1);

@@ -103,9 +103,7 @@ pub fn run(
             significant(*net_displacement_m, 7)
         ));
         if ModelKind::named(summary.model).is_some_and(|kind| kind.estimate.is_none()) {
-            print_unless_quiet(
-                "  the run also used the full model: the differences are errors of the time steps",
-            );
+            print_unless_quiet("  the run also used the full model: the differences are errors of the time steps");
         }
         for measure in ErrorMeasure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };

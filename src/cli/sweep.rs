@@ -234,7 +234,9 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
             print_unless_quiet(&lacking);
             return finish(&results, &mut claimed()?);
         }
-        print_error(&format!("{lacking}; wait for their shards to finish, or merge the available cases with --partial"));
+        print_error(&format!(
+            "{lacking}; wait for their shards to finish, or merge the available cases with --partial"
+        ));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     finish(&results, &mut claimed()?)

@@ -220,8 +220,7 @@ impl Journal {
     /// # Errors
     /// [`Error::Read`]; [`Error::Journal`] if it is not a journal.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::read_begun(path)?
-            .ok_or_else(|| journal_error(path, "it has no results yet".to_string()))
+        Self::read_begun(path)?.ok_or_else(|| journal_error(path, "it has no results yet".to_string()))
     }
 
     /// The same as [`read`](Self::read); `None` if the file is empty or its first line is incomplete.
@@ -484,7 +483,10 @@ mod tests {
         for text in texts.iter().flat_map(|text| [text.to_string(), format!("{text}\n"), format!("{text}\n{text}")]) {
             std::fs::write(&path, &text).unwrap();
             let opened = Journal::open(&path, &job).map(|_| ());
-            assert!(opened.is_err_and(|error| error.to_string().contains("it is not a journal of results")), "{text:?}");
+            assert!(
+                opened.is_err_and(|error| error.to_string().contains("it is not a journal of results")),
+                "{text:?}"
+            );
             let cleared = Journal::clear(&path);
             assert!(cleared.is_err(), "{text:?}");
             assert_eq!(std::fs::read_to_string(&path).unwrap(), text);

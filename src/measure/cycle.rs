@@ -174,7 +174,9 @@ impl CycleSource {
             Self::Table => {
                 "the head or the flow moves, or a tendon is pulled, by a table, which has no period".to_string()
             }
-            Self::Mixed => "no period of the sinusoids of head, flow and tendons is a multiple of all others".to_string(),
+            Self::Mixed => {
+                "no period of the sinusoids of head, flow and tendons is a multiple of all others".to_string()
+            }
             Self::Nothing => "nothing drives the tail periodically".to_string(),
         }
     }
@@ -417,9 +419,7 @@ impl Cycle {
         let held = dynamics.model.head.is_some();
         Some(match self.net_speed(dynamics) {
             _ if held && !dynamics.model.forces.iter().any(Force::is_of_fluid) => "there is no fluid to push against",
-            None if held => {
-                "a fixed head in still water does no useful work: add a flow with medium.flow_m_s"
-            }
+            None if held => "a fixed head in still water does no useful work: add a flow with medium.flow_m_s",
             None => "the mean speed of the swimmer is zero",
             Some(_) if held && self.axis().is_none() => "the head turns all the way round, so it has no mean direction",
             Some(_) if held => "neither the actuation nor the head supplies power",

@@ -333,9 +333,8 @@ impl DragTable {
             return fault("rod.nodes", value::refused(found, allowed));
         }
         if self.head_weight.is_some_and(|weight| weight.get() != 1.0) {
-            let problem = format!(
-                "found with law = \"{name}\", which has no local drag; remove it, or add [head_body]"
-            );
+            let problem =
+                format!("found with law = \"{name}\", which has no local drag; remove it, or add [head_body]");
             return fault("drag.head_weight", problem);
         }
         if scene.medium.as_ref().is_some_and(|medium| medium.stack().is_some()) {

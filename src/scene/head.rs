@@ -111,8 +111,7 @@ impl HeadTable {
         let commanded = self.angle_rad.as_ref().is_some_and(|angle| constant(angle).is_none());
         if commanded && self.stiffness() == 0.0 {
             let found = "an angle that changes, without head.stiffness_n_m";
-            let allowed =
-                "a number, the initial angle: a servo without stiffness does not turn the head to an angle";
+            let allowed = "a number, the initial angle: a servo without stiffness does not turn the head to an angle";
             return Err(KeyError { key: "head.angle_rad".into(), problem: value::refused(found, allowed) });
         }
         Ok(())

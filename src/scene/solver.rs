@@ -234,7 +234,7 @@ impl Scene {
         }
         if self.solver.form == FormKey::Chain && !method.implicit {
             let problem =
-                format!(\"found \\"chain\\" with integrator = \"{}\"; allowed: with implicit methods only", method.name);
+                format!("found \"chain\" with integrator = \"{}\"; allowed: with implicit methods only", method.name);
             return fault("solver.form", problem);
         }
         Ok(())

@@ -510,11 +510,12 @@ impl Simulation {
             let averages = cycles.averages(&self.problem.dynamics);
             notes.extend(match averages.difference {
                 Some(difference) if difference.is_periodic() => None,
-                Some(difference) => {
-                    Some(format!("not periodic yet: {difference} from cycle to cycle, and the means are taken over these cycles"))
-                }
+                Some(difference) => Some(format!(
+                    "not periodic yet: {difference} from cycle to cycle, and the means are taken over these cycles"
+                )),
                 None => Some(
-                    "the means are taken over a single cycle, which does not show whether the motion is periodic".to_string(),
+                    "the means are taken over a single cycle, which does not show whether the motion is periodic"
+                        .to_string(),
                 ),
             });
         }

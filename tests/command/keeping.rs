@@ -229,8 +229,7 @@ fn the_next_run_removes_what_a_killed_one_left_and_nothing_of_one_that_goes_on()
     assert_eq!(leftovers(), 3);
     for verb in ["run eel.toml --force", "study modes eel.toml --force --out out/eel"] {
         let refused = caudal(folder.path(), verb);
-        let expected =
-            "error: out/eel: another program is using it; wait until it has finished, or choose another folder with --out\n";
+        let expected = "error: out/eel: another program is using it; wait until it has finished, or choose another folder with --out\n";
         assert_eq!((refused.status.code(), errors(&refused).as_str()), (Some(2), expected));
     }
     assert_eq!(leftovers(), 3, "those of a run that goes on stay");

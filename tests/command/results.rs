@@ -219,7 +219,9 @@ fn advice_brings_what_it_says() {
     let ringing = warnings(&jump, &[]);
     let kind = advised(ringing.iter().find(|warning| warning.contains("excites vibrations")).unwrap(), "start.kind");
     assert!(
-        warnings(&jump, &["--set", &format!("start.kind={kind}")]).iter().all(|warning| !warning.contains("excites vibrations"))
+        warnings(&jump, &["--set", &format!("start.kind={kind}")])
+            .iter()
+            .all(|warning| !warning.contains("excites vibrations"))
     );
     // The law, in water and in syrup.
     for viscosity in ["1e-3", "1e3"] {
@@ -232,7 +234,7 @@ fn advice_brings_what_it_says() {
         assert_eq!(outside.len(), usize::from(viscosity == "1e-3"), "{found:?}");
         for warning in outside {
             // With the key that this law does not take.
-            assert!(warning.contains("drag.law = \"cross-flow\", without drag.ratio, holds"), "{warning}");
+            assert!(warning.contains("drag.law = \"cross-flow\", without drag.ratio, is valid"), "{warning}");
         }
         let law = law_of(&found);
         let followed = stokes.replace("\"stokes-like\"\nratio = 2.0", &law);

@@ -468,7 +468,8 @@ fn what_no_step_led_to_has_no_derivative_through_it() {
     assert_eq!(ask(&mut stepper, "head_y_m"), Ok(()));
     assert_eq!(
         ask(&mut stepper, "head_x_m"),
-        Err("no derivative by head_x_m, which was not set for the last step; allowed: an input that was set for it".into())
+        Err("no derivative by head_x_m, which was not set for the last step; allowed: an input that was set for it"
+            .into())
     );
     let saved = stepper.save();
     let none = "no step was made since something was last set or restored; allowed: right after a step";

@@ -78,7 +78,10 @@ fn a_limit_on_a_load_says_when_the_load_is_largest() {
     let design = Design::of(&document(&tight), |_| ControlFlow::Continue(())).unwrap();
     let line = design.lines.iter().find(|line| line.starts_with("binding: power")).unwrap();
     println!("{line}");
-    assert!(line.contains(" W at t = ") && line.contains(" s (relaxing it by 1 % improves the objective by "), "{line}");
+    assert!(
+        line.contains(" W at t = ") && line.contains(" s (relaxing it by 1 % improves the objective by "),
+        "{line}"
+    );
 }
 
 #[test]

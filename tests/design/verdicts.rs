@@ -221,7 +221,10 @@ fn a_wrong_marker_is_found_and_left_out() {
         });
     });
     let (found, lines) = identified(&[], &folder);
-    assert!(!found.left_out.is_empty() && lines.iter().any(|line| line.contains("with a longer interval")), "{lines:?}");
+    assert!(
+        !found.left_out.is_empty() && lines.iter().any(|line| line.contains("with a longer interval")),
+        "{lines:?}"
+    );
 }
 
 /// A slender clamped rod, in oil as thin or thick as it may be, under a load on its tip along it.

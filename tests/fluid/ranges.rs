@@ -188,7 +188,9 @@ fn every_law_that_a_range_advises_is_taken_by_the_scene() {
         let scene = scene_of(TAIL, changes);
         for notes in said(&scene) {
             for law in LAWS {
-                if notes.iter().any(|note| note.contains(&format!("\"{}\"", law.name)) && note.contains("is valid there"))
+                if notes
+                    .iter()
+                    .any(|note| note.contains(&format!("\"{}\"", law.name)) && note.contains("is valid there"))
                 {
                     assert!(scene.with_fluid(law, false).is_ok(), "{changes:?}: {}: {notes:?}", law.name);
                     advised += 1;

@@ -99,7 +99,10 @@ fn adaptive_steps_are_not_advised_on_a_time_step_that_they_have_not() {
     let (fixed, adaptive) = (warnings("solver.time_step_s=0.1"), warnings("solver.tolerance=1e-2"));
     let judged = |warnings: &[String]| warnings.iter().filter(|text| text.contains("time step")).count();
     assert_eq!((judged(&fixed), judged(&adaptive)), (2, 0), "{fixed:?} {adaptive:?}");
-    assert!(adaptive.iter().any(|text| text.contains("excites vibrations") && text.contains("tolerance")), "{adaptive:?}");
+    assert!(
+        adaptive.iter().any(|text| text.contains("excites vibrations") && text.contains("tolerance")),
+        "{adaptive:?}"
+    );
 }
 
 #[test]

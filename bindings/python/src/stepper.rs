@@ -289,9 +289,9 @@ impl Stepper {
             Ok(guard) => Ok(Open(guard)),
             // A step that panicked has left its last valid state.
             Err(TryLockError::Poisoned(poisoned)) => Ok(Open(poisoned.into_inner())),
-            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
-                "this stepper is in use in another thread: use one stepper per thread",
-            )),
+            Err(TryLockError::WouldBlock) => {
+                Err(PyRuntimeError::new_err("this stepper is in use in another thread: use one stepper per thread"))
+            }
         }
     }
 }

@@ -158,8 +158,11 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let found = problem.forward(&[Parameter::Along(0)], &outputs, 1, |_| {}).ok()?;
     let moved = |n: usize| found.row(n, 0)[0].hypot(found.row(n, 1)[0]);
     let moved = (0..found.times.len()).map(moved).fold(0.0, f64::max);
-    let verdict =
-        if moved < MIN_SENSITIVITY * length { "stiffness hardly affects the motion" } else { "stiffness affects the motion" };
+    let verdict = if moved < MIN_SENSITIVITY * length {
+        "stiffness hardly affects the motion"
+    } else {
+        "stiffness affects the motion"
+    };
     Some(format!("{verdict}: 1 % more stiffness moves the tip by at most {} m", in_sentence(0.01 * moved, 2)))
 }
 
@@ -354,10 +357,7 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
         None => format!("{} more than a factor of {:.0}", tolerance.name, MAX_REPORTED_TOLERANCE.exp()),
     };
     let loosest = if tolerances.len() > 1 { format!("; loosest {}", words(loose)) } else { String::new() };
-    Some(format!(
-        "tolerance for a 1 % loss, one unknown at a time, limits ignored: tightest {}{loosest}",
-        words(tight)
-    ))
+    Some(format!("tolerance for a 1 % loss, one unknown at a time, limits ignored: tightest {}{loosest}", words(tight)))
 }
 
 /// How well a fit of positions determines the stiffness of joint `i`, which may be at a `bound`.

@@ -391,8 +391,10 @@ impl Design {
             } else {
                 "singular value (m for a change by 1)"
             };
-            figures
-                .push(("singular_values.svg", self.chart("information in the data", "number", y, Scale::LogY(12), series)));
+            figures.push((
+                "singular_values.svg",
+                self.chart("information in the data", "number", y, Scale::LogY(12), series),
+            ));
         }
         let Answer::Search(found) = &self.answer else { return figures };
         let tracked = self.table.fits_positions();

@@ -242,9 +242,9 @@ impl Limits {
             let other = DesignTable { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
             let mean = Objective::new(&other, problem, None)?;
             mean.check(problem).map_err(|error| match error {
-                Error::Design { reason } => {
-                    Error::Design { reason: format!("design.{key} limits a quantity that this scene does not have: {reason}") }
-                }
+                Error::Design { reason } => Error::Design {
+                    reason: format!("design.{key} limits a quantity that this scene does not have: {reason}"),
+                },
                 other => other,
             })?;
             let words = format!("mean {} at least {least} {}", measure.label(), measure.unit);

@@ -419,9 +419,10 @@ impl DesignTable {
             (Some(direction), Goal::Distance | Goal::Efficiency) if !["+x", "-x"].contains(&direction.as_str()) => {
                 Err(fault("design.direction", format!("found {direction:?}; allowed: \"+x\" or \"-x\"")))
             }
-            (None, Goal::Distance | Goal::Efficiency) => {
-                Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the direction of travel".to_string()))
-            }
+            (None, Goal::Distance | Goal::Efficiency) => Err(fault(
+                "design.direction",
+                "missing; allowed: \"+x\" or \"-x\", the direction of travel".to_string(),
+            )),
             (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip | Goal::Cycle(_)) => {
                 let problem = "found with a goal without direction; allowed: with \"distance\" and \"efficiency\"";
                 Err(fault("design.direction", problem.to_string()))

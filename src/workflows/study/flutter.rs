@@ -60,7 +60,10 @@ impl HeldTail {
 fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail, NoSteadyState> {
     let refuse = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
     let Some(reactive) = scene.reactive_on().cloned() else {
-        return Err(refuse("reactive", "missing; without the water's inertia a flow cannot make a tail flutter or diverge"));
+        return Err(refuse(
+            "reactive",
+            "missing; without the water's inertia a flow cannot make a tail flutter or diverge",
+        ));
     };
     let added = steady.added_mass().map_err(|error| refuse("reactive", &error.to_string()))?;
     let bend = steady.bend();
@@ -185,14 +188,17 @@ impl FlutterReport<'_> {
             let says = match point.outcome {
                 RestStability::Stable => "small motions about the equilibrium decay".to_string(),
                 RestStability::Flutter => {
-                    format!("small motions about the equilibrium grow as flutter, at {:.4} Hz: the run will leave it", omega / TAU)
+                    format!(
+                        "small motions about the equilibrium grow as flutter, at {:.4} Hz: the run will leave it",
+                        omega / TAU
+                    )
                 }
-                RestStability::Divergence => "small motions about the equilibrium diverge: the run will leave it".to_string(),
+                RestStability::Divergence => {
+                    "small motions about the equilibrium diverge: the run will leave it".to_string()
+                }
                 RestStability::NoRest => "no equilibrium is found".to_string(),
             };
-            findings
-                .answers
-                .push(format!("In the scene's own flow of {flow:.4} m/s, {says}."));
+            findings.answers.push(format!("In the scene's own flow of {flow:.4} m/s, {says}."));
         }
         if tail.is_reversed {
             findings.answers.push(

@@ -421,7 +421,7 @@ mod tests {
         let windows = found.calm_again(&values);
         assert_eq!(windows, [[3.0, 4.0], [7.0, 7.0]]);
         let words = calm_again_in_words(&windows, " m/s");
-        assert!(words.ends_with("it is calm again from 3.0000 to 4.0000 m/s and at 7.0000 m/s."), "{words}");
+        assert!(words.ends_with("it is stable again from 3.0000 to 4.0000 m/s and at 7.0000 m/s."), "{words}");
         found.critical = None;
         assert_eq!(calm_again_in_words(&found.calm_again(&values), ""), "");
     }

@@ -328,7 +328,9 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
     let switch = nodes.iter().zip(used).find(|(_, form)| **form == Form::Chain).map(|(nodes, _)| *nodes);
     findings.answers.push(match switch {
         Some(nodes) => {
-            format!("By default a run of this scene uses the chain form from {nodes} nodes on (among the meshes tried).")
+            format!(
+                "By default a run of this scene uses the chain form from {nodes} nodes on (among the meshes tried)."
+            )
         }
         None => "By default a run of this scene uses positions on all of these meshes.".to_string(),
     });
@@ -368,11 +370,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
             "Difference from the finest mesh; the triangle shows second order.",
             chart("error against the finest mesh", "relative error", Scale::LogLog, accuracy),
         ),
-        (
-            "memory.svg",
-            "Peak memory of a run per node.",
-            chart("peak memory", "bytes per node", Scale::Linear, memory),
-        ),
+        ("memory.svg", "Peak memory of a run per node.", chart("peak memory", "bytes per node", Scale::Linear, memory)),
     ] {
         findings.figures.extend(chart.figure(file, caption));
     }

@@ -97,10 +97,10 @@ impl SectionInput {
     pub fn in_words(self) -> &'static str {
         match self {
             Self::Outline => "depth, perimeter and form drag of the section",
-            Self::SlenderRadius => "an equivalent round rod, because slow flow hardly depends on the shape of the section",
-            Self::Round => {
-                "round rods; an ellipse is treated as a round rod of its radius, a rectangle is rejected"
+            Self::SlenderRadius => {
+                "an equivalent round rod, because slow flow hardly depends on the shape of the section"
             }
+            Self::Round => "round rods; an ellipse is treated as a round rod of its radius, a rectangle is rejected",
             Self::Area => "a disc of the area of the material",
             Self::Nothing => "no property of the section",
         }

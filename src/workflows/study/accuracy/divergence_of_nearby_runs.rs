@@ -94,8 +94,7 @@ pub fn without_reference(
         scale: Scale::LogLog,
         series,
     };
-    let caption =
-        "Distance between two runs that start almost together. If it keeps growing, no run is accurate.";
+    let caption = "Distance between two runs that start almost together. If it keeps growing, no run is accurate.";
     findings.figures.extend(chart.figure("separation.svg", caption));
     Ok(findings)
 }

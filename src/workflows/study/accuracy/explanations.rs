@@ -301,7 +301,9 @@ impl AccuracyReport<'_> {
             let own = own.max_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s));
             let whole = on_mesh().filter(|row| row.case.simulation.is_full());
             let best = self.cheapest(whole, first, errors[0]);
-            for (key, errs, other) in [("own_method", "with no smaller an error", own), ("best_method", "with no larger an error", best)] {
+            for (key, errs, other) in
+                [("own_method", "with no smaller an error", own), ("best_method", "with no larger an error", best)]
+            {
                 let Some((other, error)) = other.and_then(|other| Some((other, first(other)?))) else {
                     continue;
                 };
