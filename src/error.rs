@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::wording::Phrase;
 
 /// How a run gets smaller steps, whether they are fixed or adaptive.
-const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance where that is not given)";
+const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance if that is not given)";
 
 /// Everything that can go wrong, with the numbers. A serialised error is the variant's name with its fields.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
@@ -43,7 +43,7 @@ pub enum Error {
         reason: String,
     },
     /// A folder holds other results than those that would be written.
-    #[error("{}: holds {holds}, not {wanted}; {}{}", path.display(), Phrase::OtherFolder, or_replace(*kept))]
+    #[error("{}: contains {holds}, not {wanted}; {}{}", path.display(), Phrase::OtherFolder, or_replace(*kept))]
     Occupied {
         /// The folder.
         path: PathBuf,
@@ -157,7 +157,7 @@ pub enum Error {
         reason: String,
     },
     /// The report cannot be made.
-    #[error("the report cannot be made: {reason}")]
+    #[error("the report cannot be created: {reason}")]
     Page {
         /// The reason.
         reason: String,

@@ -19,7 +19,7 @@ pub enum TemplateKind {
     Swimmer,
     /// The same body with its head held, to measure its thrust
     Held,
-    /// A passive elastic tail whose base is turned to and fro
+    /// A passive elastic tail whose base oscillates in angle
     Tail,
 }
 
@@ -47,7 +47,7 @@ impl TemplateFluid {
 
 #[derive(Debug, Args)]
 pub struct NewArguments {
-    /// The file to write; asks what is not given, where it can
+    /// The file to write; asks for what is not given, if it can
     file: PathBuf,
     /// What swims [default: swimmer]
     #[arg(long, value_enum)]
@@ -58,7 +58,7 @@ pub struct NewArguments {
     /// Its length, m [default: 0.2]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     length: Option<f64>,
-    /// How often it beats, Hz [default: 2]
+    /// Its beat frequency, Hz [default: 2]
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     frequency: Option<f64>,
     /// Replace a file of that name
@@ -83,7 +83,7 @@ pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
         asked(arguments.fluid, "in what", &choices(&["water", "glycerol", "oil"]), TemplateFluid::Water, by_name)?;
     let number = |text: &str| f64::from_str(text).ok();
     let length = asked(arguments.length, "its length, m", "0.2", 0.2, number)?;
-    let frequency = asked(arguments.frequency, "how often it beats, Hz", "2", 2.0, number)?;
+    let frequency = asked(arguments.frequency, "its beat frequency, Hz", "2", 2.0, number)?;
     for (name, value, [least, most]) in [("length", length, LENGTHS), ("frequency", frequency, FREQUENCIES)] {
         if !(least..=most).contains(&value) {
             print_error(&format!("--{name}: found {value}; allowed: {least:e} to {most:e}"));
@@ -196,7 +196,7 @@ ramp_s = {}
         }
         TemplateKind::Tail => format!(
             r#"
-[head]                             # moved as the scene says; a host may move it instead
+[head]                             # moves as given here; a host may move it instead
 kind = "driven"
 angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency}, phase_rad = 1.5707963267948966 }}
 "#

@@ -25,10 +25,10 @@ pub struct SweepArguments {
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = thread_count)]
     jobs: Option<NonZeroUsize>,
-    /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` puts the parts together
+    /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` combines the parts
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Forget what this sweep left in the folder before and begin anew
+    /// Discard the earlier results of this sweep in the folder and start again
     #[arg(long)]
     restart: bool,
     /// List and check the cases, run none
@@ -43,13 +43,13 @@ fn thread_count(text: &str) -> std::result::Result<NonZeroUsize, String> {
 
 #[derive(Debug, Subcommand)]
 enum SweepAction {
-    /// Make one table and report of the journals of all shards
+    /// Write one table and report from the journals of all shards
     Merge {
         #[command(flatten)]
         sweep: SweepSource,
         /// Journals, or folders with journals [default: the folder of the results]
         journals: Vec<PathBuf>,
-        /// Make them of the cases that are there by now, also while the sweep runs
+        /// Write them for the cases finished so far, also while the sweep runs
         #[arg(long)]
         partial: bool,
     },
@@ -65,7 +65,7 @@ struct SweepSource {
     /// Folder for the results [default: out/<name of the sweep>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the results of others in the folder
+    /// Replace other results in the folder
     #[arg(long)]
     force: bool,
 }

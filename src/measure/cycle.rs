@@ -655,7 +655,7 @@ measure!(
     "hinge_power",
     "_w",
     "W",
-    "mean power put in by the motor of the hinged head over the last whole cycles",
+    "mean power supplied by the motor of the hinged head over the last whole cycles",
     |c, d| hinged(d, c.mean(index::HINGE_POWER))
 );
 measure!(

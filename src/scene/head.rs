@@ -99,7 +99,7 @@ impl HeadTable {
         }
         if self.kind != HeadKind::Hinged {
             return first(&turned).map_or(Ok(()), |key| {
-                let problem = "found without kind = \"hinged\"; allowed: only with it: any other head is free, or turns as it is told";
+                let problem = "found without kind = \"hinged\"; allowed: only with it: any other head is free, or follows its prescribed motion";
                 Err(KeyError { key: key.into(), problem: problem.into() })
             });
         }

@@ -181,7 +181,7 @@ impl Scene {
         let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
         if let (Some(kind), Some(_)) = (kind.filter(|kind| kind.needs_drag), reactive) {
             let problem = format!(
-                "found {:?} with [reactive]: without inertia there is no inertia of the water, which is what [reactive] adds; remove one, or use another model",
+                "found {:?} with [reactive]: a model without inertia has no added mass, which is what [reactive] adds; remove one, or use another model",
                 kind.name
             );
             return fault("solver.model", problem);

@@ -128,7 +128,7 @@ const MISTAKES: &[Mistake] = &[
     ("youngs_modulus_pa = 70e9", "youngs_modulus_pa = 0.0", 0, "rod.youngs_modulus_pa", "found 0; allowed: a positive number"),
     ("stiffness_gradient = 1.0", "stiffness_gradient = -1.0", 0, "rod.stiffness_gradient", "found -1; allowed: a number above -1"),
     ("kappa_amp = 0.6", "kappa_amp = inf", 0, "actuation.kappa_amp", "found inf; allowed: a finite number"),
-    ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it; moment_amp_n_m may stand in its place"),
+    ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it; moment_amp_n_m can replace it"),
     ("kappa_amp = 0.6", "kappa_amp = 0.6\nmoment_amp_n_m = 0.1", 0, "actuation.kappa_amp", "found together with moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
     ("kappa_amp = 0.6", "moment_amp_n_m = 0.1", 1, "actuation.kappa_reference_length_m", "found with moment_amp_n_m; allowed: with kappa_amp, a curvature"),
     ("kappa_amp = 0.6", "moment_amp_n_m = \"strong\"", 0, "actuation.moment_amp_n_m", "found \"strong\"; ..."),

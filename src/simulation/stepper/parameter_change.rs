@@ -31,7 +31,7 @@ impl Stepper {
         }
         if let Some(key) = own.differs_beyond_tuning(scene) {
             let problem = "differs from the stepper's scene; allowed between steps: other numbers for the stiffness and \
-                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding, if both scenes have them; otherwise make a new stepper of this scene";
+                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding, if both scenes have them; otherwise create a new stepper of this scene";
             return Err(scene.error(&key, problem.to_string()));
         }
         let mut other = Self::in_form(scene, Some(self.form()))?;

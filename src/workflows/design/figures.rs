@@ -289,7 +289,7 @@ impl Design {
         if let (Goal::StaticShape, Some(target)) = (self.table.goal, target) {
             let points = target.positions[0].as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect();
             let series = vec![Series::new("target", points, Mark::Dotted)];
-            figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
+            figures.push(("shape.svg", self.chart("shape at rest", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
         let both = [before, after];
@@ -669,7 +669,7 @@ fn caption(file: &str) -> &'static str {
             "Designs in which neither goal can improve without a loss in the other; each is a scene next to this page."
         }
         "cases.svg" => "The objective in each case, in the order of their table.",
-        "shape.svg" => "The shape that the rod is to rest in.",
+        "shape.svg" => "The target shape of the rod at rest.",
         "tip_x.svg" | "tip_y.svg" => "The target motion of the tip, and its motion before and after.",
         "error.svg" => "Distance between simulation and data over time, on a logarithmic axis.",
         "way.svg" => "Displacement of the centre of mass before and after.",

@@ -227,7 +227,7 @@ impl Markers {
                 (row[2 * node + axis] - median(&all)).abs()
             };
             let problem = format!(
-                "node {node} is off the rod: further from the others than along {} m of it; allowed: metres, and nothing where a \
+                "node {node} is off the rod: further from the others than {} m along it; allowed: metres, and nothing where a \
                  marker was not seen",
                 rod.length
             );

@@ -720,7 +720,7 @@ impl DesignTable {
             return Err(("design.actuation_gain", problem.to_string()));
         }
         if scene.filters_drive() {
-            let beside = "beside a drive with a limit or a lag; allowed: without actuation.lag_s, largest_1_m and largest_moment_n_m";
+            let beside = "together with a drive with a limit or a lag; allowed: without actuation.lag_s, largest_1_m and largest_moment_n_m";
             if self.actuation_gain {
                 return Err(("design.actuation_gain", format!("found {beside}")));
             }

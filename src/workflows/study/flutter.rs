@@ -60,10 +60,7 @@ impl HeldTail {
 fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail, NoSteadyState> {
     let refuse = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
     let Some(reactive) = scene.reactive_on().cloned() else {
-        return Err(refuse(
-            "reactive",
-            "missing; without the water's inertia a flow cannot make a tail flutter or diverge",
-        ));
+        return Err(refuse("reactive", "missing; without added mass a flow cannot make a tail flutter or diverge"));
     };
     let added = steady.added_mass().map_err(|error| refuse("reactive", &error.to_string()))?;
     let bend = steady.bend();

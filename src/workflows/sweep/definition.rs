@@ -345,8 +345,7 @@ impl Sweep {
         let page = played.min(size.unwrap_or(0)) as f64 * self.motion_bytes();
         if page > MAX_PAGE_BYTES {
             let problem = format!(
-                "the motions of {played} cases at {frames} times make a report of {}; allowed: up to {}, which browsers open; \
-                 keep fewer record.frames or record.played",
+                "the motions of {played} cases at {frames} times make a report of {}; allowed: up to {}, which browsers can open; reduce record.frames or record.played",
                 bytes(page),
                 bytes(MAX_PAGE_BYTES)
             );

@@ -296,7 +296,7 @@ def sweep(
         path, out, sources = _as_files(path, mapping_of(axes, "axes"), samples, set, out)
         set = None
     elif samples is not None:
-        raise TypeError("samples belong to axes that are given here; a file has its own")
+        raise TypeError("samples are for axes that are given here; a sweep file has its own")
     engine = Engine.asked(client, executor, workers, patience_s)
     check_count("jobs", jobs)
     at_work = _Sweep(path, None if set is None else mapping_of(set, "set"), out, jobs, restart, force, sources)

@@ -176,7 +176,7 @@ impl AccuracyReport<'_> {
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
             let errors = reference.errors;
             findings.answers.push(format!(
-                "Reference on {nodes} nodes: {}, energy put in {} J; two independent references agree to {}.",
+                "Reference on {nodes} nodes: {}, energy supplied {} J; two independent references agree to {}.",
                 reference.result.first_in_words(self.is_held(), errors[0]),
                 significant(reference.result.work, digits_of(errors[2])),
                 describe_errors(self.quantities(), errors.map(|e| in_sentence(e, 2)))
