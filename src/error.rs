@@ -43,7 +43,7 @@ pub enum Error {
         reason: String,
     },
     /// A folder holds other results than those that would be written.
-    #[error("{}: contains {holds}, not {wanted}; {}{}", path.display(), Phrase::OtherFolder, or_replace(*kept))]
+    #[error("{}: holds {holds}, not {wanted}; {}{}", path.display(), Phrase::OtherFolder, or_replace(*kept))]
     Occupied {
         /// The folder.
         path: PathBuf,

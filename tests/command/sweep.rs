@@ -320,7 +320,7 @@ fn an_interrupted_sweep_ends_with_130_and_goes_on_with_the_same_command() {
     assert_eq!(second.status.code(), Some(2));
     // Where the system tells, it is named.
     let holder = match std::path::Path::new("/proc/self/fd").exists() {
-        true => format!("process {} (caudal) is at work on it", child.id()),
+        true => format!("process {} (caudal) is using it", child.id()),
         false => "another program is using it".to_string(),
     };
     assert!(text(&second.stderr).contains(&holder), "{}", text(&second.stderr));

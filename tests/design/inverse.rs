@@ -554,7 +554,7 @@ fn a_tip_alone_is_a_target() {
     // A sample that no step ends at is named.
     document.set("solver.time_step_s=0.03").unwrap();
     let error = Design::of(&document, |_| ControlFlow::Continue(())).unwrap_err().to_string();
-    assert!(error.contains("t = 0.5 s is at no step"), "{error}");
+    assert!(error.contains("t = 0.5 s does not coincide with a time step"), "{error}");
 }
 
 #[test]

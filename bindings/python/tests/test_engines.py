@@ -452,7 +452,7 @@ def test_a_start_or_check_of_a_design_that_ends_its_worker_is_named_and_the_othe
     (tmp_path / "cluster").mkdir()
     with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
         with client_of(distributed, file) as client:
-            with pytest.raises(caudal.errors.LostCasesError, match=f"1 {phase} ended the worker.*{phase} 1: ") as caught:
+            with pytest.raises(caudal.errors.LostCasesError, match=f"1 {phase} crashed the worker.*{phase} 1: ") as caught:
                 caudal.design(scene, out=out, client=client)
     assert caught.value.cases == [1] and caught.value.rows == []
     parts = caudal._caudal._design_parts(scene, out, False, None)
@@ -505,7 +505,7 @@ def test_a_sweep_goes_on_beside_the_orphans_of_a_pool_that_was_killed(tmp_path):
     at_work = subprocess.Popen([sys.executable, "-c", ORPHANED, out], stdout=subprocess.PIPE, text=True)
     child = int(at_work.stdout.readline())
     again = {"set": {"solver.duration_s": 0.02}, "out": out}
-    with pytest.raises(caudal.errors.JournalError, match=rf"process {at_work.pid} \(.*\) is at work on it"):
+    with pytest.raises(caudal.errors.JournalError, match=rf"process {at_work.pid} \(.*\) is using it"):
         caudal.sweep("models/glycerol.toml", {"actuation.frequency_hz": [1.0, 2.0]}, **again)
     at_work.kill()
     at_work.wait()
@@ -610,7 +610,7 @@ def test_the_runs_of_a_study_are_made_by_a_cluster_and_one_that_ends_its_worker_
     (tmp_path / "cluster").mkdir()
     with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
         with client_of(distributed, file) as client:
-            with pytest.raises(caudal.errors.LostCasesError, match="1 run ended the worker.*run 7: ") as caught:
+            with pytest.raises(caudal.errors.LostCasesError, match="1 run crashed the worker.*run 7: ") as caught:
                 caudal.study("stability", scene, out=tmp_path / "theirs", client=client, **options)
     assert caught.value.cases == [7]
     with ThreadPoolExecutor(1) as executor:
