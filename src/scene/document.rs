@@ -564,7 +564,7 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     if let Some(DeValue::Array(points)) = inside("loads", "point")
         && let Some(i) = points.iter().position(|point| !point.get_ref().is_table())
     {
-        let problem = format!("point {i} is no table; allowed: tables {{ node, force_n }}");
+        let problem = format!("point {i} is not a table; allowed: tables {{ node, force_n }}");
         return Err(KeyError { key: "loads.point".to_string(), problem });
     }
     let Some(DeValue::Table(solver)) = root.get("solver").map(Spanned::get_ref) else { return Ok(()) };

@@ -280,7 +280,7 @@ fn scenes_that_are_hardly_scenes_are_refused() {
         ),
         (
             "loads.point = [[1, [0, 1]]]",
-            "folder/scene.toml:1: loads.point: point 0 is no table; allowed: tables { node, force_n }",
+            "folder/scene.toml:1: loads.point: point 0 is not a table; allowed: tables { node, force_n }",
         ),
     ] {
         assert_eq!(refusal(text), message, "{text:?}");
@@ -624,12 +624,12 @@ fn a_bad_table_of_a_driven_head_is_told_with_its_own_file_and_line() {
         (
             "time_s,a\n0,1\n0.5,2\n",
             1,
-            "found times from 0 to 0.5 s; allowed: a table that reaches from 0 to the duration, 1 s",
+            "found times from 0 to 0.5 s; allowed: a table that covers 0 to the duration, 1 s",
         ),
         (
             "time_s,a\n0.1,1\n1,2\n",
             1,
-            "found times from 0.1 to 1 s; allowed: a table that reaches from 0 to the duration, 1 s",
+            "found times from 0.1 to 1 s; allowed: a table that covers 0 to the duration, 1 s",
         ),
         ("time_s,a\n0,1\n0,2\n1,2\n", 3, "found time 0 s after 0 s; allowed: rising times"),
         ("time_s,a\n0,1\n1,2\n0.5,3\n", 4, "found time 0.5 s after 1 s; allowed: rising times"),

@@ -485,7 +485,7 @@ impl Design {
         if !active.is_empty() {
             tables.push(Table {
                 file: "binding.csv",
-                title: "Constraints that bind",
+                title: "Binding constraints",
                 columns: names(&["constraint", "dual"]),
                 rows: active.iter().map(|(name, dual)| vec![json!(name), json!(dual)]).collect(),
             });
