@@ -297,11 +297,11 @@ impl Assessment {
                             estimates.in_words(law.errors)
                         )
                     };
-                    fact("law of the fluid", format!("{}: {text}{below}", law.name()));
+                    fact("fluid law", format!("{}: {text}{below}", law.name()));
                 }
                 if let Some((law, changes)) = scene.nonlocal_drag() {
                     fact(
-                        "law of the fluid",
+                        "fluid law",
                         format!(
                             "{}: is valid here and more accurate than these, but is not used: with it {}",
                             law.name,
@@ -310,7 +310,7 @@ impl Assessment {
                     );
                 }
             }
-            Err(reason) => fact("law of the fluid", format!("no estimates: {reason}")),
+            Err(reason) => fact("fluid law", format!("no estimates: {reason}")),
         }
         let (law, reactive) = scene.fluid_model(rod);
         if let Some(choice) = scene.fluid_choice() {

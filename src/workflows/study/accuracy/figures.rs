@@ -66,7 +66,7 @@ impl AccuracyReport<'_> {
     /// The uncertainty of the fluid's law in quantity `i`, as a level line.
     fn law_level(&self, i: usize) -> Option<(String, f64)> {
         let (name, errors) = self.law()?;
-        Some((format!("law of the fluid, {name}"), errors[i]?))
+        Some((format!("fluid law {name}"), errors[i]?))
     }
 
     /// The smallest error in quantity `i` that the reference can measure, as a level line.
