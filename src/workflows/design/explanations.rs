@@ -345,7 +345,7 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
     if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
         return Some(format!(
-            "changing one unknown within a factor of {:.0} costs less than 1 % of the objective, limits ignored",
+            "changing any single unknown by up to a factor of {:.0} costs less than 1 % of the objective, limits ignored",
             MAX_REPORTED_TOLERANCE.exp()
         ));
     }
