@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::wording::Phrase;
 
 /// How a run gets smaller steps, whether they are fixed or adaptive.
-const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance where that is not given)";
+const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance if that is not given)";
 
 /// Everything that can go wrong, with the numbers. A serialised error is the variant's name with its fields.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
@@ -55,7 +55,7 @@ pub enum Error {
         kept: bool,
     },
     /// Another program is using a folder of results.
-    #[error("{}: another program is at work in it; wait for its end, or {}", path.display(), Phrase::OtherFolder)]
+    #[error("{}: another program is using it; wait until it has finished, or {}", path.display(), Phrase::OtherFolder)]
     Busy {
         /// The folder.
         path: PathBuf,
@@ -81,13 +81,13 @@ pub enum Error {
         problem: String,
     },
     /// A worker cannot do the work that it was sent, or a result that it returned is damaged.
-    #[error("what was sent cannot be done: {problem}")]
+    #[error("the request cannot be carried out: {problem}")]
     Bundle {
         /// What is wrong with it.
         problem: String,
     },
     /// The system allows fewer threads than were requested.
-    #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with {}{}", Phrase::Jobs, (*started / 2).max(1))]
+    #[error("{started} of {wanted} threads could be started: {reason}; use fewer, with {}{}", Phrase::Jobs, (*started / 2).max(1))]
     Threads {
         /// The number of requested threads.
         wanted: usize,
@@ -117,7 +117,7 @@ pub enum Error {
     },
     /// A value is not finite.
     #[error(
-        "{what} is not finite at node {node}, t = {time_s} s; try {smaller}, or look at the inputs", smaller = SMALLER)]
+        "{what} is not finite at node {node}, t = {time_s} s; try {smaller}, or check the inputs", smaller = SMALLER)]
     NotFinite {
         /// Time, s.
         time_s: f64,
@@ -128,7 +128,7 @@ pub enum Error {
     },
     /// The rod folded over at a joint: its turning angle reached π, where the curvature is singular.
     #[error(
-        "the rod folds over at node {node}, t = {time_s} s: its turning reaches ±180°, where curvature is singular; \
+        "the rod folds over at node {node}, t = {time_s} s: the angle of the joint reaches ±180°, where the curvature is singular; \
          try {smaller}, more nodes, or a weaker actuation", smaller = SMALLER)]
     FoldOver {
         /// Time, s.
@@ -138,7 +138,7 @@ pub enum Error {
     },
     /// An edge shrank to zero length, or reversed its direction within one step, which implies zero length.
     #[error(
-        "the edge between nodes {node} and {} collapses, or turns over in one step, at t = {time_s} s: its length is \
+        "the edge between nodes {node} and {} collapses, or flips within one step, at t = {time_s} s: its length is \
          {length_m:e} m; try {smaller}, or weaker loads", node + 1, smaller = SMALLER)]
     EdgeCollapse {
         /// Time, s.
@@ -157,7 +157,7 @@ pub enum Error {
         reason: String,
     },
     /// The report cannot be made.
-    #[error("the report cannot be made: {reason}")]
+    #[error("the report cannot be created: {reason}")]
     Page {
         /// The reason.
         reason: String,
@@ -176,7 +176,7 @@ pub enum Error {
         tolerance: f64,
     },
     /// A time outside the last internal step, where the state is unknown.
-    #[error("nothing can be read at t = {time_s} s: the last internal step went from {} s to {} s", within[0], within[1])]
+    #[error("there is no output at t = {time_s} s: the last internal step went from {} s to {} s", within[0], within[1])]
     OutsideStep {
         /// The requested time, s.
         time_s: f64,
@@ -187,7 +187,7 @@ pub enum Error {
     #[error("interrupted")]
     Interrupted,
     /// Invalid options of a study.
-    #[error("the study cannot be made: {problem}")]
+    #[error("the study cannot be run: {problem}")]
     Study {
         /// What was found, and what is allowed.
         problem: String,
@@ -211,10 +211,10 @@ pub enum Error {
         reason: String,
     },
     /// An FMU cannot be made.
-    #[error("the FMU cannot be made: {0}")]
+    #[error("the FMU cannot be created: {0}")]
     Fmu(String),
     /// The communication step is not a positive, finite time.
-    #[error("a step of {0} s cannot be made: it must be positive and finite")]
+    #[error("a step of {0} s is not possible: it must be positive and finite")]
     Step(f64),
     /// No variable has this name in this scene.
     #[error("there is no variable `{name}` in this scene{}", remedy(*needs, *nearest))]

@@ -103,7 +103,7 @@ impl WrittenFiles {
         match self.lost.into_iter().next() {
             None => Ok(self.files),
             Some(Error::Write { path, reason }) if others > 0 => {
-                Err(Error::Write { path, reason: format!("{reason}; nor can {others} other files") })
+                Err(Error::Write { path, reason: format!("{reason}; the same applies to {others} other files") })
             }
             Some(error) => Err(error),
         }

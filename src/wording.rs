@@ -80,7 +80,7 @@ impl Phrase {
         let [command, python] = match self {
             Self::OtherFolder => ["choose another folder with --out", "choose another folder"],
             Self::Replace => ["replace it with --force", "replace it with `force=True`"],
-            Self::Restart => ["begin anew with --restart", "begin anew with `restart=True`"],
+            Self::Restart => ["start again with --restart", "start again with `restart=True`"],
             Self::Jobs => ["--jobs ", "jobs="],
             Self::Override => ["override ", ""],
             Self::Set => ["--set ", ""],
@@ -92,7 +92,7 @@ impl Phrase {
             Self::Library => ["--library", "`library=`"],
             Self::Steps => ["--steps", "`steps=`"],
             Self::PullsBack => ["Simulation::pull_back", "`Simulation.pull_back`"],
-            Self::TellsModes => ["`caudal study modes` says", "`caudal.study(\"modes\", scene)` says"],
+            Self::TellsModes => ["`caudal study modes` shows", "`caudal.study(\"modes\", scene)` shows"],
             Self::FilmWindow => {
                 ["choose a part of the run with --from and --until", "choose a part of the run with `window=`"]
             }

@@ -168,13 +168,12 @@ impl SteadyState {
         if let Some(law) = model.forces.global() {
             let found = law.name();
             let problem = format!(
-                "{found:?} has no matrix of a band, which eigenvalues are found from; allowed here: a law for each edge, as \"cox\""
+                "{found:?} is nonlocal, and its matrix is not banded, as the eigenvalue solver requires; allowed: a local law, such as \"cox\""
             );
             return Err(unsteady("drag.law", &problem));
         }
         if model.tendons.iter().any(|tendon| tendon.winch().is_some()) {
-            let problem =
-                "a winch pulls a tendon, which couples all of the rod beside it; allowed: a constant tension_n";
+            let problem = "a winch pulls a tendon, which couples all nodes along it; allowed: a constant tension_n";
             return Err(unsteady("tendons", problem));
         }
         let mut tensions = model.tendons.iter().map(|tendon| tendon.signal().constant());
@@ -182,7 +181,7 @@ impl SteadyState {
             return Err(unsteady("tendons", "a tension changes in time; allowed: constant ones"));
         }
         if model.head.is_none() && tensions.any(|tension| tension != Some(0.0)) {
-            let problem = "tendons pull a free rod, whose rest is not found here; allowed: a held head, or no tension";
+            let problem = "tendons pull a free rod, whose equilibrium this analysis does not find; allowed: a held head, or no tension";
             return Err(unsteady("tendons", problem));
         }
         if model.flow.is_some() {
@@ -210,7 +209,7 @@ impl SteadyState {
         };
         if !held && (load.iter().any(|force| *force != 0.0) || is_carried(&mut dynamics)) {
             let problem =
-                "a free rod under loads does not rest; hold its head (kind = \"clamped\"), or take the loads away";
+                "a free rod under loads has no equilibrium; hold its head (kind = \"clamped\"), or remove the loads";
             return Err(unsteady("head.kind", problem));
         }
         let torque =
@@ -218,9 +217,9 @@ impl SteadyState {
         let key = if torque.is_some() { "head.torque_n_m" } else { "medium.flow_m_s" };
         let failed = |error: Error| {
             let problem = match torque {
-                None => format!("no rest is found in this flow and under these loads: {error}"),
+                None => format!("no equilibrium is found in this flow and under these loads: {error}"),
                 Some(torque) => format!(
-                    "found {torque} N m, under which no rest of the hinge is found: {error}; allowed: a torque that its servo, the flow or the loads hold, well below its limit"
+                    "found {torque} N m, under which no equilibrium of the hinge is found: {error}; allowed: a torque that its servo, the flow or the loads hold, well below its limit"
                 ),
             };
             unsteady(key, &problem)
@@ -236,7 +235,7 @@ impl SteadyState {
             let flow = |k: usize| layers.at(dynamics.inputs.fluid, layers.height(node(&state.q, k))).fluid.flow.norm();
             let size = dynamics.inputs.fluid.flow.norm() + layers.shear.abs() * dynamics.model.rod.length;
             if (0..nodes).any(|k| flow(k) > ZERO_TOLERANCE * size) {
-                let problem = "a free rod does not rest in a flow that differs along it; hold its head (kind = \"clamped\"), or lay it along the flow";
+                let problem = "a free rod has no equilibrium in a flow that varies along it; hold its head (kind = \"clamped\"), or lay it along the flow";
                 return Err(unsteady("medium", problem));
             }
         }

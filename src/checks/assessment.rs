@@ -257,15 +257,15 @@ impl Assessment {
         let mut facts = Vec::new();
         for kind in MODELS.iter().filter(|kind| scene.drag.is_some() || !kind.needs_drag) {
             let text = match kind.estimate.map(|estimate| estimate(&estimates)) {
-                None => "leaves nothing out; what its mesh and steps err by is not in these estimates".to_string(),
+                None => "complete; errors of mesh and time steps are not part of these estimates".to_string(),
                 Some(Ok(errors)) => format!("estimated errors: {}", errors.in_words()),
                 Some(Err(reason)) => format!("no estimate: {reason}"),
             };
             facts.push(AssessmentLine { name: "model", text: format!("{}: {text} ({})", kind.name, kind.meaning) });
         }
         if let Some(choice) = stepper.choice() {
-            let reason = choice.reason.as_ref().map_or("as the scene says".to_string(), Clone::clone);
-            facts.push(AssessmentLine { name: "model taken", text: format!("{}: {reason}", choice.kind.name) });
+            let reason = choice.reason.as_ref().map_or("as given in the scene".to_string(), Clone::clone);
+            facts.push(AssessmentLine { name: "model chosen", text: format!("{}: {reason}", choice.kind.name) });
         }
         Ok(facts)
     }
@@ -286,32 +286,35 @@ impl Assessment {
                 for law in &estimates.laws {
                     let below = regime.stokes.filter(|stokes| law.reactive && *stokes < MIN_STOKES_NUMBER);
                     let below = below.map_or(String::new(), |stokes| {
-                        format!("; the water's inertia is out of its range, β = {stokes:.1e} for at least {MIN_STOKES_NUMBER}")
+                        format!("; added mass is outside its range: β = {stokes:.1e} (allowed: at least {MIN_STOKES_NUMBER})")
                     });
                     let text = if law.errors == [0.0; 2] {
                         let known = estimates.in_words(estimates.uncertainty);
-                        format!("the highest of these; published to be uncertain by {known}")
+                        format!("the most accurate of these; published uncertainty {known}")
                     } else {
-                        format!("estimated errors against the highest: {}", estimates.in_words(law.errors))
+                        format!(
+                            "estimated errors relative to the most accurate law: {}",
+                            estimates.in_words(law.errors)
+                        )
                     };
-                    fact("law of the fluid", format!("{}: {text}{below}", law.name()));
+                    fact("fluid law", format!("{}: {text}{below}", law.name()));
                 }
                 if let Some((law, changes)) = scene.nonlocal_drag() {
                     fact(
-                        "law of the fluid",
+                        "fluid law",
                         format!(
-                            "{}: is valid here and higher than these, but is not run: {}",
+                            "{}: is valid here and more accurate than these, but is not used: with it {}",
                             law.name,
                             estimates.changes_in_words(changes)
                         ),
                     );
                 }
             }
-            Err(reason) => fact("law of the fluid", format!("no estimates: {reason}")),
+            Err(reason) => fact("fluid law", format!("no estimates: {reason}")),
         }
         let (law, reactive) = scene.fluid_model(rod);
         if let Some(choice) = scene.fluid_choice() {
-            fact("fluid taken", format!("{}: {}", choice.name(), choice.reason));
+            fact("fluid chosen", format!("{}: {}", choice.name(), choice.reason));
         }
         let both = estimates.as_ref().ok().zip(law);
         let both =
@@ -322,7 +325,7 @@ impl Assessment {
                 Some((estimates, with, without)) => {
                     let [other, own] = if reactive { [without, with] } else { [with, without] };
                     let changes = estimates.changes_in_words(other.means.differences(&own.means));
-                    let which = if reactive { "without it" } else { "[reactive] would change it:" };
+                    let which = if reactive { "without it" } else { "with it" };
                     format!(
                         "{which} {changes} (estimated errors are {SAFETY_FACTOR} times such differences); {}",
                         describe_added_mass(&regime, rod)
@@ -372,7 +375,7 @@ impl Assessment {
                 let shorter = last.map_or(String::new(), |last| format!(", the last one of {last:e} s"));
                 format!("{} steps of {step:e} s{shorter}", scene.steps().unwrap_or_default())
             }
-            StepControl::Adaptive(tolerance) => format!("steps as a tolerance of {tolerance:e} asks"),
+            StepControl::Adaptive(tolerance) => format!("adaptive steps with tolerance {tolerance:e}"),
         };
         fact("solver", format!("{}, {steps}, t = 0 … {duration} s", stepper.method(scene)));
         let rounding = chain::rounding(rod, step);
@@ -380,23 +383,23 @@ impl Assessment {
             "form",
             match stepper.form() {
                 Form::Positions => format!(
-                    "positions: one solve is rounded by at most about {rounding:.1e} relative, which Newton's iterations refine"
+                    "positions: relative rounding error of a linear solve at most about {rounding:.1e}, reduced by Newton's iterations"
                 ),
                 Form::Chain => format!(
-                    "chain, whose rounding error does not grow with the mesh; one solve in positions may be off by {rounding:.1e} relative"
+                    "chain: its rounding error does not grow with the number of nodes; relative rounding error of a linear solve for positions up to {rounding:.1e}"
                 ),
             },
         );
         let rows = match recorded_size(scene, stepper) {
             Some((rows, size)) => format!("about {rows} rows, {}", bytes(size)),
-            None => "as many rows as there are steps".to_string(),
+            None => "one row per time step".to_string(),
         };
         let nodes = match scene.nodes_table() {
             NodesTable::Csv => " and nodes.csv",
             NodesTable::Parquet => " and nodes.parquet",
             NodesTable::None => "; no table of positions",
         };
-        fact("output", format!("{rows}, of trajectory.csv{nodes}"));
+        fact("output", format!("{rows}, in trajectory.csv{nodes}"));
         let Energy { stretching, bending, kinetic, fluid } = stepper.metrics().now.energy;
         fact(
             "energy at the start",
@@ -407,7 +410,7 @@ impl Assessment {
         );
         let on = if *is_coarse { format!(" (on {MAX_NODES_FOR_MODES} nodes)") } else { String::new() };
         let model = stepper.model();
-        let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
+        let with = if model.forces.are_inertial() { "with added mass" } else { "in vacuum" };
         let slack = if scene.has_winches() { ", as if the winches were slack" } else { "" };
         fact("first natural frequency", format!("{} Hz {with}{on}{slack}", significant(self.first_frequency / TAU, 5)));
         let drive = self.frequency_ratio.map(|ratio| ratio * self.first_frequency);
@@ -429,10 +432,10 @@ impl Assessment {
         if let (Some(tau), Some((_, drive))) = (model.lag, &model.actuation) {
             let part = lag::steady(tau, TAU * drive.frequency)(1.0);
             let text = format!(
-                "{} s: gives {:.1} % of what is asked for at {} Hz, {:.1}° late",
+                "{} s: at {} Hz it reaches {:.1} % of the command, {:.1}° late",
                 significant(tau, 5),
-                100.0 * part.norm(),
                 significant(drive.frequency, 5),
+                100.0 * part.norm(),
                 -part.arg().to_degrees()
             );
             fact("lag of the drive", text);
@@ -444,43 +447,43 @@ impl Assessment {
             fact("tendon", describe_tendon(tendon, rod));
         }
         let tip = match regime {
-            Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
-            Ok(_) => " m, half of how far the tip moves",
-            Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
+            Ok(_) if model.head.is_none() => " m, half of the tip's range of motion about the centre of mass",
+            Ok(_) => " m, half of the tip's range of motion",
+            Err(_) => " m, half of the tip's range of motion in the prescribed shape",
         };
         let resists = rod.damping.as_ref().is_some_and(|damping| damping.rate == DampedRate::Whole);
         let drives = scene.drives();
         let followed = if stepper.model().active_moments && resists {
-            ": far below 1 the rod bends as far as the moments bend it at rest, less and later by tan δ at the drive"
+            ": far below 1 the moments bend the rod quasi-statically, reduced and delayed according to tan δ at the drive frequency"
         } else if stepper.model().active_moments {
-            ": far below 1 the rod bends as far as the moments bend it at rest"
+            ": far below 1 the moments bend the rod quasi-statically"
         } else if resists && drives.actuation {
-            ": far below 1 the rod takes its natural curvature, less and later by tan δ at the drive"
+            ": far below 1 the rod follows its natural curvature, reduced and delayed according to tan δ at the drive frequency"
         } else if drives.tendons && !drives.actuation {
-            ": far below 1 the rod bends as far as its tendons bend it at rest"
+            ": far below 1 the tendons bend the rod quasi-statically"
         } else if let (false, Some(hinge)) = (drives.actuation, &model.hinge) {
             if hinge.stiffness > 0.0 {
-                ": far below 1 the head turns as its servo is told, and the rod does not bend"
+                ": far below 1 the head follows the command of its servo, and the rod does not bend"
             } else {
                 ": far below 1 the rod turns with its head without bending"
             }
         } else if !drives.actuation {
             ": far below 1 the rod follows its head without bending"
         } else {
-            ": far below 1 the rod takes its natural curvature"
+            ": far below 1 the rod follows its natural curvature"
         };
         let is_along = regime.is_ok_and(|regime| regime.across.counted().1);
         let reynolds = if is_along {
-            ", ρwD/μ of a tenth of the motion along the rod"
+            ", ρwD/μ with a tenth of the speed along the rod as w"
         } else {
-            ", ρwD/μ of the motion across the rod"
+            ", ρwD/μ with the speed w across the rod"
         };
         let numbers = [
             ("tip amplitude", self.tip_amplitude, tip),
             ("Reynolds number", self.reynolds, reynolds),
             ("frequency ratio ω/ω₁", self.frequency_ratio, followed),
             ("sperm number", self.sperm_number, ", L(ξ⊥ω/EI)^¼: below about 1 the fluid does not bend the rod"),
-            ("inertia against drag", self.inertia_ratio, ", ω(ρA + m_a)/ξ⊥, m_a of the fluid that it accelerates"),
+            ("inertia against drag", self.inertia_ratio, ", ω(ρA + m_a)/ξ⊥ with the added mass m_a"),
         ];
         for (name, value, meaning) in numbers {
             if let Some(value) = value {
@@ -511,16 +514,16 @@ impl Assessment {
         for force in forces.iter() {
             let validity = force.validity();
             let takes = match DragLaw::named(force.name()) {
-                Some(law) if rod.sections.is_flat() => format!("; it takes {}", law.takes.in_words()),
+                Some(law) if rod.sections.is_flat() => format!("; it uses {}", law.takes.in_words()),
                 _ => String::new(),
             };
-            fact("force", format!("{}: holds for {} ({}){takes}", force.name(), validity.in_words(), validity.source));
+            fact("force", format!("{}: valid for {} ({}){takes}", force.name(), validity.in_words(), validity.source));
         }
         if regime.reynolds > 0.0 {
             let across = format!("{:.3e} m/s across the rod", regime.across.speed);
             let speed = match regime.across.counted() {
                 (_, true) => format!(
-                    "a tenth of {:.3e} m/s along the rod, as none lies along a flow exactly ({across})",
+                    "a tenth of {:.3e} m/s along the rod, because no rod is aligned exactly with a flow ({across})",
                     regime.along
                 ),
                 _ => across,
@@ -528,7 +531,7 @@ impl Assessment {
             fact(
                 "flow around the rod",
                 format!(
-                    "Re_d = {:.3e} by the depth of {:.3e} m and {speed}; length over radius {:.1}",
+                    "Re_d = {:.3e} with the depth of {:.3e} m and {speed}; length over radius {:.1}",
                     regime.reynolds, regime.depth, regime.slenderness
                 ),
             );
@@ -538,7 +541,7 @@ impl Assessment {
             fact(
                 "oscillation",
                 format!(
-                    "β = fD²/ν = {stokes:.3e}{sea}, KC = {carpenter:.3e}, added mass over the rod's own {:.3e}",
+                    "β = fD²/ν = {stokes:.3e}{sea}, KC = {carpenter:.3e}, added mass over the rod's mass {:.3e}",
                     regime.mass_ratio
                 ),
             );
@@ -577,7 +580,7 @@ impl Assessment {
         };
         let texts: Vec<String> = others.filter_map(says).collect();
         if !texts.is_empty() {
-            fact("other laws that hold", texts.join("; "));
+            fact("other valid laws", texts.join("; "));
         }
         Ok(())
     }
@@ -603,7 +606,7 @@ impl Assessment {
             let drag = height.map_or_else(|| body.drag(), |height| body.drag_beside(height));
             let [along, across, turning] = drag.map(|drag| drag * fluid.viscosity);
             fact(format!(
-                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin; Re = {reynolds:.3e} by its longest axis and its speed"
+                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s for rotation; Re = {reynolds:.3e} with its longest axis and its speed"
             ));
         }
         if forces.iter().any(|force| force.name() == body::INERTIA) {
@@ -622,7 +625,7 @@ impl Assessment {
         if layers.shear != 0.0 {
             let [x, y]: [f64; 2] = layers.normal.into();
             let [x, y] = [x, y].map(|part| significant(part, 4));
-            fact("shear flow", format!("gains {:.4e} 1/s along [{x}, {y}]; drag alone feels it", layers.shear));
+            fact("shear flow", format!("shear rate {:.4e} 1/s along [{x}, {y}]; it affects only drag", layers.shear));
         }
         let Some(medium) = scene.medium.as_ref().filter(|_| layers.iter().len() > 0) else { return };
         let (radius, spacing) = (rod.sections.outer.largest(), rod.spacing);
@@ -667,7 +670,7 @@ impl Assessment {
             fact(
                 "crossing",
                 format!(
-                    "{}Weber number ρw²D/σ = {:.3e} with the surface tension of water against air; not modelled: waves (Froude numbers around 1), cavities (well above 1), surface tension (Weber numbers around 1 and below), the cushion of air",
+                    "{}Weber number ρw²D/σ = {:.3e} with the surface tension of water against air; not modelled: waves (Froude numbers around 1), cavities (well above 1), surface tension (Weber numbers around 1 and below), air cushions",
                     froude.unwrap_or_default(),
                     heaviest * speed.powi(2) * regime.depth / SURFACE_TENSION
                 ),
@@ -687,7 +690,7 @@ impl Assessment {
             let finer =
                 if layer.thickness >= 2.0 * radius { format!(", or at least {nodes} nodes") } else { String::new() };
             self.warnings.push(format!(
-                "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {:.1e} m{finer}",
+                "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it abruptly; use a thickness of at least {:.1e} m{finer}",
                 i + 1, layer.thickness, rounded_up(thin)
             ));
         }
@@ -696,7 +699,8 @@ impl Assessment {
         let densities: Vec<f64> =
             std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density)).collect();
         if densities.windows(2).any(|pair| (pair[1] - pair[0]) * up < 0.0) {
-            self.warnings.push("a denser fluid lies above a lighter one: at rest it would not stay there".to_string());
+            self.warnings
+                .push("a denser fluid lies above a lighter one: this layering is unstable at rest".to_string());
         }
     }
 
@@ -728,7 +732,7 @@ impl Assessment {
         let turning = waves * rod.spacing / rod.length;
         if turning > MAX_WAVE_PHASE {
             self.warnings.push(format!(
-                "the mesh is coarse for the waves along this passive tail: kΔL = {turning:.2} by their wavenumber k (allowed: up to {MAX_WAVE_PHASE}, where its thrust errs by 10 %); take at least {:.0} nodes for 2.5 %",
+                "the mesh is coarse for the bending waves along this passive tail: kΔL = {turning:.2} with their wavenumber k (allowed: up to {MAX_WAVE_PHASE}, where the error of the thrust is 10 %); use at least {:.0} nodes for an error of 2.5 %",
                 (2.0 * waves / MAX_WAVE_PHASE).ceil() + 1.0
             ));
         }
@@ -753,13 +757,13 @@ impl Assessment {
             };
             self.warnings.push(if largest > 0.0 {
                 format!(
-                    "the time step is beyond the method's limit of stability: ωΔt = {:.3} at {whose} {hertz} Hz (allowed: up to {}); take at most solver.time_step_s = {:e}, or {other}",
+                    "the time step exceeds the stability limit of the method: ωΔt = {:.3} at {whose} {hertz} Hz (allowed: up to {}); use solver.time_step_s = {:e} or less, or {other}",
                     step * frequency,
                     significant(limit, 4),
                     rounded_down(largest)
                 )
             } else {
-                format!("the method amplifies {whose} {hertz} Hz at any time step; take {other}")
+                format!("the method amplifies {whose} {hertz} Hz at any time step; use {other}")
             });
         }
         Ok(())
@@ -774,14 +778,14 @@ impl Assessment {
             let range = laws::stokes_like::LAW.validity.range;
             let creeping = self.reynolds.is_none_or(|reynolds| reynolds <= CREEPING);
             let fitting = if creeping { &laws::cox::LAW } else { &laws::cross_flow::LAW };
-            let holds = |without: String| format!("; drag.law = \"{}\"{without} holds here", fitting.name);
+            let holds = |without: String| format!("; drag.law = \"{}\"{without} is valid here", fitting.name);
             let advice = scene.without(fitting).map_or(String::new(), holds);
-            warnings.push(format!("drag.law = \"stokes-like\" is kept for {range}{advice}"));
+            warnings.push(format!("drag.law = \"stokes-like\" is intended for {range}{advice}"));
         }
         let asked = stepper.choice().is_some_and(|choice| choice.reason.is_none());
         if asked && stepper.view().dynamics.mechanics == Mechanics::Shape && !scene.drives().bend() {
             warnings.push(
-                "solver.model = \"shape\" gives the rod its natural shape, which without [actuation] never changes: a passive tail neither bends nor swims by bending; model = \"full\" or \"overdamped\" lets it bend".to_string(),
+                "solver.model = \"shape\" prescribes the natural shape of the rod, which is constant without [actuation]: a passive tail does not bend; use model = \"full\" or \"overdamped\"".to_string(),
             );
         }
         if scene.head.kind == HeadKind::Driven
@@ -812,7 +816,7 @@ impl Assessment {
         }
         if drive.rests_straight {
             warnings.push(
-                "actuation.frequency_hz = 0 keeps this wave at its phase, where it bends nothing; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] keeps it at its crest".to_string(),
+                "actuation.frequency_hz = 0 holds this wave at a phase at which it does not bend the rod; actuation.phase_profile_rad = [[0.0, -1.5708], [1.0, -1.5708]] holds it at its crest".to_string(),
             );
         }
         // With a tolerance, the steps are checked against the tolerance.
@@ -824,7 +828,7 @@ impl Assessment {
         // Rounding must not cause a warning.
         if let Some((steps, period)) = coarse.filter(|(steps, _)| *steps < MIN_STEPS_PER_PERIOD * (1.0 - 1e-9)) {
             warnings.push(format!(
-                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {MIN_STEPS_PER_PERIOD}, solver.time_step_s = {:e}",
+                "the time step is too large: {steps:.3} steps per period of the drive; use at least {MIN_STEPS_PER_PERIOD}, solver.time_step_s = {:e}",
                 rounded_down(period / MIN_STEPS_PER_PERIOD)
             ));
         }
@@ -836,44 +840,44 @@ impl Assessment {
             let [start, advice] = if bent {
                 let longest = rounded_down(MAX_RESOLVED_PHASE / self.first_frequency);
                 [
-                    "the rod, let go from its bend,".to_string(),
-                    format!("a step of at most {longest:e} s resolves the slowest of it"),
+                    "the release from the initial curvature".to_string(),
+                    format!("a step of at most {longest:e} s resolves the slowest of them"),
                 ]
             } else {
                 let jump = scene.start.kind == StartKind::Jump;
                 let shaped = jump && scene.actuation.is_some() && !stepper.model().active_moments;
                 let smooth = if shaped { "shaped" } else { "ramp" };
-                let start =
-                    if jump { "the jump start" } else { "the shaped start, with winches that are taut at once," };
-                [start.to_string(), format!("start.kind = \"{smooth}\" has no ringing")]
+                let start = if jump { "the jump start" } else { "the shaped start with winches that are taut at once" };
+                [start.to_string(), format!("start.kind = \"{smooth}\" avoids them")]
             };
-            let rings = format!("{start} rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
+            let rings =
+                format!("{start} excites vibrations at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
                 Some(ringing) if ringing > MAX_RESOLVED_PHASE => warnings.push(format!(
-                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; {advice}"
+                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the time step and the method; {advice}"
                 )),
                 Some(_) => {}
                 None if bent => {}
                 None => warnings.push(format!(
-                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; {advice}"
+                    "{rings}: adaptive steps resolve them only as far as the tolerance requires, and the result may depend on it; {advice}"
                 )),
             }
         }
         let ratio = self.frequency_ratio.filter(|ratio| *ratio > MAX_SHAPED_FREQUENCY_RATIO);
         if let Some(ratio) = ratio.filter(|_| scene.start.kind == StartKind::Shaped && stepper.model().active_moments) {
             warnings.push(format!(
-                "the shaped start has the shape and the speed that the moments would bend the rod to without load, which it never has at {ratio:.1} times its first frequency: it carries that energy for long; start.kind = \"ramp\" does not"
+                "the shaped start sets the shape and velocity of quasi-static bending, which the rod does not reach at {ratio:.1} times its first natural frequency: the excess energy decays slowly; use start.kind = \"ramp\""
             ));
         }
         if drive.sharpest_turning > FRAC_PI_4 {
             let degrees = drive.sharpest_turning.to_degrees();
             warnings.push(if stepper.model().active_moments {
                 format!(
-                    "without the fluid these moments would turn a joint by up to {degrees:.0}°: where the run comes near to that, as in resonance, take more nodes, or less moment where the body is thin (actuation.amplitude_profile)"
+                    "without fluid these moments would bend a joint by up to {degrees:.0}°: if the run comes close to that, as in resonance, use more nodes, or smaller moments where the body is thin (actuation.amplitude_profile)"
                 )
             } else {
                 format!(
-                    "the mesh is coarse for this actuation: it turns a joint by up to {degrees:.0}°; take more nodes to stay below 45°"
+                    "the mesh is coarse for this actuation: it bends a joint by up to {degrees:.0}°; use more nodes to stay below 45°"
                 )
             });
         }
@@ -883,12 +887,12 @@ impl Assessment {
             if let Some(problem) = chain::too_fine(rod, step) {
                 warnings.push(format!("rod.nodes: {problem}"));
             } else if rounding > chain::ACCURACY {
-                warnings.push(format!("the mesh is so fine that one solve in positions may be off by {rounding:.1e} relative: Newton's method takes more iterations, and moments lose digits"));
+                warnings.push(format!("the mesh is so fine that a linear solve for positions has a relative error of up to {rounding:.1e}: Newton's method needs more iterations, and moments lose digits"));
             }
         }
         if rod.spacing < rod.sections.outer.largest() {
             warnings.push(format!(
-                "the node spacing ({:.2e} m) is below the rod's radius: finer meshes still bring the numbers closer to those of a beam, which describes no detail of the body that is smaller than its radius",
+                "the node spacing ({:.2e} m) is below the rod's radius: finer meshes still converge to beam theory, which describes no details of the body smaller than its radius",
                 rod.spacing
             ));
         }
@@ -909,7 +913,7 @@ fn describe_section(rod: &Rod) -> String {
     let shape = sections.shape.name();
     let outline = match sections.shape {
         Shape::Round if sections.is_flat() => format!(
-            "{shape}, a core {thickness:.4e} m thick with a membrane {depth:.4e} m deep that only the fluid feels"
+            "{shape}, a core {thickness:.4e} m thick with a membrane {depth:.4e} m deep that only affects the fluid forces"
         ),
         Shape::Round => format!("{shape}, {thickness:.4e} m thick"),
         Shape::Ellipse | Shape::Rectangle => {
@@ -926,14 +930,14 @@ fn describe_hinge(hinge: &Hinge, rod: &Rod) -> String {
     let tail = rod.inertia_about_head();
     let whole = hinge.inertia + tail;
     let mut text = format!(
-        "{} kg m^2, beside {} of the straight rod about its head",
+        "{} kg m^2; straight rod about its head {} kg m^2",
         significant(hinge.inertia, 3),
         significant(tail, 3)
     );
     if hinge.stiffness > 0.0 {
         let omega = (hinge.stiffness / whole).sqrt();
         text += &format!(
-            "; on its servo the rigid rod swings at {} Hz in vacuum, damping ratio {}",
+            "; on its servo the rigid rod oscillates at {} Hz in vacuum, damping ratio {}",
             significant(omega / TAU, 3),
             significant(0.5 * hinge.damping / (whole * omega), 3)
         );
@@ -953,15 +957,15 @@ fn describe_tendon(tendon: &Tendon, rod: &Rod) -> String {
         } else {
             format!("{} to {}", significant(least, 4), significant(most, 4))
         };
-        let slack = if least >= length { ", slack beside the straight rod" } else { "" };
+        let slack = if least >= length { ", slack along the straight rod" } else { "" };
         format!(
-            "; a winch gives it {given} m through {} N/m, taken up over {} m{slack}",
+            "; a winch sets its length to {given} m through a cable of {} N/m, with a take-up of {} m{slack}",
             significant(winch.stiffness, 3),
             significant(winch.take_up, 3)
         )
     });
     format!(
-        "{} m to the {side}, along nodes {} to {}, {} m long at rest; in its middle 1 N bends the rod at rest by {} 1/m{pull}",
+        "{} m to the {side}, along nodes {} to {}, {} m long at rest; in its middle a tension of 1 N bends the rod at rest by {} 1/m{pull}",
         significant(tendon.offset.abs(), 3),
         tendon.edges.start,
         tendon.edges.end,
@@ -982,14 +986,11 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
         );
     };
     let ratios: Vec<String> = modes.bending.iter().take(3).map(|omega| significant(0.5 * time * omega, 3)).collect();
-    let mut text = format!(
-        "τ = {} s in bending, damping ratios of the first modes by it {}",
-        significant(time, 3),
-        ratios.join(", ")
-    );
+    let mut text =
+        format!("τ = {} s in bending, damping ratios of the first modes {}", significant(time, 3), ratios.join(", "));
     let critical = modes.bending.iter().position(|omega| time * omega >= 2.0);
     if let Some(mode) = critical {
-        text += &format!("; from mode {} on they do not swing", mode + 1);
+        text += &format!("; overdamped from mode {} on", mode + 1);
     }
     let Some(((omega, given), first)) = drive.zip(modes.bending.first()) else { return text };
     text += &format!(
@@ -1003,7 +1004,7 @@ fn describe_damping(damping: &Damping, rod: &Rod, modes: &Modes, drive: Option<(
     let without = square.hypot(time * omega) / (square.abs() * driven);
     if without > MIN_REPORTED_FACTOR {
         text += &format!(
-            ", without which the first mode would answer {} times as high but for the fluid",
+            "; in vacuum the first mode would respond {} times as strongly without damping",
             significant(without, 2)
         );
     }
@@ -1038,14 +1039,14 @@ fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
     let slender = regime.depth / rod.length;
     let decides = if regime.water_decides_stability() {
         format!(
-            "; it may decide whether the rod is stable, which a motion from rest need not show (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {})",
+            "; it may decide whether the rod is stable, which a motion from rest need not show (¼πρD²U²L²/EI = {}; a clamped rod under a follower force at its tip flutters at {})",
             two_digits(regime.flow_velocity.powi(2)),
             regime::BECK
         )
     } else {
         String::new()
     };
-    format!("it lowers the rod's own frequencies by {slows:.1} %; depth over length {slender:.3}{decides}")
+    format!("it lowers the natural frequencies by {slows:.1} %; depth over length {slender:.3}{decides}")
 }
 
 /// Half the tip's range of motion (m) in the shape that the actuation prescribes.

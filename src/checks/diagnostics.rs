@@ -57,9 +57,9 @@ fn balance_note(metrics: &RunMetrics, rounding: f64, step_control: StepControl) 
     let scale = metrics.totals.max_energy;
     let defect = metrics.numerical_dissipation();
     (defect.abs() > MAX_BALANCE_DEFECT * scale && defect.abs() > rounding).then(|| {
-        let what = if defect < 0.0 { "came from nowhere" } else { "was dissipated by the method itself" };
+        let what = if defect < 0.0 { "were gained by numerical error" } else { "were dissipated by the integrator" };
         format!(
-            "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; a smaller {} shows whether the result stands",
+            "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; check the result with a smaller {}",
             defect.abs(),
             100.0 * defect.abs() / scale,
             finer(step_control)
@@ -95,7 +95,7 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_contro
         let (defect, scale) = (defects[axis].abs(), largest.max(CANCELLATION_FLOOR * whole));
         (defect > MAX_BALANCE_DEFECT * scale && defect > rounding).then(|| {
             format!(
-                "the momentum balance along {} does not close: {defect:.3e} N s are missing, {:.0} % of the largest impulse, and mean forces are off by {:.1e} N; a smaller {} shows whether they stand",
+                "the momentum balance along {} does not close: {defect:.3e} N s are missing, {:.0} % of the largest impulse, and mean forces have an error of {:.1e} N; check them with a smaller {}",
                 ["x", "y"][axis],
                 100.0 * defect / scale,
                 defect / metrics.elapsed(),
@@ -109,14 +109,14 @@ fn momentum_note(metrics: &RunMetrics, rod: &Rod, positions: &[f64], step_contro
 fn motion_notes(metrics: &RunMetrics, step_control: StepControl) -> impl Iterator<Item = String> {
     let strained = (metrics.totals.max_strain > MAX_LINEAR_STRAIN).then(|| {
         format!(
-            "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
+            "an edge is stretched or compressed by {:.1} %: linear elasticity is valid for strains of up to {:.0} %",
             100.0 * metrics.totals.max_strain,
             100.0 * MAX_LINEAR_STRAIN
         )
     });
     let turned = (metrics.totals.max_rotation > MAX_ROTATION_PER_STEP).then(|| {
         format!(
-            "an edge turns by {:.0}° within one step, more than {:.0}°: the step does not follow the motion, which may have gone another way; a smaller {}, or a smooth start, shows whether the result stands",
+            "an edge rotates by {:.0}° within one step, more than {:.0}°: the time step does not resolve the motion, and the result may be wrong; try a smaller {} or a smooth start",
             metrics.totals.max_rotation.to_degrees(),
             MAX_ROTATION_PER_STEP.to_degrees(),
             finer(step_control)
@@ -138,7 +138,7 @@ fn motor_note(model: &Model, metrics: &RunMetrics) -> Option<String> {
     let HingeExtremes { asked, torque, .. } = metrics.totals.hinge;
     (asked > largest).then(|| {
         format!(
-            "the motor of the hinge reaches its limit: it is asked for up to {} N m and gives up to {} N m of head.largest_torque_n_m = {}",
+            "the motor of the hinge reaches its limit: the command is up to {} N m, the torque up to {} N m, head.largest_torque_n_m = {}",
             significant(asked, 3),
             significant(torque, 3),
             significant(largest, 3)

@@ -18,10 +18,10 @@ pub struct CompareArguments {
     /// Folder for the comparison [default: out/compare-<names of the runs>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the results of others in the folder
+    /// Replace other results in the folder
     #[arg(long)]
     force: bool,
-    /// Print the content of summary.json, and nothing else
+    /// Print only the content of summary.json
     #[arg(long)]
     json: bool,
 }

@@ -61,21 +61,21 @@ enum Command {
         /// Folder for the results [default: out/<name of the scene>]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Run the whole model beside it, on the same mesh (esdirk3, small steps), and report the difference
+        /// Also run the full model on the same mesh (esdirk3, small steps), and report the difference
         #[arg(long)]
         verify: bool,
-        /// Replace the results of others in the folder
+        /// Replace other results in the folder
         #[arg(long)]
         force: bool,
-        /// Print the content of summary.json, and nothing else
+        /// Print only the content of summary.json
         #[arg(long)]
         json: bool,
     },
     /// Compare finished runs: keys and results that differ, overlaid figures and films on one page
     Compare(compare::CompareArguments),
-    /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
+    /// Run a scene for all combinations of parameters, on all cores: one table, figures and a report; an interrupted sweep resumes
     Sweep(sweep::SweepArguments),
-    /// Design the stiffness that a scene's [design] asks for: figures, numbers, and a scene with the designed profile
+    /// Find the stiffness or other parameters that the table [design] of a scene asks for: figures, numbers, and the designed scene
     #[cfg(feature = "design")]
     Design {
         #[command(flatten)]
@@ -83,11 +83,11 @@ enum Command {
         /// Folder for the results [default: out/<name of the scene>-design]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Replace the results of others in the folder
+        /// Replace other results in the folder
         #[arg(long)]
         force: bool,
     },
-    /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
+    /// Check a scene: what it will compute, its dimensionless numbers, and where it leaves the range of validity of the models
     Check {
         #[command(flatten)]
         scene: SceneArguments,
@@ -98,41 +98,41 @@ enum Command {
     /// Study a scene: its natural modes, and how speed, accuracy and stability depend on method, step and mesh
     #[command(subcommand)]
     Study(study::StudyCommand),
-    /// Pack a scene as an FMU, a component for co-simulation hosts by the FMI standard
+    /// Package a scene as an FMU, a component for co-simulation hosts (FMI standard)
     Fmu {
         #[command(flatten)]
         scene: SceneArguments,
         /// The file to write [default: <name of the scene>.fmu]
         #[arg(long, short, value_name = "FILE")]
         out: Option<PathBuf>,
-        /// Version of the standard; both makes FILE-fmi2.fmu and FILE-fmi3.fmu
+        /// Version of the standard; both writes FILE-fmi2.fmu and FILE-fmi3.fmu
         #[arg(long, value_enum, default_value = "3")]
         fmi: fmu::Version,
-        /// A shared library that goes into it, one for each platform [default: the one beside this program, in ../lib, or in the Python package]
+        /// A shared library to include, one for each platform [default: the one next to this program, in ../lib, or in the Python package]
         #[arg(long, value_name = "FILE")]
         library: Vec<PathBuf>,
-        /// The variables and parameters that it shows [default: all]
+        /// The variables and parameters to expose [default: all]
         #[arg(long, value_name = "NAMES", value_delimiter = ',')]
         variables: Option<Vec<String>>,
-        /// The nodes that it shows, where every entry of an array is a variable of its own [default: all]
+        /// The nodes to expose, if every entry of an array is a separate variable [default: all]
         #[arg(long, value_name = "NODES", value_delimiter = ',')]
         nodes: Option<Vec<usize>>,
-        /// FMI 3.0 without arrays and structural parameters, for hosts that have none
+        /// FMI 3.0 without arrays and structural parameters, for hosts that do not support them
         #[arg(long)]
         plain: bool,
     },
-    /// List the variables a host can get and set: all, or those of a scene with their sizes
+    /// List the variables that a host can get and set: all, or those of a scene with their sizes
     Variables {
-        /// The scene [default: every variable there is]
+        /// The scene [default: list all variables]
         scene: Option<PathBuf>,
     },
-    /// Write a commented scene to begin with; asks what it is not told
+    /// Write a commented scene to start from; asks for what is not given
     New(new::NewArguments),
-    /// Write a run for other programs: VTK for ParaView, figures as PNG or PDF, films as GIF or MP4
+    /// Export a run to other programs: VTK for ParaView, figures as PNG or PDF, films as GIF or MP4
     Export(export::ExportArguments),
-    /// Print the JSON Schema of scenes, by which editors complete and check them
+    /// Print the JSON Schema of scenes, with which editors complete and check them
     Schema {
-        /// Of sweeps
+        /// The schema of sweeps
         #[arg(long)]
         sweep: bool,
     },

@@ -19,7 +19,7 @@ pub enum TemplateKind {
     Swimmer,
     /// The same body with its head held, to measure its thrust
     Held,
-    /// A passive elastic tail whose base is turned to and fro
+    /// A passive elastic tail whose base oscillates in angle
     Tail,
 }
 
@@ -47,7 +47,7 @@ impl TemplateFluid {
 
 #[derive(Debug, Args)]
 pub struct NewArguments {
-    /// The file to write; asks what is not given, where it can
+    /// The file to write; asks for what is not given, if it can
     file: PathBuf,
     /// What swims [default: swimmer]
     #[arg(long, value_enum)]
@@ -58,7 +58,7 @@ pub struct NewArguments {
     /// Its length, m [default: 0.2]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     length: Option<f64>,
-    /// How often it beats, Hz [default: 2]
+    /// Its beat frequency, Hz [default: 2]
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     frequency: Option<f64>,
     /// Replace a file of that name
@@ -73,7 +73,7 @@ const FREQUENCIES: [f64; 2] = [1e-4, 1e4];
 pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
     let NewArguments { file, force, .. } = arguments;
     if !force && file.exists() {
-        print_error(&format!("{}: there already; --force replaces it", file.display()));
+        print_error(&format!("{}: already exists; --force replaces it", file.display()));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     let choices = |values: &[&str]| values.join(", ");
@@ -83,7 +83,7 @@ pub fn new(arguments: &NewArguments) -> Result<ExitCode> {
         asked(arguments.fluid, "in what", &choices(&["water", "glycerol", "oil"]), TemplateFluid::Water, by_name)?;
     let number = |text: &str| f64::from_str(text).ok();
     let length = asked(arguments.length, "its length, m", "0.2", 0.2, number)?;
-    let frequency = asked(arguments.frequency, "how often it beats, Hz", "2", 2.0, number)?;
+    let frequency = asked(arguments.frequency, "its beat frequency, Hz", "2", 2.0, number)?;
     for (name, value, [least, most]) in [("length", length, LENGTHS), ("frequency", frequency, FREQUENCIES)] {
         if !(least..=most).contains(&value) {
             print_error(&format!("--{name}: found {value}; allowed: {least:e} to {most:e}"));
@@ -127,7 +127,7 @@ fn asked<T: Copy>(
         return Ok(default);
     }
     loop {
-        let _ = write!(output, "{question} [{allowed}; Enter takes the first]: ");
+        let _ = write!(output, "{question} [{allowed}; Enter selects the first]: ");
         let _ = output.flush();
         let mut line = String::new();
         if input.read_line(&mut line).unwrap_or(0) == 0 || line.trim().is_empty() {
@@ -171,7 +171,7 @@ fn scene(name: &str, kind: TemplateKind, fluid: TemplateFluid, length: f64, freq
     let actuation = match swims {
         true => format!(
             r#"
-[actuation]                        # the natural curvature that muscles or motors ask for
+[actuation]                        # the natural curvature that muscles or motors impose
 kind = "travelling-wave"
 kappa_amp = {}                # curvature, 1/m
 frequency_hz = {frequency}
@@ -196,7 +196,7 @@ ramp_s = {}
         }
         TemplateKind::Tail => format!(
             r#"
-[head]                             # moved as the scene says; a host may move it instead
+[head]                             # moves as given here; a host may move it instead
 kind = "driven"
 angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency}, phase_rad = 1.5707963267948966 }}
 "#
@@ -205,12 +205,12 @@ angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency}, phase_rad = 1.570796
     format!(
         r#"#:schema scene.schema.json
 # An editor that knows the schema completes and checks keys: caudal schema > scene.schema.json
-# caudal check {file} says what this will compute; caudal run {file} computes it.
+# `caudal check {file}` shows what this scene will compute; `caudal run {file}` runs it.
 name = {quoted}
-reactive = "auto"                  # the water that the body accelerates, where it matters
+reactive = "auto"                  # the added mass of the water, if it matters
 
 [rod]
-nodes = 33                         # more are finer; `caudal study accuracy` says what that is worth
+nodes = 33                         # `caudal study accuracy` shows the error of a mesh
 length_m = {length:e}
 outer_radius_m = {radius}
 # depth_m = {depth:.2e}                # across the plane of motion; with it the section is an ellipse, or section = "rectangle" (a strip)
@@ -222,9 +222,9 @@ viscosity_pa_s = {viscosity:e}
 density_kg_m3 = {density:.1}
 
 [drag]
-law = "auto"                       # the law that holds for the flow of this motion; `caudal check` says which
+law = "auto"                       # chosen for the flow of this motion; `caudal check` shows which
 {head}
-[solver]                           # without time_step_s the steps are chosen by their estimated error
+[solver]                           # without time_step_s the step size is adaptive
 duration_s = {}               # ten periods
 
 [record]

@@ -103,15 +103,13 @@ pub fn run(
             significant(*net_displacement_m, 7)
         ));
         if ModelKind::named(summary.model).is_some_and(|kind| kind.estimate.is_none()) {
-            print_unless_quiet(
-                "  the run used the full model, too: the differences are the errors of the steps of both",
-            );
+            print_unless_quiet("  the run also used the full model: the differences are errors of the time steps");
         }
         for measure in ErrorMeasure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };
             let [name, relative] = measure.meaning();
             print_unless_quiet(&if noise.contains(&measure) {
-                format!("  {name}: both are at rest; what they differ by is rounding")
+                format!("  {name}: both are at rest and differ only by rounding")
             } else {
                 format!("  {name} differs by {difference:.1e} of {relative}")
             });
@@ -154,10 +152,10 @@ fn largest(summary: &Summary) -> Option<String> {
         (!values.is_empty()).then(|| format!("{name} {}", values.join(", ")))
     };
     let parts = [
-        list("a joint", &[(Some(summary.max_joint_moment_n_m), "N m")]),
-        list("the actuation", &[(summary.max_actuation_power_w, "W")]),
+        list("joint", &[(Some(summary.max_joint_moment_n_m), "N m")]),
+        list("actuation", &[(summary.max_actuation_power_w, "W")]),
         list(
-            "the motor of the hinge",
+            "motor of the hinge",
             &[
                 (summary.max_hinge_torque_n_m, "N m"),
                 (summary.max_hinge_power_w, "W"),
@@ -165,7 +163,7 @@ fn largest(summary: &Summary) -> Option<String> {
             ],
         ),
         list(
-            "the held head",
+            "held head",
             &[(summary.max_head_force_n, "N"), (summary.max_head_moment_n_m, "N m"), (summary.max_head_power_w, "W")],
         ),
     ];
@@ -176,7 +174,7 @@ fn largest(summary: &Summary) -> Option<String> {
     };
     let tendons = (1..).zip(&summary.tendons.0).map(tendon);
     let parts: Vec<String> = parts.into_iter().chain(tendons).flatten().collect();
-    (!parts.is_empty()).then(|| format!("at most, the start included: {}", parts.join("; ")))
+    (!parts.is_empty()).then(|| format!("largest loads, including the start: {}", parts.join("; ")))
 }
 
 /// The largest loads of the first cycles of `scene`, at whose start `stepper` is; `None` if nothing is driven, or if they take long

@@ -25,7 +25,7 @@ pub enum StudyCommand {
     Modes {
         #[command(flatten)]
         common: StudyArguments,
-        /// How many of the lowest modes
+        /// Number of modes, lowest first
         #[arg(long, default_value_t = ModesOptions::default().count)]
         count: usize,
     },
@@ -40,7 +40,7 @@ pub enum StudyCommand {
         #[arg(long, default_value_t = ScalingOptions::default().steps)]
         steps: u64,
     },
-    /// Error against cost for every model, method, step and mesh, and which of them to take
+    /// Error against cost for every model, method, step and mesh, with a recommendation
     Accuracy {
         #[command(flatten)]
         common: StudyArguments,
@@ -57,31 +57,31 @@ pub enum StudyCommand {
         #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = method_or_model)]
         without: Vec<String>,
     },
-    /// The same motion under every law of the fluid that can hold: speed, power, cost, and which law the scene needs
+    /// The same motion under every valid fluid law: speed, power, cost, and which law the scene needs
     Fluid {
         #[command(flatten)]
         common: StudyArguments,
     },
-    /// What every method does at every step, over a parameter: accurate, wrong, growing, failing; with --vary flow, where a
-    /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory; with
-    /// --vary load, under which point loads it does, over the damping of its material
+    /// Outcome of every method at every step, over a parameter: accurate, wrong, growing, failing. With --vary flow: where a held tail
+    /// stays at rest, flutters or diverges, over the speed of the flow and the mass of the tail, compared with theory. With --vary
+    /// load: the same under point loads, over the damping of the material
     Stability {
         #[command(flatten)]
         common: StudyArguments,
         /// What varies: modulus, amplitude, nodes, spin, damping, flow, or load
         #[arg(long, default_value = "modulus", value_parser = vary)]
         vary: Vary,
-        /// Its smallest and largest value [default: of the modulus a ten-thousandth of the scene's to its own, of the amplitude a quarter
-        /// to four times it]
+        /// Its smallest and largest value [default: a ten-thousandth of the scene's to the scene's for the modulus, a quarter to four
+        /// times the scene's for the amplitude]
         #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
         range: Option<[f64; 2]>,
         /// Smallest and largest step, s [default: a hundredth to four times the scene's]
         #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
         steps: Option<[f64; 2]>,
-        /// How many values and how many steps
+        /// Number of values and number of steps
         #[arg(long, default_value_t = StabilityOptions::default().points)]
         points: usize,
-        /// Error of the tip's path up to which a run is accurate, relative to how far the tip goes
+        /// Largest error of the tip's path of an accurate run, relative to the range of the tip's motion
         #[arg(long, default_value_t = StabilityOptions::default().accurate)]
         accurate: f64,
     },
@@ -118,7 +118,7 @@ pub struct StudyArguments {
     /// Folder for the results [default: out/<name of the scene>-study-<kind>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the results of others in the folder
+    /// Replace other results in the folder
     #[arg(long)]
     force: bool,
 }

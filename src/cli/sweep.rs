@@ -25,10 +25,10 @@ pub struct SweepArguments {
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = thread_count)]
     jobs: Option<NonZeroUsize>,
-    /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` puts the parts together
+    /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` combines the parts
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Forget what this sweep left in the folder before and begin anew
+    /// Discard the earlier results of this sweep in the folder and start again
     #[arg(long)]
     restart: bool,
     /// List and check the cases, run none
@@ -43,13 +43,13 @@ fn thread_count(text: &str) -> std::result::Result<NonZeroUsize, String> {
 
 #[derive(Debug, Subcommand)]
 enum SweepAction {
-    /// Make one table and report of the journals of all shards
+    /// Write one table and report from the journals of all shards
     Merge {
         #[command(flatten)]
         sweep: SweepSource,
         /// Journals, or folders with journals [default: the folder of the results]
         journals: Vec<PathBuf>,
-        /// Make them of the cases that are there by now, also while the sweep runs
+        /// Write them for the cases finished so far, also while the sweep runs
         #[arg(long)]
         partial: bool,
     },
@@ -65,7 +65,7 @@ struct SweepSource {
     /// Folder for the results [default: out/<name of the sweep>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the results of others in the folder
+    /// Replace other results in the folder
     #[arg(long)]
     force: bool,
 }
@@ -176,7 +176,7 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
     print_unless_quiet(&format!("{}: {done} cases in {:.2} s", sweep.name, elapsed.as_secs_f64()));
     if arguments.shard.is_some() {
         print_unless_quiet(&format!(
-            "{}: when all shards are there, `caudal sweep merge` makes table and report",
+            "{}: when all shards are complete, `caudal sweep merge` writes the table and the report",
             path.display()
         ));
         return Ok(ExitCode::SUCCESS);
@@ -192,7 +192,7 @@ fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
         print_error(&format!("case {index}: {ending}"));
     }
     if !failed.is_empty() {
-        print_error(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
+        print_error(&format!("{} cases failed; their rows in table.csv give the reasons", failed.len()));
     }
     let whole = print_kept(&kept, folder.path());
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
@@ -225,7 +225,7 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
     let missing: Vec<usize> = results.missing().collect();
     if let Some(first) = missing.first() {
         let lacking = format!(
-            "{} of {} cases are in none of the {} journals, case {first} the first of them",
+            "{} of {} cases are missing from the {} journals, the first is case {first}",
             missing.len(),
             sweep.size(),
             paths.len()
@@ -234,7 +234,9 @@ fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCo
             print_unless_quiet(&lacking);
             return finish(&results, &mut claimed()?);
         }
-        print_error(&format!("{lacking}; let their shards finish, or take what is there with --partial"));
+        print_error(&format!(
+            "{lacking}; wait for their shards to finish, or merge the available cases with --partial"
+        ));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     finish(&results, &mut claimed()?)

@@ -18,7 +18,7 @@ pub enum Standard {
 /// The categories of log messages, with their descriptions.
 pub const LOG_CATEGORIES: [(&str, &str); 4] = [
     ("logStatusWarning", "deviations from what was requested"),
-    ("logStatusDiscard", "a step that could not be made; everything is as it was before the call"),
+    ("logStatusDiscard", "a step that failed; the state is as before the call"),
     ("logStatusError", "a call that the standard or the model does not allow"),
     ("logSteps", "every communication step: its internal steps and iterations"),
 ];

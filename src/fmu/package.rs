@@ -60,7 +60,7 @@ impl Fmu<'_> {
             let binary =
                 std::fs::read(library).map_err(|e| Error::Read { path: library.clone(), reason: e.to_string() })?;
             let Some((folders, suffix)) = platform(&binary) else {
-                let problem = "no shared library of Linux, macOS or Windows for x86_64 or aarch64";
+                let problem = "not a shared library for Linux, macOS or Windows on x86_64 or aarch64";
                 return Err(Error::Fmu(format!("{}: {problem}", library.display())));
             };
             let folder = folders[usize::from(standard == Standard::Fmi3)];
@@ -113,8 +113,7 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
     let place = |folder: PathBuf| folder.join(library_name());
     near.into_iter().chain(packages).map(place).find(|place| place.is_file()).ok_or_else(|| {
         Error::Fmu(format!(
-            "the library {} is neither in {} nor in ../lib of it; `cargo build --release` in the project's folder \
-             makes it, or give its place with {}",
+            "the library {} is neither in {} nor in ../lib of it; build it with `cargo build --release` in the project's folder, or give its path with {}",
             library_name(),
             folder.display(),
             Phrase::Library

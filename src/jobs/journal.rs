@@ -125,12 +125,12 @@ fn held_by_others(path: &Path) -> Error {
     };
     let holders: Vec<String> = others.filter(|pid| opens(*pid) > 0).map(named).collect();
     let who = match (holders.len(), opens(own)) {
-        (0, 2..) => "this process is at work on it already".to_string(),
-        (0, _) => "another program is at work on it".to_string(),
-        (1, _) => format!("process {} is at work on it", holders[0]),
-        _ => format!("the processes {} are at work on it", holders.join(", ")),
+        (0, 2..) => "this process is already using it".to_string(),
+        (0, _) => "another program is using it".to_string(),
+        (1, _) => format!("process {} is using it", holders[0]),
+        _ => format!("the processes {} are using it", holders.join(", ")),
     };
-    journal_error(path, format!("{who}; wait for the end, or end what was left behind"))
+    journal_error(path, format!("{who}; wait until it has finished, or stop a process that was left behind"))
 }
 
 /// Results on disk. At most one program at a time has the journal open for writing.
@@ -184,7 +184,7 @@ impl Journal {
                 }
             }
             FirstLine::Other => {
-                let problem = format!("it is no journal of results, or its beginning is damaged; {}", Phrase::Restart);
+                let problem = format!("it is not a journal of results, or its header is damaged; {}", Phrase::Restart);
                 return Err(journal_error(path, problem));
             }
         }
@@ -210,7 +210,7 @@ impl Journal {
             line.is_ok_and(|line| checked_json(&line).is_some() || line.get(16..18) == Some(b" {"))
         };
         if !empty && !lines.any(known) {
-            return Err(journal_error(path, "it is no journal of results, and is not removed".to_string()));
+            return Err(journal_error(path, "it is not a journal of results, and is not removed".to_string()));
         }
         std::fs::remove_file(path).map_err(|e| write_error(path, &e))
     }
@@ -220,8 +220,7 @@ impl Journal {
     /// # Errors
     /// [`Error::Read`]; [`Error::Journal`] if it is not a journal.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::read_begun(path)?
-            .ok_or_else(|| journal_error(path, "it is only begun, and has no results yet".to_string()))
+        Self::read_begun(path)?.ok_or_else(|| journal_error(path, "it has no results yet".to_string()))
     }
 
     /// The same as [`read`](Self::read); `None` if the file is empty or its first line is incomplete.
@@ -236,7 +235,7 @@ impl Journal {
         journal.job = match journal.scan()? {
             FirstLine::Job(job) => job,
             FirstLine::Torn => return Ok(None),
-            FirstLine::Other => return Err(journal_error(path, "it is no journal of results".to_string())),
+            FirstLine::Other => return Err(journal_error(path, "it is not a journal of results".to_string())),
         };
         Ok(Some(journal))
     }
@@ -459,7 +458,7 @@ mod tests {
         let mut journal = Journal::open(&path, &job).unwrap();
         (0..3).for_each(|index| journal.add(index, index).unwrap());
         let refused = Journal::open(&path, &job).unwrap_err().to_string();
-        assert!(refused.contains("is at work on it"), "{refused}");
+        assert!(refused.contains("using it"), "{refused}");
         drop(journal);
         for other in [Job::new("test", b"others", 3), Job::new("best", b"inputs", 3), Job::new("test", b"inputs", 4)] {
             assert!(Journal::open(&path, &other).unwrap_err().to_string().contains("another job"));
@@ -484,7 +483,10 @@ mod tests {
         for text in texts.iter().flat_map(|text| [text.to_string(), format!("{text}\n"), format!("{text}\n{text}")]) {
             std::fs::write(&path, &text).unwrap();
             let opened = Journal::open(&path, &job).map(|_| ());
-            assert!(opened.is_err_and(|error| error.to_string().contains("it is no journal of results")), "{text:?}");
+            assert!(
+                opened.is_err_and(|error| error.to_string().contains("it is not a journal of results")),
+                "{text:?}"
+            );
             let cleared = Journal::clear(&path);
             assert!(cleared.is_err(), "{text:?}");
             assert_eq!(std::fs::read_to_string(&path).unwrap(), text);

@@ -174,7 +174,9 @@ impl CycleSource {
             Self::Table => {
                 "the head or the flow moves, or a tendon is pulled, by a table, which has no period".to_string()
             }
-            Self::Mixed => "the sinusoids of head, flow and tendons have no common period among their own".to_string(),
+            Self::Mixed => {
+                "no period of the sinusoids of head, flow and tendons is a multiple of all others".to_string()
+            }
             Self::Nothing => "nothing drives the tail periodically".to_string(),
         }
     }
@@ -417,16 +419,14 @@ impl Cycle {
         let held = dynamics.model.head.is_some();
         Some(match self.net_speed(dynamics) {
             _ if held && !dynamics.model.forces.iter().any(Force::is_of_fluid) => "there is no fluid to push against",
-            None if held => {
-                "a head that stays where it is in still water does no useful work: let the water flow, with medium.flow_m_s"
-            }
-            None => "the swimmer gets nowhere",
+            None if held => "a fixed head in still water does no useful work: add a flow with medium.flow_m_s",
+            None => "the mean speed of the swimmer is zero",
             Some(_) if held && self.axis().is_none() => "the head turns all the way round, so it has no mean direction",
-            Some(_) if held => "neither actuation nor head puts power in",
-            Some(_) if self.power(0) <= 0.0 => "the actuation puts no power in",
-            Some(_) if self.is_pulled() => "loads supply power, too, so that of the swimmer itself cannot be separated",
-            Some(_) if dynamics.model.forces.is_empty() => "nothing resists the straight rod: give [drag]",
-            Some(_) => "the drag of the straight rod is not the same everywhere in this medium",
+            Some(_) if held => "neither the actuation nor the head supplies power",
+            Some(_) if self.power(0) <= 0.0 => "the actuation supplies no power",
+            Some(_) if self.is_pulled() => "loads also supply power, so the power of the swimmer cannot be separated",
+            Some(_) if dynamics.model.forces.is_empty() => "the straight rod has no drag: add [drag]",
+            Some(_) => "the drag of the straight rod varies with position in this medium",
         })
     }
 
@@ -552,7 +552,7 @@ measure!(
     "speed",
     "_m_s",
     "m/s",
-    "modulus of the mean velocity U against the flow over the last whole cycles, of the centre of mass or of a held head",
+    "magnitude of the mean velocity U relative to the flow over the last whole cycles, of the centre of mass or of a held head",
     |c, _| Some(c.velocity().norm())
 );
 measure!(
@@ -560,7 +560,7 @@ measure!(
     "forward_speed",
     "_m_s",
     "m/s",
-    "U·e, the part of U along the head's mean axis e: above zero head first, below zero tail first",
+    "U·e, the part of U along the head's mean axis e: positive head first, negative tail first",
     |c, _| c.axis().map(|axis| c.velocity().dot(&axis))
 );
 measure!(
@@ -582,7 +582,7 @@ measure!(
     "tip_excursion",
     "_m",
     "m",
-    "peak-to-peak excursion A of the tip over a cycle, across the mean path through the fluid or, of a head that stays, across its mean axis",
+    "peak-to-peak excursion A of the tip over a cycle, across the mean path through the fluid or, for a fixed head, across its mean axis",
     |c, _| Some(c.excursion)
 );
 measure!(
@@ -609,7 +609,7 @@ measure!(
     "thrust",
     "_n",
     "N",
-    "mean force of the tail on the held head along the head's mean axis: above zero it pushes the head ahead",
+    "mean force of the tail on the held head along the head's mean axis: positive pushes the head forward",
     |c, d| {
         let axis = held(d, c.axis()?)?;
         Some(c.mean_vector(index::FORCE).dot(&axis))
@@ -620,7 +620,7 @@ measure!(
     "drag_thrust",
     "_n",
     "N",
-    "mean force of drag on the rod along the head's mean axis: below zero it brakes",
+    "mean force of drag on the rod along the head's mean axis: negative brakes",
     |c, d| along_axis_in_water(c, d, index::DRAG)
 );
 measure!(
@@ -655,7 +655,7 @@ measure!(
     "hinge_power",
     "_w",
     "W",
-    "mean power put in by the motor of the hinged head over the last whole cycles",
+    "mean power supplied by the motor of the hinged head over the last whole cycles",
     |c, d| hinged(d, c.mean(index::HINGE_POWER))
 );
 measure!(
@@ -679,7 +679,7 @@ measure!(
     "rms_tracking_error",
     "_rad",
     "rad",
-    "root mean square of the angle that the servo of the hinged head is told less the angle that it has over the last whole cycles",
+    "root mean square over the last whole cycles of the tracking error of the hinged head, its commanded angle less its actual one",
     |c, d| d.model.hinge.as_ref().filter(|hinge| hinge.stiffness > 0.0).map(|_| c.root(index::HINGE_ERROR_SQUARE))
 );
 measure!(

@@ -104,7 +104,7 @@ impl ShortRun {
         let Some(period) = self.period.filter(too_short) else { return Ok(()) };
         let [duration, period] = [duration, period].map(|time| significant(time, 3));
         Err(format!(
-            "the run of {duration} s ends before the second beat, of {period} s each, does: all of it is the start"
+            "the run of {duration} s is shorter than two beats of {period} s each, so all of it belongs to the start"
         ))
     }
 
@@ -366,12 +366,12 @@ impl FluidEstimates {
     /// Describes these relative changes of motion and power, for messages.
     pub fn changes_in_words(&self, changes: [f64; 2]) -> String {
         let [motion, power] = changes.map(|part| match part {
-            part if part.abs() <= MAX_CHANGE_IN_DIGITS => format!("{} %", signed(100.0 * part, 1)),
-            part if part > 0.0 => "more than ten times the".to_string(),
-            _ => "more than ten times the opposite".to_string(),
+            part if part.abs() <= MAX_CHANGE_IN_DIGITS => format!("change by {} %", signed(100.0 * part, 1)),
+            part if part > 0.0 => "grow more than tenfold".to_string(),
+            _ => "reverse and grow more than tenfold".to_string(),
         });
         let named = if self.held { "thrust" } else { "speed" };
-        format!("the motion would have {motion} {named} and take {power} power")
+        format!("the {named} would {motion} and the power would {power}")
     }
 
     /// Describes errors of motion and power, for messages.
@@ -426,21 +426,21 @@ impl FluidChoice {
             let below = estimates.laws.iter().filter(|law| *law != highest);
             match below.min_by(|a, b| excess(a).total_cmp(&excess(b))) {
                 Some(below) => format!(
-                    "nothing simpler is near enough: {} errs by an estimated {}; a quarter of the uncertainty of {} is {}",
+                    "no simpler law is accurate enough: the estimated errors of {} are {}; a quarter of the uncertainty of {} is {}",
                     below.name(),
                     estimates.in_words(below.errors),
                     highest.name(),
                     estimates.in_words(limits)
                 ),
                 None if estimates.laws.len() < all => format!(
-                    "among the laws that auto may choose {reactive} the water's inertia no other is valid here",
+                    "no other law that auto may choose {reactive} added mass is valid here",
                     reactive = if highest.reactive { "with" } else { "without" }
                 ),
-                None => "among the laws that auto may choose no other is valid here".to_string(),
+                None => "no other law that auto may choose is valid here".to_string(),
             }
         } else {
             format!(
-                "against {} it errs by an estimated {}, within a quarter of what that is itself uncertain by ({})",
+                "its estimated errors relative to {} are {}, within a quarter of the uncertainty of that law ({})",
                 highest.name(),
                 estimates.in_words(taken.errors),
                 estimates.in_words(estimates.uncertainty)
@@ -448,7 +448,7 @@ impl FluidChoice {
         };
         if left_out {
             reason = format!(
-                "with the water's inertia, which may decide whether the rod is stable (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {BECK}); {reason}",
+                "with added mass, because it may decide whether the rod is stable (¼πρD²U²L²/EI = {}; a clamped rod under a follower force at its tip flutters at {BECK}); {reason}",
                 two_digits(estimates.regime.flow_velocity.powi(2)),
                 BECK = regime::BECK
             );
@@ -467,7 +467,7 @@ impl FluidChoice {
     /// and the uncertainty.
     pub fn count(&mut self, law: &DragLaw, changes: [f64; 2], estimates: &FluidEstimates) {
         self.reason += &format!(
-            "; {} is valid here and higher than these, but is not run: {}",
+            "; {} is valid here and more accurate than these, but is not used: with it {}",
             law.name,
             estimates.changes_in_words(changes)
         );

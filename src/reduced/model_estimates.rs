@@ -297,7 +297,7 @@ impl Estimator {
             return no_estimate("the rod is released from an initial curvature, and vibrates");
         }
         if model.start != Start::Shaped && (strained || moving) {
-            return no_estimate("the rod is released into its motion at once, and rings");
+            return no_estimate("the rod starts moving abruptly, and vibrates");
         }
         if !self.times.periods[0].is_finite() {
             return no_estimate("nothing drives the rod, so there is no period for an estimate");
@@ -370,7 +370,7 @@ impl Estimator {
         let step = SHAPE_STEP_WORK * self.added_mass_factor();
         if steps * step >= whole {
             return no_estimate(format!(
-                "it is not cheaper: about {steps:.1e} steps, while the full model takes the time of {:.1e}",
+                "it is not cheaper: about {steps:.1e} steps, while the full model needs the time of {:.1e}",
                 whole / step
             ));
         }
@@ -459,12 +459,12 @@ impl Estimator {
     fn overdamped(&mut self) -> Result<Differences, NoEstimate> {
         self.check_preconditions()?;
         if self.dynamics.model.forces.are_inertial() {
-            return no_estimate("it leaves out the inertia of the water, and with it the reactive force");
+            return no_estimate("it leaves out added mass and thus the reactive force");
         }
         let inertia = self.inertia();
         if inertia > MAX_INERTIA {
             return no_estimate(format!(
-                "inertia is {inertia:.1e} of the drag at the highest frequency of the drive, of the node that drag stops last"
+                "inertia is {inertia:.1e} of the drag at the highest frequency of the drive, at the node with the longest relaxation time"
             ));
         }
         let FullModelRun { duration, step_control: [_, step_control], .. } = self.run;
@@ -501,7 +501,7 @@ impl Estimator {
         let work = periods * OVERDAMPED_WORK_PER_PERIOD * (1e-4 / tolerance).powf(0.2);
         if work >= whole {
             return no_estimate(format!(
-                "it is not cheaper: about {work:.1e} Newton iterations, while the full model takes {whole:.1e}"
+                "it is not cheaper: about {work:.1e} Newton iterations, while the full model needs {whole:.1e}"
             ));
         }
         Ok(())

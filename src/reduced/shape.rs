@@ -49,7 +49,7 @@ pub fn stable_rate(model: &Model, times: &TimeScales) -> f64 {
 fn unsuitable(model: &Arc<Model>, duration: f64) -> Option<String> {
     if model.initial_curvature.is_some() {
         return Some(
-            "start.curvature_1_m bends the rod beside its natural curvature, which it keeps there; allowed: \"overdamped\" or \"full\"".into(),
+            "start.curvature_1_m bends the rod away from its natural curvature, which this model prescribes; allowed: \"overdamped\" or \"full\"".into(),
         );
     }
     let times = TimeScales::of(&Dynamics::new(Arc::clone(model)), duration);

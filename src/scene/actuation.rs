@@ -125,7 +125,7 @@ impl ActuationTable {
         }
         let stands_for = |given: &str, key: &str| given == key || (given, key) == ("moment_amp_n_m", "kappa_amp");
         if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| stands_for(given, key))) {
-            let or = if *key == "kappa_amp" { "; moment_amp_n_m may stand in its place" } else { "" };
+            let or = if *key == "kappa_amp" { "; moment_amp_n_m can replace it" } else { "" };
             return fault(key, format!("missing; kind = \"{}\" has no default for it{or}", kind.name));
         }
         if let Some(slope) = self.slope.map(Positive::get).filter(|slope| *slope > STEEPEST) {

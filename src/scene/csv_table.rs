@@ -79,7 +79,7 @@ pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration:
         let found = format!("found times from {} to {} s", first.time, last.time);
         return Err(refuse(
             first_line,
-            format!("{found}; allowed: a table that reaches from 0 to the duration, {duration} s"),
+            format!("{found}; allowed: a table that covers 0 to the duration, {duration} s"),
         ));
     }
     if with_rates {

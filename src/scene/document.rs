@@ -553,7 +553,7 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
         if key.get_ref() == "tendons" {
             let entries = value.get_ref().as_array();
             if entries.is_none_or(|entries| entries.iter().any(|tendon| !tendon.get_ref().is_table())) {
-                let problem = "found something else than tables; allowed: one [[tendons]] for each tendon";
+                let problem = "found something other than tables; allowed: one [[tendons]] for each tendon";
                 return Err(KeyError { key: "tendons".into(), problem: problem.into() });
             }
         } else if value.get_ref().is_array() {
@@ -564,7 +564,7 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     if let Some(DeValue::Array(points)) = inside("loads", "point")
         && let Some(i) = points.iter().position(|point| !point.get_ref().is_table())
     {
-        let problem = format!("point {i} is no table; allowed: tables {{ node, force_n }}");
+        let problem = format!("point {i} is not a table; allowed: tables {{ node, force_n }}");
         return Err(KeyError { key: "loads.point".to_string(), problem });
     }
     let Some(DeValue::Table(solver)) = root.get("solver").map(Spanned::get_ref) else { return Ok(()) };

@@ -51,7 +51,10 @@ impl Files {
         match contents.get(path) {
             Some(content) => Some(Ok(content)),
             None if self.over_disk => None,
-            None => Some(Err(Error::Read { path: path.to_path_buf(), reason: "it was not sent along".to_string() })),
+            None => Some(Err(Error::Read {
+                path: path.to_path_buf(),
+                reason: "it was not sent with the scene".to_string(),
+            })),
         }
     }
 

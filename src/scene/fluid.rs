@@ -117,7 +117,7 @@ pub struct ReactiveTable {
     /// Fraction χ of the momentum that the tail sheds into the wake in Lighthill's theory: 1 for a sharp end, 0 for a pointed
     /// one.
     pub shedding: value::Share,
-    /// True if the program decides whether added mass matters, by estimates of the scene's own motion.
+    /// True if the program decides whether added mass matters, by estimates from the scene's own motion.
     pub auto: bool,
 }
 
@@ -287,7 +287,7 @@ impl DragTable {
                     return fault(
                         key,
                         format!(
-                            "found {:?} with rod.section = \"rectangle\"; it is of round rods; allowed: {allowed}, or another section",
+                            "found {:?} with rod.section = \"rectangle\"; it is valid for round rods only; allowed: {allowed}, or another section",
                             law.name
                         ),
                     );
@@ -333,26 +333,25 @@ impl DragTable {
             return fault("rod.nodes", value::refused(found, allowed));
         }
         if self.head_weight.is_some_and(|weight| weight.get() != 1.0) {
-            let problem = format!(
-                "found with law = \"{name}\", which has no drag of a single part of the rod; remove it, or give [head_body]"
-            );
+            let problem =
+                format!("found with law = \"{name}\", which has no local drag; remove it, or add [head_body]");
             return fault("drag.head_weight", problem);
         }
         if scene.medium.as_ref().is_some_and(|medium| medium.stack().is_some()) {
             let problem = format!(
-                "{name:?} found in a medium with layers or shear; it is valid in a uniform fluid only: remove them, or take another law"
+                "{name:?} found in a medium with layers or shear; it is valid in a uniform fluid only: remove them, or use another law"
             );
             return fault("drag.law", problem);
         }
         if scene.head.kind == HeadKind::Hinged {
             let problem = format!(
-                "{name:?} found with head.kind = \"hinged\", whose angle is no part of its matrix; take another law, or another kind of head"
+                "{name:?} found with head.kind = \"hinged\", whose angle its matrix does not include; use another law, or another kind of head"
             );
             return fault("drag.law", problem);
         }
         if scene.solver.form == FormKey::Chain {
             let problem = format!(
-                "\"chain\" found with law = \"{name}\", whose matrix has no band; allowed: \"positions\" or \"auto\""
+                "\"chain\" found with law = \"{name}\", whose matrix is not banded; allowed: \"positions\" or \"auto\""
             );
             return fault("solver.form", problem);
         }
@@ -653,14 +652,14 @@ impl Scene {
         let choice = self.fluid_choice.as_ref().filter(|choice| choice.at_rest)?;
         let [asked, remedy] = match self.leaves_fluid_to_program() {
             [true, true] => [
-                "drag.law = \"auto\" and reactive = \"auto\" judge",
-                "name drag.law (\"cross-flow\" with [reactive] for water)",
+                "drag.law = \"auto\" and reactive = \"auto\" estimate the flow",
+                "set drag.law (\"cross-flow\" with [reactive] for water)",
             ],
-            [true, false] => ["drag.law = \"auto\" judges", "name drag.law (\"cross-flow\" for water)"],
-            _ => ["reactive = \"auto\" judges", "write [reactive] (for water), or leave it out"],
+            [true, false] => ["drag.law = \"auto\" estimates the flow", "set drag.law (\"cross-flow\" for water)"],
+            _ => ["reactive = \"auto\" estimates the flow", "write [reactive] (for water), or omit it"],
         };
         Some(format!(
-            "{asked} by the scene's own motion, and nothing of the scene moves this rod: {} is that of a rod at rest, and stays whatever a host does; {remedy}, or give the scene a typical motion",
+            "{asked} from the scene's own motion, but nothing in the scene moves this rod: {} was chosen for a rod at rest and stays in use whatever a host does; {remedy}, or give the scene a typical motion",
             choice.name()
         ))
     }
@@ -669,7 +668,7 @@ impl Scene {
     pub(super) fn fluid_choice_or_fixed(&self) -> Option<FluidChoice> {
         self.fluid_choice.clone().or_else(|| {
             let (law, reactive) = self.fluid_model(&self.model().ok()?.rod);
-            Some(FluidChoice::without_estimates(law, reactive, "that of the scene it is made from".to_string()))
+            Some(FluidChoice::without_estimates(law, reactive, "that of the original scene".to_string()))
         })
     }
 
@@ -692,7 +691,7 @@ impl Scene {
                 let left_out = if reactive && reactive_left { self.beyond_added_mass(&rod) } else { None };
                 let of_water = left_out
                     .as_ref()
-                    .map_or(String::new(), |beyond| format!("; without the water's inertia, because {beyond}"));
+                    .map_or(String::new(), |beyond| format!("; added mass is left out, because {beyond}"));
                 let reason = format!("no estimates: {reason}{of_water}");
                 self.fluid_choice = Some(FluidChoice::without_estimates(law, reactive && left_out.is_none(), reason));
                 return;
@@ -797,7 +796,7 @@ impl Scene {
             a.0.cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2)).then(a.3.total_cmp(&b.3))
         };
         let known = (0..found.len()).filter(|i| found[*i].4.is_some());
-        let highest = known.min_by(order).ok_or("no law with a published uncertainty holds")?;
+        let highest = known.min_by(order).ok_or("no law with a published uncertainty is valid")?;
         let uncertainty = found[highest].4.map_or([f64::INFINITY; 2], |known| known.measured(held));
         let last = found.remove(highest);
         found.push(last);
@@ -805,7 +804,7 @@ impl Scene {
         let found = found.into_iter().map(|(law, reactive, means, _, known)| (law, reactive, means, measured(known)));
         let found = found.collect();
         FluidEstimates::of(found, uncertainty, held, regime)
-            .ok_or_else(|| "what the motion comes to is not finite".to_string())
+            .ok_or_else(|| "the estimated motion is not finite".to_string())
     }
 
     /// The relative changes of motion and power by nonlocal drag in a short run, if nonlocal drag is valid but not chosen.

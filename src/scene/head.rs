@@ -99,20 +99,19 @@ impl HeadTable {
         }
         if self.kind != HeadKind::Hinged {
             return first(&turned).map_or(Ok(()), |key| {
-                let problem = "found without kind = \"hinged\"; allowed: only with it: any other head is free, or turns as it is told";
+                let problem = "found without kind = \"hinged\"; allowed: only with it: any other head is free, or follows its prescribed motion";
                 Err(KeyError { key: key.into(), problem: problem.into() })
             });
         }
         if self.inertia_kg_m2.is_none() {
-            let problem = "missing; a hinged head needs the inertia of what turns with it: the rotor of the motor times the square of the gear's ratio, and the head's own";
+            let problem = "missing; a hinged head needs its moment of inertia: that of the motor's rotor times the square of the gear ratio, plus the head's own";
             return Err(KeyError { key: "head.inertia_kg_m2".into(), problem: problem.into() });
         }
         let constant = |ScalarSignal(angle): &ScalarSignal| angle.formula().and_then(Signal::constant);
         let commanded = self.angle_rad.as_ref().is_some_and(|angle| constant(angle).is_none());
         if commanded && self.stiffness() == 0.0 {
             let found = "an angle that changes, without head.stiffness_n_m";
-            let allowed =
-                "a number, the angle at the start: without a servo's stiffness nothing turns the head to an angle";
+            let allowed = "a number, the initial angle: a servo without stiffness does not turn the head to an angle";
             return Err(KeyError { key: "head.angle_rad".into(), problem: value::refused(found, allowed) });
         }
         Ok(())

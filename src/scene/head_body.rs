@@ -83,7 +83,7 @@ impl Scene {
         let Some(body) = &self.head_body else { return Ok(()) };
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         if self.head.kind != HeadKind::Free {
-            let problem = "found with a held head, whose body is that of the host: remove [head_body], or take head.kind = \"free\"";
+            let problem = "found with a held head, whose body belongs to the host: remove [head_body], or use head.kind = \"free\"";
             return fault("head_body", problem.into());
         }
         let Some(mass) = self.body_mass(body) else {
@@ -107,16 +107,16 @@ impl Scene {
         let height = self.drag.as_ref().and_then(|drag| drag.height_m);
         if let Some(height) = height.map(Positive::get).filter(|height| *height <= across) {
             let allowed =
-                format!("above the semi-axis of [head_body] across it, {across:e} m: it would stand in the wall");
+                format!("above the semi-axis of [head_body] across it, {across:e} m: it would intersect the wall");
             return fault("drag.height_m", value::refused(format!("{height:e} m"), allowed));
         }
         if self.drag.is_none() && (body.form_drag_along.is_some() || body.form_drag_across.is_some()) {
             let key = if body.form_drag_along.is_some() { FORM_DRAG_ALONG } else { FORM_DRAG_ACROSS };
-            return fault(key, "found without [drag], without which nothing has any; add it".into());
+            return fault(key, "found without [drag], which it requires; add it".into());
         }
         if self.reactive.is_none() && body.moment_of_inertia_kg_m2.is_some() {
             let problem =
-                "found without [reactive], without which drag stops every turn at once; add it or remove this";
+                "found without [reactive], without which drag stops every rotation at once; add it or remove this";
             return fault("head_body.moment_of_inertia_kg_m2", problem.into());
         }
         Ok(())

@@ -128,8 +128,7 @@ impl MediumTable {
             }
         }
         if self.steady_flow().is_none() {
-            let problem = "changes in time in a medium that is not the same everywhere, where pressure would push fluids of other density \
-                otherwise; make it steady, or remove the layers and the shear";
+            let problem = "changes in time in a nonuniform medium, where the pressure would accelerate fluids of different density differently; make it steady, or remove the layers and the shear";
             return fault("medium.flow_m_s".into(), problem.into());
         }
         let crosses = |flow: Vector2<f64>| normal.dot(&flow).abs() > PARALLEL_TOLERANCE * flow.norm();
@@ -138,7 +137,7 @@ impl MediumTable {
         for (key, flow) in std::iter::once(("medium.flow_m_s".to_string(), self.first_flow())).chain(flows) {
             if crosses(flow) {
                 let found = format!("[{}, {}], which crosses the layers", flow.x, flow.y);
-                let allowed = "a flow along them (normal · flow = 0): a flow across would carry the layers away";
+                let allowed = "a flow along them (normal · flow = 0): a flow across them would carry the layers away";
                 return fault(key, value::refused(found, allowed));
             }
         }
@@ -163,7 +162,7 @@ impl MediumTable {
             return fault(key(&first, "normal"), value::refused(found, allowed));
         }
         if scene.head_body.is_some() {
-            let problem = "found in a medium that is not the same everywhere: its drag and inertia are those in one fluid; \
+            let problem = "found in a nonuniform medium: its drag and inertia are valid in a uniform fluid only; \
                 remove it, or the layers and the shear of [medium]";
             return fault("head_body".into(), problem.into());
         }

@@ -58,8 +58,7 @@ impl LoadsTable {
             }
         }
         if self.buoyancy && self.gravity_m_s2.is_none() {
-            let problem =
-                "found without gravity_m_s2, without which there is none; add it, as gravity_m_s2 = [0.0, -9.81]";
+            let problem = "found without gravity_m_s2, which it requires; add it, as gravity_m_s2 = [0.0, -9.81]";
             return Err(KeyError { key: "loads.buoyancy".into(), problem: problem.into() });
         }
         Ok(())

@@ -174,7 +174,7 @@ impl Scene {
     /// Checks the name, which is also used for a folder.
     fn check_name(&self) -> std::result::Result<(), KeyError> {
         let refuse = |found: std::fmt::Arguments<'_>| {
-            Err(KeyError { key: "name".into(), problem: value::refused(found, "a name that can be a folder's") })
+            Err(KeyError { key: "name".into(), problem: value::refused(found, "a valid folder name") })
         };
         if let Some(bad) = self.name.chars().find(|c| c.is_control() || ['/', '\\'].contains(c)) {
             return refuse(format_args!("{bad:?} in it"));

@@ -261,7 +261,7 @@ impl Scene {
         if head.kind == HeadKind::Hinged {
             let (torque, angle) = (head.torque_n_m.as_ref(), head.angle_rad.as_ref());
             list.signal("head.torque_n_m", "N m", "torque of the motor of the hinged head", torque, Finite::constant);
-            list.signal("head.angle_rad", "rad", "angle that the hinged head is told", angle, Finite::constant);
+            list.signal("head.angle_rad", "rad", "commanded angle of the hinged head", angle, Finite::constant);
         }
         list.given("head.largest_torque_n_m", "N m", "largest torque of the motor", head.largest_torque_n_m);
         list.given("start.ramp_s", "s", "duration of the ramp", self.start.ramp_s);

@@ -167,7 +167,7 @@ impl Scene {
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let kind = self.kind()?;
         if kind.is_some_and(|kind| kind.needs_drag) && self.drag.is_none() {
-            let problem = format!("found {:?} without [drag]; add it, or take another model", self.solver.model);
+            let problem = format!("found {:?} without [drag]; add it, or use another model", self.solver.model);
             return fault("solver.model", problem);
         }
         if kind.is_some_and(|kind| kind.needs_drag) && !self.is_dragged() {
@@ -181,7 +181,7 @@ impl Scene {
         let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
         if let (Some(kind), Some(_)) = (kind.filter(|kind| kind.needs_drag), reactive) {
             let problem = format!(
-                "found {:?} with [reactive]: without inertia there is no inertia of the water, which is what [reactive] adds; remove one, or take another model",
+                "found {:?} with [reactive]: a model without inertia has no added mass, which is what [reactive] adds; remove one, or use another model",
                 kind.name
             );
             return fault("solver.model", problem);
@@ -193,7 +193,7 @@ impl Scene {
         let held = self.head.kind != HeadKind::Free;
         match &self.solver.accuracy_of {
             Some(measures) if !measures.iter().any(|measure| measure.exists(held)) => {
-                let problem = "found nothing that this scene has; allowed: \"displacement\", \"tip\", and with a held head \"force\", \"moment\"";
+                let problem = "found no quantity of this scene; allowed: \"displacement\", \"tip\", and with a held head \"force\", \"moment\"";
                 return fault("solver.accuracy_of", problem.into());
             }
             _ => {}
@@ -288,9 +288,9 @@ impl Scene {
     pub fn estimates(&self) -> Result<Estimates> {
         if let Some(part) = self.requires_full_model() {
             return Ok(Estimates::none(match part {
-                TENDONS => "it has no tendons",
-                HINGE => "it knows no head that turns by itself",
-                _ => "it cannot hold a medium that changes with the place",
+                TENDONS => "it does not support tendons",
+                HINGE => "it does not support a hinged head",
+                _ => "it does not support a medium that varies with position",
             }));
         }
         let step = self.typical_step();

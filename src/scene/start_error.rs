@@ -9,7 +9,7 @@ use crate::error::Error;
 impl Scene {
     /// Returns `error` of a run that fails at the start, with the key that most likely causes it.
     pub(crate) fn start_error(&self, error: &Error) -> Error {
-        let bent = |what: String| format!("{what} in the first shape; allowed: a weaker one, or more nodes");
+        let bent = |what: String| format!("{what} in the initial shape; allowed: a weaker one, or more nodes");
         let (key, problem) = match error {
             Error::FoldOver { node, .. } => {
                 let turned = *node == 0 && self.actuation.is_some() && self.head.angle_rad.is_some();
@@ -25,7 +25,7 @@ impl Scene {
             }
             Error::NotConverged { residual_n, node, .. } => {
                 let problem = format!(
-                    "no accelerations at the start balance the forces: {residual_n:e} N are left at node {node}; try a less extreme number"
+                    "the accelerations at the start do not balance the forces: a residual of {residual_n:e} N remains at node {node}; try a less extreme number"
                 );
                 (self.most_extreme_key().to_string(), problem)
             }

@@ -158,7 +158,7 @@ impl Scene {
             if let Some(least) = length.as_ref().map(|length: &Signal| length.range()[0]).filter(|least| *least <= 0.0)
             {
                 let found = format!("a length of {} m", number(least));
-                let allowed = "above 0 at all times: the length of the cable itself, near that beside the straight rod; give the sinusoid that as its offset";
+                let allowed = "above 0 at all times: the length of the cable, close to that along the straight rod; use that as the offset of the sinusoid";
                 return Err(self.error(&format!("tendons.{i}.length_m"), value::refused(found, allowed)));
             }
             let pull = |rest: f64| match table.stiffness_n_m {

@@ -228,7 +228,7 @@ impl<T, P> SignalKeys<T, P> {
                 Ok(std::array::from_fn(|_| SignalValue::Table(file.clone())))
             }
             Self { table: Some(_), .. } => Err(E::custom(refused(
-                "a table beside other keys",
+                "a table together with other keys",
                 "either { table } or { amplitude, frequency_hz, phase_rad, offset }",
             ))),
             Self { amplitude: Some(amplitude), frequency_hz: Some(frequency), phase_rad, offset, .. } => {

@@ -163,10 +163,7 @@ impl Problem {
         let (cycles, _) = self.simulate_cycles(|_| {})?;
         let averages = cycles.averages(&self.dynamics);
         let of_efficiency = averages.efficiency_reason.filter(|_| measure.key == EFFICIENCY.key);
-        Ok(averages
-            .reason
-            .or(of_efficiency)
-            .unwrap_or_else(|| "the scene has nothing that it is a mean of".to_string()))
+        Ok(averages.reason.or(of_efficiency).unwrap_or_else(|| "the scene has no such quantity".to_string()))
     }
 
     /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives with respect

@@ -79,7 +79,8 @@ impl Problem {
         }
         let follows_state = self.model().has_motor_or_winch();
         if follows_state && !parameters.is_empty() && outputs.iter().any(|output| !output.work.is_empty()) {
-            let problem = "work beside a hinge or a winch has no forward derivative; allowed: Problem::adjoint";
+            let problem =
+                "the work of a scene with a hinge or a winch has no forward derivative; allowed: Problem::adjoint";
             return Err(Error::Derivative { problem: problem.to_string() });
         }
         let (unknowns, nodes, steps) = (self.model().unknowns(), self.dynamics.nodes(), self.steps);

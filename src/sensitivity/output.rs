@@ -164,12 +164,12 @@ impl Quantity {
         };
         if matches!(self, Q::HeadForce(_) | Q::HeadMoment) && model.head.is_none() {
             return Err(Error::Derivative {
-                problem: format!("{self:?} is not there to read; allowed: of a held head, clamped or driven"),
+                problem: format!("{self:?} does not exist in this scene; allowed: with a held head, clamped or driven"),
             });
         }
         if matches!(self, Q::Hinge(_)) && model.hinge.is_none() {
             return Err(Error::Derivative {
-                problem: format!("{self:?} is not there to read; allowed: of a head of kind \"hinged\""),
+                problem: format!("{self:?} does not exist in this scene; allowed: with a head of kind \"hinged\""),
             });
         }
         let axis = match self {
@@ -182,7 +182,7 @@ impl Quantity {
             (true, 0 | 1) => return Ok(()),
             (true, _) => "axes 0 (x) and 1 (y)".to_string(),
         };
-        Err(Error::Derivative { problem: format!("{self:?} is not there to read; allowed: {problem}") })
+        Err(Error::Derivative { problem: format!("{self:?} does not exist in this scene; allowed: {problem}") })
     }
 }
 

@@ -87,7 +87,7 @@ impl Problem {
         scene.fits(&model)?;
         let Some(law) = model.forces.global() else { return Self::without_derivatives(scene, model) };
         let problem = format!(
-            "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
+            "{:?} has no exact derivatives, because it is nonlocal; allowed: a local law, such as \"cox\"",
             law.name()
         );
         Err(Error::Scene { place: scene.name.clone(), key: "drag.law".to_string(), problem })
@@ -109,7 +109,7 @@ impl Problem {
         };
         if scene.names_reduced_model() {
             let problem = format!(
-                "found {:?}; derivatives and designs need the full model; allowed: \"full\", or \"auto\", in whose place it is taken",
+                "found {:?}; derivatives and designs need the full model; allowed: \"full\", or \"auto\", which it then replaces",
                 scene.solver.model
             );
             return refuse("solver.model", &problem);
@@ -162,7 +162,7 @@ impl Problem {
             }
         }
         if controls.natural.is_some() && self.model().filters_drive() {
-            let problem = "a natural curvature over time beside a drive with a limit or a lag has no derivatives; allowed: without \
+            let problem = "a natural curvature over time together with a drive with a limit or a lag has no derivatives; allowed: without \
                  `actuation.lag_s`, `largest_1_m` and `largest_moment_n_m`";
             return Err(Error::Derivative { problem: problem.to_string() });
         }

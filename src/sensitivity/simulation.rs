@@ -328,7 +328,7 @@ impl Simulation {
                             return unknown;
                         }
                         refusal(format!(
-                            "{name}: found a mean over cycles, of which a run has one; allowed: what changes in time, or value_and_grad for means"
+                            "{name}: found a mean over cycles, which is a single number per run; allowed: outputs that change in time, or value_and_grad for means"
                         ))
                     })?;
                     own.outputs.push(output);
@@ -510,11 +510,12 @@ impl Simulation {
             let averages = cycles.averages(&self.problem.dynamics);
             notes.extend(match averages.difference {
                 Some(difference) if difference.is_periodic() => None,
-                Some(difference) => {
-                    Some(format!("not periodic yet: {difference} from cycle to cycle, and the means are over these"))
-                }
+                Some(difference) => Some(format!(
+                    "not periodic yet: {difference} from cycle to cycle, and the means are taken over these cycles"
+                )),
                 None => Some(
-                    "the means are over a single cycle, which does not tell whether the motion is periodic".to_string(),
+                    "the means are taken over a single cycle, which does not show whether the motion is periodic"
+                        .to_string(),
                 ),
             });
         }
@@ -589,7 +590,7 @@ impl Simulation {
                 && !self.problem.has_first(velocities, axis)
             {
                 let problem =
-                    format!("derivatives by the first state need it to be given; give {name}, as it is in the scene");
+                    format!("derivatives by the initial state require it; give {name}, as it is in the scene");
                 return Err(refusal(problem));
             }
         }

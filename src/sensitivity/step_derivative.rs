@@ -170,7 +170,7 @@ impl Stepper {
             for (variable, seed) in given {
                 let Some((_, end, direction)) = known.iter().find(|(own, ..)| own.name == variable.name) else {
                     let problem = format!(
-                        "no derivative by {}, which was not given for the step that led here; allowed: an input that was set for it",
+                        "no derivative by {}, which was not set for the last step; allowed: an input that was set for it",
                         variable.name
                     );
                     return Err(Error::Derivative { problem });
@@ -191,7 +191,7 @@ impl Stepper {
     fn last_step_along_head(&mut self) -> Result<Box<LastDerivatives>> {
         let there = self.save();
         let Some(h) = self.return_to_last_step() else {
-            let problem = "no step led here since something was last set or restored; allowed: right after a step";
+            let problem = "no step was made since something was last set or restored; allowed: right after a step";
             return Err(Error::Derivative { problem: problem.to_string() });
         };
         let jump = self.take_head_jump();
@@ -294,7 +294,7 @@ impl Stepper {
             return Err(Error::Step(h));
         }
         if self.restarts_in(h) {
-            let problem = "this step begins the run anew, with the pose that is given for its end; allowed: linearise from the next one on";
+            let problem = "this step restarts the run with the pose that is given for its end; allowed: linearise from the next step on";
             return Err(Error::Derivative { problem: problem.to_string() });
         }
         if self.flow_jumps_in_water() {
@@ -378,7 +378,7 @@ impl Stepper {
             return Ok(());
         }
         let problem = format!(
-            "the derivatives of this step along {width} directions need {:.1} GB of memory, which there is not; allowed: fewer inputs, or those by \
+            "the derivatives of this step along {width} directions need {:.1} GB of memory, which is not available; allowed: fewer inputs, or those by \
              inputs without those by the state",
             bytes as f64 / 1e9
         );

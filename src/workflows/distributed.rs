@@ -104,7 +104,7 @@ impl<T: DeserializeOwned> Bundle<T> {
         let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // the rest may be of another version
         let own = BUILD;
         if version != own {
-            return Err(Error::Bundle { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
+            return Err(Error::Bundle { problem: format!("it comes from caudal {version}, but this is caudal {own}") });
         }
         postcard::from_bytes(bytes).map_err(failed)
     }

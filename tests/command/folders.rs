@@ -262,7 +262,7 @@ fn restart_leaves_nothing_of_the_sweep_before() {
     let other = SWEEP.replace("drag.form_drag = [1.0, 1.2]", "rod.length_m = [1.0, 1.1]");
     std::fs::write(folder.path().join("eels.toml"), other).unwrap();
     let refused = caudal(folder.path(), "sweep eels.toml --out here");
-    assert!(said(&refused).contains("begin anew with --restart"), "{}", said(&refused));
+    assert!(said(&refused).contains("start again with --restart"), "{}", said(&refused));
     assert_eq!(figures(files(&here).into_keys().collect()), before);
     assert_eq!(caudal(folder.path(), "sweep eels.toml --out here --restart").status.code(), Some(0));
     let after = figures(files(&here).into_keys().collect());

@@ -229,8 +229,7 @@ fn the_next_run_removes_what_a_killed_one_left_and_nothing_of_one_that_goes_on()
     assert_eq!(leftovers(), 3);
     for verb in ["run eel.toml --force", "study modes eel.toml --force --out out/eel"] {
         let refused = caudal(folder.path(), verb);
-        let expected =
-            "error: out/eel: another program is at work in it; wait for its end, or choose another folder with --out\n";
+        let expected = "error: out/eel: another program is using it; wait until it has finished, or choose another folder with --out\n";
         assert_eq!((refused.status.code(), errors(&refused).as_str()), (Some(2), expected));
     }
     assert_eq!(leftovers(), 3, "those of a run that goes on stay");
@@ -274,7 +273,7 @@ fn restart_begins_anew_over_a_damaged_journal_and_takes_no_other_file_for_one() 
         std::fs::write(&journal, &damaged).unwrap();
         let refused = caudal(folder.path(), "sweep sweep.toml");
         assert_eq!(refused.status.code(), Some(2), "byte {at}");
-        assert!(errors(&refused).contains("begin anew with --restart"), "{}", errors(&refused));
+        assert!(errors(&refused).contains("start again with --restart"), "{}", errors(&refused));
         assert_eq!(std::fs::read(&journal).unwrap(), damaged);
         let anew = caudal(folder.path(), "sweep sweep.toml --restart");
         assert_eq!(anew.status.code(), Some(0), "byte {at}: {}", errors(&anew));
@@ -442,7 +441,7 @@ fn a_sweep_that_grew_keeps_its_cases_and_one_that_changed_is_refused_with_the_wa
         let before = std::fs::read(folder.path().join("out/sweep/cases.journal")).unwrap();
         let output = caudal(folder.path(), "sweep sweep.toml");
         assert_eq!(output.status.code(), Some(2), "{changed}");
-        assert!(errors(&output).contains("begin anew with --restart"), "{}", errors(&output));
+        assert!(errors(&output).contains("start again with --restart"), "{}", errors(&output));
         assert!(errors(&output).contains(reason), "{}", errors(&output));
         assert_eq!(std::fs::read(folder.path().join("out/sweep/cases.journal")).unwrap(), before);
     }

@@ -487,7 +487,7 @@ fn told(line: &str, raced: bool) -> Option<String> {
     if let Some((cases, _)) = line.split_once(" cases in ").filter(|_| line.ends_with(" s")) {
         line = format!("{cases} cases in ~ s"); // as above
     }
-    if raced && let Some((kept, _)) = line.split_once(" The whole model by ") {
+    if raced && let Some((kept, _)) = line.split_once(" The full model by ") {
         line = kept.to_string();
     }
     let best = line.contains("\"For ") || line.starts_with("For ");

@@ -217,9 +217,11 @@ fn advice_brings_what_it_says() {
     let jump =
         format!("{}[start]\nkind = \"jump\"\n", EEL.replace("youngs_modulus_pa = 1e6", "youngs_modulus_pa = 1e9"));
     let ringing = warnings(&jump, &[]);
-    let kind = advised(ringing.iter().find(|warning| warning.contains("rings")).unwrap(), "start.kind");
+    let kind = advised(ringing.iter().find(|warning| warning.contains("excites vibrations")).unwrap(), "start.kind");
     assert!(
-        warnings(&jump, &["--set", &format!("start.kind={kind}")]).iter().all(|warning| !warning.contains("rings"))
+        warnings(&jump, &["--set", &format!("start.kind={kind}")])
+            .iter()
+            .all(|warning| !warning.contains("excites vibrations"))
     );
     // The law, in water and in syrup.
     for viscosity in ["1e-3", "1e3"] {
@@ -232,7 +234,7 @@ fn advice_brings_what_it_says() {
         assert_eq!(outside.len(), usize::from(viscosity == "1e-3"), "{found:?}");
         for warning in outside {
             // With the key that this law does not take.
-            assert!(warning.contains("drag.law = \"cross-flow\", without drag.ratio, holds"), "{warning}");
+            assert!(warning.contains("drag.law = \"cross-flow\", without drag.ratio, is valid"), "{warning}");
         }
         let law = law_of(&found);
         let followed = stokes.replace("\"stokes-like\"\nratio = 2.0", &law);
@@ -242,7 +244,7 @@ fn advice_brings_what_it_says() {
 
 /// The law that the warning of `stokes-like` names.
 fn law_of(warnings: &[String]) -> String {
-    let warning = warnings.iter().find(|warning| warning.contains("is kept for")).unwrap();
+    let warning = warnings.iter().find(|warning| warning.contains("is intended for")).unwrap();
     warning.rsplit("drag.law = ").next().unwrap().split(',').next().unwrap().to_string()
 }
 

@@ -85,11 +85,11 @@ const MISTAKES: &[Mistake] = &[
     // names
     ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `tendons`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
     ("name = \"full\"", "name = 3", 0, "name", "found 3; allowed: a text in quotes"),
-    ("name = \"full\"", "name = \"a/b\"", 0, "name", "found '/' in it; allowed: a name that can be a folder's"),
-    ("name = \"full\"", "name = 'a\\b'", 0, "name", "found '\\\\' in it; allowed: a name that can be a folder's"),
-    ("name = \"full\"", "name = \"a\\nb\"", 0, "name", "found '\\n' in it; allowed: a name that can be a folder's"),
-    ("name = \"full\"", "name = \"..\"", 0, "name", "found \"..\"; allowed: a name that can be a folder's"),
-    ("name = \"full\"", "name = \" \"", 0, "name", "found \" \"; allowed: a name that can be a folder's"),
+    ("name = \"full\"", "name = \"a/b\"", 0, "name", "found '/' in it; allowed: a valid folder name"),
+    ("name = \"full\"", "name = 'a\\b'", 0, "name", "found '\\\\' in it; allowed: a valid folder name"),
+    ("name = \"full\"", "name = \"a\\nb\"", 0, "name", "found '\\n' in it; allowed: a valid folder name"),
+    ("name = \"full\"", "name = \"..\"", 0, "name", "found \"..\"; allowed: a valid folder name"),
+    ("name = \"full\"", "name = \" \"", 0, "name", "found \" \"; allowed: a valid folder name"),
     ("name = \"full\"", "\"a`b\" = 3", 0, "a`b", "unknown key; allowed: `name`, ..."),
     ("name = \"full\"", "\"a.b\" = 3", 0, "a.b", "unknown key; allowed: `name`, ..."),
     // unknown keys and tables, wrong units
@@ -128,7 +128,7 @@ const MISTAKES: &[Mistake] = &[
     ("youngs_modulus_pa = 70e9", "youngs_modulus_pa = 0.0", 0, "rod.youngs_modulus_pa", "found 0; allowed: a positive number"),
     ("stiffness_gradient = 1.0", "stiffness_gradient = -1.0", 0, "rod.stiffness_gradient", "found -1; allowed: a number above -1"),
     ("kappa_amp = 0.6", "kappa_amp = inf", 0, "actuation.kappa_amp", "found inf; allowed: a finite number"),
-    ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it; moment_amp_n_m may stand in its place"),
+    ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it; moment_amp_n_m can replace it"),
     ("kappa_amp = 0.6", "kappa_amp = 0.6\nmoment_amp_n_m = 0.1", 0, "actuation.kappa_amp", "found together with moment_amp_n_m; allowed: an amplitude of curvature or one of moment"),
     ("kappa_amp = 0.6", "moment_amp_n_m = 0.1", 1, "actuation.kappa_reference_length_m", "found with moment_amp_n_m; allowed: with kappa_amp, a curvature"),
     ("kappa_amp = 0.6", "moment_amp_n_m = \"strong\"", 0, "actuation.moment_amp_n_m", "found \"strong\"; ..."),
@@ -230,7 +230,7 @@ const MISTAKES: &[Mistake] = &[
     ("frequency_hz = 1.0,", "frequency_hz = -1.0,", 0, "head.position_m.1.frequency_hz", "found -1; allowed: a number that is not negative"),
     ("amplitude = 0.01", "amplitude = [0.01, 0.02]", 0, "head.position_m.1.amplitude", "found [0.01, 0.02]; allowed: a finite number"),
     ("phase_rad = 0.5", "phase_rad = [0.5, 0.7]", 0, "head.position_m.1.phase_rad", "found [0.5, 0.7]; allowed: a finite number"),
-    ("offset = 0.1", "table = \"a.csv\"", 0, "head.position_m.1", "found a table beside other keys; allowed: either { table } or { amplitude, frequency_hz, phase_rad, offset }"),
+    ("offset = 0.1", "table = \"a.csv\"", 0, "head.position_m.1", "found a table together with other keys; allowed: either { table } or { amplitude, frequency_hz, phase_rad, offset }"),
     ("angle_rad = 0.1", "angle_rad = [0.1, 0.2]", 0, "head.angle_rad", "found [0.1, 0.2]; allowed: a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }"),
     ("angle_rad = 0.1", "angle_rad = {}", 0, "head.angle_rad", "found an incomplete sinusoid; allowed: amplitude and frequency_hz together, or a table"),
     ("angle_rad = 0.1", "angle_rad = { table = 3 }", 0, "head.angle_rad.table", "found 3; allowed: a text in quotes"),
@@ -280,7 +280,7 @@ fn scenes_that_are_hardly_scenes_are_refused() {
         ),
         (
             "loads.point = [[1, [0, 1]]]",
-            "folder/scene.toml:1: loads.point: point 0 is no table; allowed: tables { node, force_n }",
+            "folder/scene.toml:1: loads.point: point 0 is not a table; allowed: tables { node, force_n }",
         ),
     ] {
         assert_eq!(refusal(text), message, "{text:?}");
@@ -340,7 +340,7 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
             "loads.point.9.node=3",
             "override loads.point.9.node=3: loads.point.9: found place 9 of a list with 2 entries; allowed: 0 to 1",
         ),
-        ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a name that can be a folder's"),
+        ("name=a/b", "override name=\"a/b\": name: found '/' in it; allowed: a valid folder name"),
         (
             "drag.head_weight=-1",
             "override drag.head_weight=-1: drag.head_weight: found -1; allowed: a number that is not negative",
@@ -624,12 +624,12 @@ fn a_bad_table_of_a_driven_head_is_told_with_its_own_file_and_line() {
         (
             "time_s,a\n0,1\n0.5,2\n",
             1,
-            "found times from 0 to 0.5 s; allowed: a table that reaches from 0 to the duration, 1 s",
+            "found times from 0 to 0.5 s; allowed: a table that covers 0 to the duration, 1 s",
         ),
         (
             "time_s,a\n0.1,1\n1,2\n",
             1,
-            "found times from 0.1 to 1 s; allowed: a table that reaches from 0 to the duration, 1 s",
+            "found times from 0.1 to 1 s; allowed: a table that covers 0 to the duration, 1 s",
         ),
         ("time_s,a\n0,1\n0,2\n1,2\n", 3, "found time 0 s after 0 s; allowed: rising times"),
         ("time_s,a\n0,1\n1,2\n0.5,3\n", 4, "found time 0.5 s after 1 s; allowed: rising times"),

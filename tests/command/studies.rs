@@ -113,7 +113,7 @@ fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
     assert!(seen > 10, "{seen}");
 }
 
-/// A clamped strip in nothing but the water that it accelerates, and the study of it.
+/// A clamped strip in nothing but added mass, and the study of it.
 fn flutter(changes: &[&str], points: usize) -> Findings {
     let text = include_str!("../../models/flag.toml");
     let bare = text
@@ -187,7 +187,7 @@ fn the_map_over_the_flow_has_the_water_at_every_speed_and_says_what_it_is_about(
     // So slow a flow needs no water, and the study of all speeds does.
     let (water, slow) = of("medium.flow_m_s=[0.02, 0.0]");
     assert!(!water && slow.numbers["critical_speed_m_s"].as_f64().is_some(), "{:?}", slow.answers);
-    let reversed = |findings: &Findings| findings.answers.iter().any(|answer| answer.contains("against the free end"));
+    let reversed = |findings: &Findings| findings.answers.iter().any(|answer| answer.contains("from the free end"));
     let (_, against) = of("medium.flow_m_s=[-1.8, 0.0]");
     println!("{:#?}\n{:#?}", slow.answers, against.answers);
     assert!(reversed(&against) && !reversed(&slow), "{:?}", against.answers);
@@ -197,7 +197,7 @@ fn the_map_over_the_flow_has_the_water_at_every_speed_and_says_what_it_is_about(
         assert_eq!(reversed(&findings), is_against, "{flow}: {:?}", findings.answers);
     }
     assert!(
-        against.answers.iter().any(|answer| answer.contains("small motions about the rest")),
+        against.answers.iter().any(|answer| answer.contains("small motions about the equilibrium")),
         "{:?}",
         against.answers
     );
@@ -517,7 +517,7 @@ fn a_rod_at_rest_tests_no_step() {
     let findings = complete(made(&Study::Stability(asked), &scene));
     let all = findings.answers.join("\n");
     assert!(
-        !all.contains("accurate up to") && all.contains("symplectic-euler: untested, since nothing moves"),
+        !all.contains("accurate up to") && all.contains("symplectic-euler: not tested, because nothing moves"),
         "{all}"
     );
     assert!(all.contains("The rod does not move in"), "{all}");

@@ -245,7 +245,7 @@ fn a_sweep_ends_the_same_to_the_bit_on_any_number_of_threads_in_shards_and_after
         if i == 2 {
             // What is there by then, which the next merge replaces.
             let partial = sweep(&file, &out("shards"), &["merge", "--partial"]);
-            assert!(text(&partial.stdout).contains("of 400 cases are in none of the 2 journals"), "{partial:?}");
+            assert!(text(&partial.stdout).contains("of 400 cases are missing from the 2 journals"), "{partial:?}");
             assert!((200..300).contains(&table(&out("shards")).len()));
             std::fs::remove_file(out("shards").join("table.csv")).unwrap();
         }
@@ -320,8 +320,8 @@ fn an_interrupted_sweep_ends_with_130_and_goes_on_with_the_same_command() {
     assert_eq!(second.status.code(), Some(2));
     // Where the system tells, it is named.
     let holder = match std::path::Path::new("/proc/self/fd").exists() {
-        true => format!("process {} (caudal) is at work on it", child.id()),
-        false => "another program is at work on it".to_string(),
+        true => format!("process {} (caudal) is using it", child.id()),
+        false => "another program is using it".to_string(),
     };
     assert!(text(&second.stderr).contains(&holder), "{}", text(&second.stderr));
     crate::interrupt(&child);
@@ -483,7 +483,7 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
         ),
         ("[axes]\nrod.length_m = [1.0]\n[record]\nframes = 1", 5, "allowed: 0, or 2 to"),
         ("[axes]\nrod.length_m = [1.0]\n[recrod]", 4, "did you mean `record`?"),
-        ("name = \"a/b\"\n[axes]\nrod.length_m = [1.0]", 2, "a name that can be a folder's"),
+        ("name = \"a/b\"\n[axes]\nrod.length_m = [1.0]", 2, "a valid folder name"),
     ];
     for (mistake, line, says) in mistakes {
         let (folder, path) = written(&format!("scene = \"base.toml\"\n{mistake}\n"));

@@ -335,8 +335,8 @@ fn a_simulation_by_names_says_what_a_run_says_of_itself() {
 fn a_mean_that_a_run_has_not_is_refused_with_the_reason() {
     for (changes, measure, reason) in [
         (&[][..], "cycle_speed_m_s", "shorter than one cycle of 0.6667 s"),
-        (&["solver.duration_s=1.5"], "cycle_thrust_n", "the scene has nothing that it is a mean of"),
-        (&["solver.duration_s=1.5", "loads.gravity_m_s2=[0.0, -9.81]"], "cycle_efficiency", "loads supply power, too"),
+        (&["solver.duration_s=1.5"], "cycle_thrust_n", "the scene has no such quantity"),
+        (&["solver.duration_s=1.5", "loads.gravity_m_s2=[0.0, -9.81]"], "cycle_efficiency", "loads also supply power"),
     ] {
         let error = value_and_grad(&document(changes), measure, &["actuation.kappa_amp"]).unwrap_err().to_string();
         assert!(error.contains(&format!("this run has no {measure}: ")) && error.contains(reason), "{error}");

@@ -468,10 +468,11 @@ fn what_no_step_led_to_has_no_derivative_through_it() {
     assert_eq!(ask(&mut stepper, "head_y_m"), Ok(()));
     assert_eq!(
         ask(&mut stepper, "head_x_m"),
-        Err("no derivative by head_x_m, which was not given for the step that led here; allowed: an input that was set for it".into())
+        Err("no derivative by head_x_m, which was not set for the last step; allowed: an input that was set for it"
+            .into())
     );
     let saved = stepper.save();
-    let none = "no step led here since something was last set or restored; allowed: right after a step";
+    let none = "no step was made since something was last set or restored; allowed: right after a step";
     stepper.restore(&saved).unwrap();
     assert_eq!(ask(&mut stepper, "head_y_m"), Err(none.into()));
     pose(&mut stepper, 8.0, 0.0);
@@ -900,7 +901,7 @@ fn what_a_host_says_counts_where_it_is_so_anyway() {
     let mut stepper = stepper_of(&text, &[]);
     stepper.set("head_y_m", &[0.2]).unwrap();
     let error = stepper.linearise(2e-3, StateCoordinates::Motion, &[], &[]).unwrap_err().to_string();
-    assert!(error.starts_with("this step begins the run anew"), "{error}");
+    assert!(error.starts_with("this step restarts the run"), "{error}");
 }
 
 #[test]
@@ -1069,6 +1070,6 @@ fn derivatives_that_take_more_memory_than_there_is_are_refused() {
     let before = stepper.save();
     let error = stepper.linearise(1e-4, StateCoordinates::Motion, &[], &[]).unwrap_err().to_string();
     assert!(error.starts_with("the derivatives of this step along 2400004 directions need "), "{error}");
-    assert!(error.contains("GB of memory, which there is not; allowed: "), "{error}");
+    assert!(error.contains("GB of memory, which is not available; allowed: "), "{error}");
     assert!(stepper.save() == before);
 }

@@ -271,7 +271,7 @@ fn the_truth_lies_within_the_stated_deviations_as_often_as_it_should() {
     honest(&[COEFFICIENTS, DRIVEN], &truth, 1e-3, 40);
 }
 
-/// A tail in water, with form drag, boundary layers and the water that it accelerates.
+/// A tail in water, with form drag, boundary layers and added mass.
 #[test]
 fn so_it_does_in_water() {
     let water = [

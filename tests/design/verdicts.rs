@@ -105,16 +105,16 @@ fn a_scene_that_is_not_that_of_the_data_is_said_not_to_fit() {
         let outside = errors.iter().filter(|error| error.abs() > 2.0).count();
         assert!(outside * 20 <= errors.len().max(1), "{other}: {errors:?}");
         assert!(
-            lines.iter().any(|line| line.contains("not fit") || line.contains("not those of the data")),
+            lines.iter().any(|line| line.contains("not fit") || line.contains("do not match the data")),
             "{lines:?}"
         );
     }
 }
 
-/// Of `"… would give +3.8 % stiffness …"` the number, %.
+/// Of `"… would change by +3.8 % …"` the number, %.
 fn said_to_follow(lines: &[String]) -> f64 {
-    let line = lines.iter().find(|line| line.starts_with("stiffness follows the fluid")).unwrap();
-    let (_, rest) = line.split_once("would give ").unwrap();
+    let line = lines.iter().find(|line| line.starts_with("stiffness depends on the fluid forces")).unwrap();
+    let (_, rest) = line.split_once("would change by ").unwrap();
     rest.split(' ').next().unwrap().parse().unwrap()
 }
 
@@ -221,7 +221,10 @@ fn a_wrong_marker_is_found_and_left_out() {
         });
     });
     let (found, lines) = identified(&[], &folder);
-    assert!(!found.left_out.is_empty() && lines.iter().any(|line| line.contains("further apart")), "{lines:?}");
+    assert!(
+        !found.left_out.is_empty() && lines.iter().any(|line| line.contains("with a longer interval")),
+        "{lines:?}"
+    );
 }
 
 /// A slender clamped rod, in oil as thin or thick as it may be, under a load on its tip along it.
@@ -486,7 +489,7 @@ fn what_is_identified_in_scenes_that_differ_is_true() {
         let (found, lines) = identified(&[&own[..], &[&*changed]].concat(), &folder);
         let errors = errors(&found, &truth);
         let inside = errors.iter().filter(|error| error.abs() <= 2.0).count();
-        let unfit = |line: &&String| line.contains("not fit") || line.contains("not those of the data");
+        let unfit = |line: &&String| line.contains("not fit") || line.contains("do not match the data");
         let said = lines.iter().any(|line| unfit(&line));
         if kind == 0 {
             lines.iter().filter(unfit).for_each(|line| println!("{line}"));

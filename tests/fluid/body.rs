@@ -412,7 +412,7 @@ fn what_a_body_cannot_go_with_is_refused() {
     };
     for kind in ["clamped", "driven"] {
         let error = refused(&[BODY, &format!("head.kind={kind}")]);
-        assert!(error.contains("head_body: found with a held head, whose body is that of the host"), "{error}");
+        assert!(error.contains("head_body: found with a held head, whose body belongs to the host"), "{error}");
     }
     let error = refused(&[BODY, "head_body.moment_of_inertia_kg_m2=1.0"]);
     assert!(error.contains("head_body.moment_of_inertia_kg_m2: found without [reactive]"), "{error}");

@@ -345,7 +345,7 @@ fn what_layers_cannot_be_is_refused_with_its_key_and_a_remedy() {
     let flowing = layers(&[layer(0.0, ", normal = [0.0, 1.0], flow_m_s = [0.1, 0.0]")]);
     let body = "head_body={ semi_axis_along_m = 0.2, semi_axis_across_m = 0.1 }";
     let cases: [(&[&str], &str); 15] = [
-        (&[beyond, body], "head_body: found in a medium that is not the same everywhere"),
+        (&[beyond, body], "head_body: found in a nonuniform medium"),
         (&[beyond, "medium.flow_m_s=[0.1, 0.1]"], "medium.flow_m_s: found [0.1, 0.1], which crosses the layers"),
         (
             &[beyond, "loads.gravity_m_s2=[1.0, -9.81]"],
@@ -381,7 +381,7 @@ fn auto_takes_the_whole_model_in_layers_and_says_why() {
     let stepper = Stepper::of(&scene).unwrap();
     let choice = stepper.choice().unwrap();
     assert_eq!(choice.kind.name, "full");
-    assert!(choice.reason.as_ref().unwrap().contains("a medium that changes with the place"), "{:?}", choice.reason);
+    assert!(choice.reason.as_ref().unwrap().contains("a medium that varies with position"), "{:?}", choice.reason);
 }
 
 /// A light oil.

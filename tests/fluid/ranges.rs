@@ -151,7 +151,7 @@ fn a_passive_tail_whose_shape_is_taken_as_it_is_has_a_note() {
     let noted = |text: &str, model: &str| {
         let scene = scene_of(text, &[head, &format!("solver.model={model}")]);
         let warnings = Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap().warnings;
-        warnings.iter().any(|text| text.contains("a passive tail neither bends"))
+        warnings.iter().any(|text| text.contains("a passive tail does not bend"))
     };
     assert!(noted(&text, "shape") && !noted(&text, "full") && !noted(TAIL, "shape"));
 }
@@ -188,7 +188,9 @@ fn every_law_that_a_range_advises_is_taken_by_the_scene() {
         let scene = scene_of(TAIL, changes);
         for notes in said(&scene) {
             for law in LAWS {
-                if notes.iter().any(|note| note.contains(&format!("\"{}\"", law.name)) && note.contains("holds there"))
+                if notes
+                    .iter()
+                    .any(|note| note.contains(&format!("\"{}\"", law.name)) && note.contains("is valid there"))
                 {
                     assert!(scene.with_fluid(law, false).is_ok(), "{changes:?}: {}: {notes:?}", law.name);
                     advised += 1;
@@ -223,7 +225,7 @@ fn laws_are_compared_on_a_coarse_rod_whatever_the_mesh_and_where_they_allow_it()
         Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap().facts
     };
     let compared = |changes: &[&str]| {
-        facts(changes).into_iter().find(|fact| fact.name == "other laws that hold").map(|fact| fact.text)
+        facts(changes).into_iter().find(|fact| fact.name == "other valid laws").map(|fact| fact.text)
     };
     const SYRUP: &str = "medium.viscosity_pa_s=50.0";
     let coarse = compared(&[SYRUP]).unwrap();
@@ -241,7 +243,7 @@ fn a_motion_is_compared_in_digits_where_the_run_and_the_change_give_them_a_meani
     let lines = |text: &str, changes: &[&str]| -> Vec<String> {
         let scene = scene_of(text, &[&["rod.nodes=33"], changes].concat());
         let found = Assessment::fluid_models(&scene, &Stepper::of(&scene).unwrap()).into_iter();
-        found.filter(|line| line.name != "fluid taken").map(|line| line.text).collect()
+        found.filter(|line| line.name != "fluid chosen").map(|line| line.text).collect()
     };
     // Two beats take 1 s.
     const FINE: &str = include_str!("../../models/fine-1e3.toml");
@@ -249,16 +251,16 @@ fn a_motion_is_compared_in_digits_where_the_run_and_the_change_give_them_a_meani
         let short = lines(FINE, &[duration]);
         println!("{short:?}");
         assert_eq!(short.len(), 2);
-        assert!(short[0].ends_with("ends before the second beat, of 0.500 s each, does: all of it is the start"));
-        assert!(short[1].starts_with("it lowers the rod's own frequencies"));
+        assert!(short[0].ends_with("is shorter than two beats of 0.500 s each, so all of it belongs to the start"));
+        assert!(short[1].starts_with("it lowers the natural frequencies"));
     }
     // Drag of the study is a thousandth of what holds: the rod hardly swims.
     let weak = lines(FINE, &["solver.duration_s=1.0"]).pop().unwrap();
     println!("{weak}");
-    assert!(weak.contains("would have more than ten times the speed and take more than ten times the power"));
+    assert!(weak.contains("the speed would grow more than tenfold and the power would grow more than tenfold"));
     let eel = lines(include_str!("../../models/eel.toml"), &[]).pop().unwrap();
     println!("{eel}");
-    assert!(eel.contains("would have -8.8 % speed and take -0.9 % power"));
+    assert!(eel.contains("the speed would change by -8.8 % and the power would change by -0.9 %"));
 }
 
 #[test]

@@ -95,7 +95,7 @@ fn auto_takes_the_shape_in_water_where_it_is_within_the_accuracy_and_says_what_o
         let choice = stepper.choice().unwrap();
         assert_eq!(choice.kind.name, taken, "{:?}", choice.reason);
         let estimates = choice.estimates.as_ref().unwrap();
-        assert!(estimates.overdamped.as_ref().unwrap_err().contains("inertia of the water"));
+        assert!(estimates.overdamped.as_ref().unwrap_err().contains("added mass"));
         let whole = run(&scene.reference());
         let off =
             (whole.metrics().now.com - stepper.metrics().now.com).norm() / whole.metrics().net_displacement().abs();

@@ -553,7 +553,7 @@ fn plate_with(nodes: u32, beta: f64, u: f64, more: &[&str]) -> Scene {
     scene_of(ROD, &[&changes, more].concat())
 }
 
-/// The same with nothing but the water that it accelerates.
+/// The same with nothing but added mass.
 fn plate(nodes: u32, beta: f64, u: f64, shedding: f64) -> Model {
     plate_with(nodes, beta, u, &[&format!("reactive.shedding={shedding}")]).model().unwrap()
 }

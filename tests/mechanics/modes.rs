@@ -86,7 +86,7 @@ fn a_run_warns_of_fine_meshes_as_check_does() {
         let all = Modes::of_model(coarse).unwrap();
         // Measured: 3e-9.
         assert!((run.first_frequency / all.lowest() - 1.0).abs() < 1e-7, "{model}: {}", run.first_frequency);
-        let beyond = run.warnings.iter().any(|warning| warning.contains("limit of stability"));
+        let beyond = run.warnings.iter().any(|warning| warning.contains("stability limit"));
         assert_eq!(beyond, changes.contains(&"solver.time_step_s=1e-6"));
     }
 }

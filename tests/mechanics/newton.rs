@@ -357,7 +357,7 @@ fn an_edge_that_is_pushed_through_itself_is_named_with_its_node_and_time() {
     let (error, time) = refusal(&[], &[("force_x_n", &push)]);
     let Error::EdgeCollapse { time_s, node, .. } = error else { panic!("{error}") };
     assert!(node < 8 && time_s > time);
-    let text = format!("between nodes {node} and {} collapses, or turns over in one step, at t = {time_s} s", node + 1);
+    let text = format!("between nodes {node} and {} collapses, or flips within one step, at t = {time_s} s", node + 1);
     assert!(error.to_string().contains(&text), "{error}");
 }
 

@@ -306,7 +306,7 @@ fn laws_of_round_rods_refuse_a_rectangle_and_take_an_ellipse_and_all_others_take
             let scene = document.scene();
             assert_eq!(scene.is_ok(), taken, "{}: {section}: {scene:?}", law.name);
             if let Err(error) = scene {
-                assert!(error.to_string().contains("it is of round rods; allowed: cox"), "{error}");
+                assert!(error.to_string().contains("it is valid for round rods only; allowed: cox"), "{error}");
             }
         }
     }
@@ -327,7 +327,7 @@ fn the_assessment_says_section_stiffness_and_weight_as_they_are_used() {
     says(
         &["rod.section=round"],
         "section",
-        "a core 6.0000e-3 m thick with a membrane 3.0000e-2 m deep that only the fluid feels",
+        "a core 6.0000e-3 m thick with a membrane 3.0000e-2 m deep that only affects the fluid forces",
     );
     says(&["rod.section=ellipse", "rod.inner_radius_m=0.001"], "section", "the hole 2.0000e-3 m");
     // 5.4e-4 N m² times the profile at the clamp, in the middle and one node before the tip.

@@ -337,7 +337,8 @@ fn a_jump_releases_the_rod_into_its_tendons_and_a_tail_with_tendons_is_not_passi
     assert!(warnings(&[&coarse[..], &slack[1..]].concat()).iter().any(|warning| warning.contains("passive tail")));
     let jump = warnings(&["start.kind=jump", "solver.time_step_s=0.02"]);
     assert!(
-        jump.iter().any(|warning| warning.contains("the jump start rings") && warning.contains("\"ramp\"")),
+        jump.iter()
+            .any(|warning| warning.contains("the jump start excites vibrations") && warning.contains("\"ramp\"")),
         "{jump:?}"
     );
     let outside = warnings(&["tendons.1.offset_m=-0.008"]);

@@ -307,7 +307,7 @@ fn where_there_is_no_whole_cycle_it_is_said_why() {
     let cases: [(Scene, &str); 5] = [
         (free(&["solver.duration_s=0.6"]), "shorter than one cycle of 0.6667 s"),
         (free(&[&format!("{wave}=0.0")]), "the actuation's frequency is 0"),
-        (held(&[mixed]), "no common period"),
+        (held(&[mixed]), "is a multiple of all others"),
         (held(&[still]), "nothing drives"),
         (held(&["solver.duration_s=0.7"]), "shorter than one cycle of 0.8000 s"),
     ];

@@ -356,7 +356,7 @@ fn wrong_calls_are_errors_and_change_nothing() {
         assert_eq!((stepper.state(), bits(&stepper)), (&state, before.clone()), "{error}");
     };
     for h in [0.0, -0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300] {
-        refused(&|s| s.do_step(h), "cannot be made: it must be positive and finite");
+        refused(&|s| s.do_step(h), "is not possible: it must be positive and finite");
     }
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let words = format!("found {bad}; allowed: a");

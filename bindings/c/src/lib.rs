@@ -145,7 +145,7 @@ unsafe fn on(
     // SAFETY: guaranteed by the caller.
     let Some(simulation) = (unsafe { simulation.as_mut() }) else { return call(|| refuse("no simulation")) };
     if simulation.broken {
-        set_message("this simulation broke down before");
+        set_message("this simulation failed before");
         return CAUDAL_BROKEN;
     }
     let status = call(|| work(simulation));
@@ -172,7 +172,7 @@ unsafe fn values<'a, T>(start: *const T, length: usize) -> CallResult<&'a [T]> {
             // SAFETY: guaranteed by the caller, and the size has been checked.
             Ok(unsafe { std::slice::from_raw_parts(start, length) })
         }
-        _ => refuse("a null pointer in the place of an array"),
+        _ => refuse("a null pointer instead of an array"),
     }
 }
 
@@ -189,7 +189,7 @@ unsafe fn values_mut<'a, T>(start: *mut T, length: usize) -> CallResult<&'a mut 
 /// `place` is null or writable.
 unsafe fn put<T>(place: *mut T, value: T) -> CallResult {
     if place.is_null() {
-        return refuse("a null pointer in the place of a result");
+        return refuse("a null pointer instead of a result");
     }
     // SAFETY: not null, and guaranteed by the caller.
     unsafe { place.write(value) };
@@ -514,7 +514,7 @@ pub unsafe extern "C" fn caudal_linearise(
     // SAFETY: guaranteed by the caller.
     unsafe {
         on(simulation, |simulation| {
-            let Some(to) = derivatives.as_ref() else { return refuse("a null pointer in the place of derivatives") };
+            let Some(to) = derivatives.as_ref() else { return refuse("a null pointer instead of derivatives") };
             let names = |indices: &[usize]| -> CallResult<Vec<&str>> {
                 indices.iter().map(|index| Ok(simulation.variable(*index)?.name)).collect()
             };
@@ -560,7 +560,7 @@ pub unsafe extern "C" fn caudal_save(
 unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> CallResult {
     // SAFETY: guaranteed by the caller.
     unsafe {
-        let Some(place) = state.as_mut() else { return refuse("no place for the state") };
+        let Some(place) = state.as_mut() else { return refuse("a null pointer instead of a buffer for the state") };
         match place.as_mut() {
             Some(old) => old.0 = snapshot,
             None => *place = Box::into_raw(Box::new(caudal_state(snapshot))),

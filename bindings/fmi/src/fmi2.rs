@@ -67,7 +67,7 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
     unsafe {
         call(c, |instance| {
             let categories: Option<Vec<String>> = values(categories, count)?.iter().map(|name| text(*name)).collect();
-            let Some(categories) = categories else { return refuse("a null pointer in the place of a category") };
+            let Some(categories) = categories else { return refuse("a null pointer instead of a category") };
             instance.log_categories(
                 Standard::Fmi2,
                 logging_on != 0,
@@ -79,7 +79,7 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
 
 /// The folder of a `file:` URI.
 fn resources(uri: &str) -> std::result::Result<PathBuf, String> {
-    let path = uri.strip_prefix("file:").ok_or_else(|| format!("the resource location {uri} is no file: URI"))?;
+    let path = uri.strip_prefix("file:").ok_or_else(|| format!("the resource location {uri} is not a file: URI"))?;
     // file:/path, file:///path and file://localhost/path are equivalent.
     let path = path.strip_prefix("//").map_or(path, |rest| rest.find('/').map_or("", |slash| &rest[slash..]));
     let path = percent_decode_str(path).decode_utf8().map_err(|error| error.to_string())?;
@@ -399,7 +399,7 @@ pub unsafe extern "C" fn fmi2GetRealOutputDerivatives(
             instance.require_mode(&READABLE)?;
             let unknowns = targets(instance, values(vr, count)?)?;
             if let Some(order) = values(order, count)?.iter().find(|order| **order != 1) {
-                return refuse(format!("derivatives of order {order} are not there; allowed: 1"));
+                return refuse(format!("derivatives of order {order} are not available; allowed: 1"));
             }
             instance.rates(&unknowns, values_mut(value, count)?)
         })

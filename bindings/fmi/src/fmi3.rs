@@ -64,7 +64,7 @@ pub unsafe extern "C" fn fmi3SetDebugLogging(
     unsafe {
         call(instance, |instance| {
             let categories: Option<Vec<String>> = values(categories, count)?.iter().map(|name| text(*name)).collect();
-            let Some(categories) = categories else { return refuse("a null pointer in the place of a category") };
+            let Some(categories) = categories else { return refuse("a null pointer instead of a category") };
             instance.log_categories(
                 Standard::Fmi3,
                 logging_on != 0,
@@ -537,7 +537,7 @@ pub unsafe extern "C" fn fmi3GetOutputDerivatives(
             let unknowns = targets(instance, values(references, count)?)?;
             let out = values_mut(out, out_count)?;
             if let Some(order) = values(orders, count)?.iter().find(|order| **order != 1) {
-                return refuse(format!("derivatives of order {order} are not there; allowed: 1"));
+                return refuse(format!("derivatives of order {order} are not available; allowed: 1"));
             }
             if out.len() != unknowns.len() {
                 return refuse(format!("{} values for variables that have {}", out.len(), unknowns.len()));

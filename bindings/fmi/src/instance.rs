@@ -266,7 +266,7 @@ impl Instance {
     pub fn set_experiment(&mut self, experiment: Experiment) -> FmiResult {
         let Experiment { start, stop } = experiment;
         if !start.is_finite() || stop.is_some_and(|stop| stop.is_nan() || stop < start) {
-            return refuse(format!("start {start} s and stop {stop:?} s are no experiment"));
+            return refuse(format!("start {start} s and stop {stop:?} s are not a valid experiment"));
         }
         self.experiment = experiment;
         Ok(())

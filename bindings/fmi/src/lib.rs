@@ -36,7 +36,7 @@ unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Fm
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         // SAFETY: not null, and guaranteed by the caller.
         if unsafe { &*instance }.mode == InstanceMode::Fatal {
-            return Err(FmiError { status: Status::Fatal, message: "this instance broke down before".to_string() });
+            return Err(FmiError { status: Status::Fatal, message: "this instance failed before".to_string() });
         }
         work(instance)
     }));
@@ -70,7 +70,7 @@ unsafe fn values<'a, T>(start: *const T, len: usize) -> FmiResult<&'a [T]> {
             // SAFETY: guaranteed by the caller, and the size has been checked.
             Ok(unsafe { std::slice::from_raw_parts(start, len) })
         }
-        (true, _) => refuse("a null pointer in the place of an array"),
+        (true, _) => refuse("a null pointer instead of an array"),
         _ => refuse(format!("an array of {len} values")),
     }
 }
@@ -92,7 +92,7 @@ unsafe fn values_mut<'a, T>(start: *mut T, len: usize) -> FmiResult<&'a mut [T]>
 /// A `place` that is not null is writable.
 unsafe fn put<T>(place: *mut T, value: T) -> FmiResult {
     if place.is_null() {
-        return refuse("a null pointer in the place of a result");
+        return refuse("a null pointer instead of a result");
     }
     // SAFETY: not null, and guaranteed by the caller.
     unsafe { place.write(value) };

@@ -23,7 +23,7 @@ pub const STATEFUL: [InstanceMode; 6] = [
 pub unsafe fn save(instance: &mut Instance, place: *mut *mut c_void) -> FmiResult {
     instance.require_mode(&STATEFUL)?;
     if place.is_null() {
-        return refuse("a null pointer in the place of a state");
+        return refuse("a null pointer instead of a state");
     }
     let state = instance.save()?;
     // SAFETY: guaranteed by the caller.
@@ -52,7 +52,7 @@ unsafe fn keep(state: SavedState, place: *mut *mut c_void) {
 /// `place` is null or a state created here.
 pub unsafe fn state<'a>(place: *const c_void) -> FmiResult<&'a SavedState> {
     // SAFETY: guaranteed by the caller.
-    unsafe { place.cast::<SavedState>().as_ref() }.map_or_else(|| refuse("a null pointer in the place of a state"), Ok)
+    unsafe { place.cast::<SavedState>().as_ref() }.map_or_else(|| refuse("a null pointer instead of a state"), Ok)
 }
 
 /// Restores the state at `place`.
@@ -101,7 +101,7 @@ pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u
 /// `bytes` is null or holds `size` bytes; `place` as for [`save`].
 pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, place: *mut *mut c_void) -> FmiResult {
     if place.is_null() {
-        return refuse("a null pointer in the place of a state");
+        return refuse("a null pointer instead of a state");
     }
     // SAFETY: guaranteed by the caller.
     unsafe {

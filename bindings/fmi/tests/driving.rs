@@ -400,5 +400,5 @@ fn several_libraries_go_into_one_fmu_each_in_its_platform_s_folder() {
     assert!(error.contains("a second library for x86_64-linux"), "{error}");
     std::fs::write(&paths[0], b"#!/bin/sh").unwrap();
     let error = fmu.write(Standard::Fmi3, &paths, &out).unwrap_err().to_string();
-    assert!(error.contains("no shared library"), "{error}");
+    assert!(error.contains("not a shared library"), "{error}");
 }

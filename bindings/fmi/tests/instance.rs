@@ -652,7 +652,7 @@ fn the_log_says_that_auto_chose_the_fluid_of_a_rod_at_rest() {
         fmi.initialize(instance);
         let said = common::MESSAGES.lock().unwrap().clone();
         let found = said.iter().any(|said| {
-            said.starts_with("1 logStatusWarning: ") && said.contains("nothing of the scene moves this rod")
+            said.starts_with("1 logStatusWarning: ") && said.contains("nothing in the scene moves this rod")
         });
         assert_eq!(found, warned, "{said:?}");
         unsafe { (fmi.free)(instance) };

@@ -127,7 +127,7 @@ fn states_of_other_scenes_and_damaged_ones_are_refused_and_change_nothing() {
         common::MESSAGES.lock().unwrap().last().unwrap().clone()
     };
     assert!(refused(&foreign, stranger, &bytes).contains("another scene"));
-    assert!(refused(&fmi, instance, b"PK\x03\x04 nothing of the kind").contains("no state of caudal"));
+    assert!(refused(&fmi, instance, b"PK\x03\x04 nothing of the kind").contains("not a saved state of caudal"));
     let mut dice = Dice(4);
     for _ in 0..500 {
         let mut damaged = bytes.clone();

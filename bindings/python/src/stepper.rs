@@ -289,9 +289,9 @@ impl Stepper {
             Ok(guard) => Ok(Open(guard)),
             // A step that panicked has left its last valid state.
             Err(TryLockError::Poisoned(poisoned)) => Ok(Open(poisoned.into_inner())),
-            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
-                "this stepper is at work in another thread: give every thread a stepper of its own",
-            )),
+            Err(TryLockError::WouldBlock) => {
+                Err(PyRuntimeError::new_err("this stepper is in use in another thread: use one stepper per thread"))
+            }
         }
     }
 }
@@ -661,7 +661,7 @@ impl Stepper {
     fn __repr__(&self) -> String {
         match self.open().and_then(|mut open| Ok(open.stepper()?.time())) {
             Ok(time) => format!("<caudal.Stepper of {:?} at {time} s>", self.scene.get().scene.name),
-            Err(_) => format!("<caudal.Stepper of {:?}, closed or at work>", self.scene.get().scene.name),
+            Err(_) => format!("<caudal.Stepper of {:?}, closed or in use>", self.scene.get().scene.name),
         }
     }
 

@@ -165,7 +165,7 @@ def test_a_worker_of_another_version_is_refused_by_name(sweep, tmp_path, monkeyp
     from multiprocessing import get_context
 
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        with pytest.raises(caudal.errors.EngineError, match=r"process \d+: it has caudal .*the work is that of caudal 9\.9\.9") as caught:
+        with pytest.raises(caudal.errors.EngineError, match=r"process \d+: it has caudal .*the job was made by caudal 9\.9\.9") as caught:
             caudal.sweep(sweep, out=tmp_path / "out", executor=executor)
     assert "process" in caught.value.worker
     assert not (tmp_path / "out/table.csv").exists()
@@ -182,7 +182,7 @@ def test_a_broken_executor_names_the_cases_on_their_way_and_another_engine_goes_
                 for process in list(executor._processes.values()):
                     os.kill(process.pid, signal.SIGKILL)
 
-        with pytest.raises(caudal.errors.EngineError, match=r"cases on their way: \d.*the same call goes on"):
+        with pytest.raises(caudal.errors.EngineError, match=r"cases outstanding: \d.*the same call resumes there"):
             caudal.sweep(sweep, out=out, executor=executor, progress=kill)
     assert 4 <= len(rows_of_journal(out)) < 60
     with ThreadPoolExecutor(2) as executor:
@@ -194,7 +194,7 @@ def test_what_is_asked_of_an_engine_is_checked(sweep, tmp_path):
     with ThreadPoolExecutor(1) as executor:
         with pytest.raises(TypeError, match="either"):
             caudal.sweep(sweep, out=tmp_path / "out", executor=executor, client=object())
-    with pytest.raises(caudal.errors.EngineError, match="takes no more work"):
+    with pytest.raises(caudal.errors.EngineError, match="accepts no more work"):
         caudal.sweep(sweep, out=tmp_path / "out", executor=executor)  # it was shut down
     assert not (tmp_path / "out/table.csv").exists()
 
@@ -204,7 +204,7 @@ def test_an_engine_from_which_nothing_comes_back_is_reported(sweep, tmp_path, mo
     free = threading.Event()
     with ThreadPoolExecutor(1) as executor:
         executor.submit(free.wait)  # its only worker is busy with other things
-        with pytest.warns(RuntimeWarning, match=r"nothing came back for .* cases are on their way"):
+        with pytest.warns(RuntimeWarning, match=r"no results for .* cases are outstanding"):
             threading.Timer(1.0, free.set).start()
             caudal.sweep(sweep, out=tmp_path / "out", executor=executor, patience_s=0.2)
     assert (tmp_path / "out/table.csv").exists()
@@ -304,7 +304,7 @@ def test_a_scheduler_that_is_killed_ends_the_sweep_with_an_error_and_the_command
                 if done >= 10:
                     processes[0].kill()
 
-            with pytest.raises(caudal.errors.EngineError, match="the same call goes on"):
+            with pytest.raises(caudal.errors.EngineError, match="the same call resumes there"):
                 caudal.sweep(sweep, out=out, client=client, progress=kill)
     assert 10 <= len(rows_of_journal(out)) < 120
     command(None, "sweep", sweep, "--out", out)
@@ -452,7 +452,7 @@ def test_a_start_or_check_of_a_design_that_ends_its_worker_is_named_and_the_othe
     (tmp_path / "cluster").mkdir()
     with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
         with client_of(distributed, file) as client:
-            with pytest.raises(caudal.errors.LostCasesError, match=f"1 {phase} ended the worker.*{phase} 1: ") as caught:
+            with pytest.raises(caudal.errors.LostCasesError, match=f"1 {phase} crashed the worker.*{phase} 1: ") as caught:
                 caudal.design(scene, out=out, client=client)
     assert caught.value.cases == [1] and caught.value.rows == []
     parts = caudal._caudal._design_parts(scene, out, False, None)
@@ -476,7 +476,7 @@ def test_a_start_that_breaks_a_pool_of_processes_is_among_those_named(tmp_path, 
 
     monkeypatch.setattr(caudal._caudal, "_simulate", poisoned)
     with ProcessPoolExecutor(1, mp_context=get_context("fork")) as executor:
-        with pytest.raises(caudal.errors.EngineError, match=r"starts on their way: 2\).*2 of 3 starts are kept"):
+        with pytest.raises(caudal.errors.EngineError, match=r"starts outstanding: 2\).*2 of 3 starts are stored"):
             caudal.design(scene, out=tmp_path / "theirs", executor=executor)
     monkeypatch.setattr(caudal._caudal, "_simulate", fine)
     caudal.design(scene, out=tmp_path / "theirs")
@@ -505,7 +505,7 @@ def test_a_sweep_goes_on_beside_the_orphans_of_a_pool_that_was_killed(tmp_path):
     at_work = subprocess.Popen([sys.executable, "-c", ORPHANED, out], stdout=subprocess.PIPE, text=True)
     child = int(at_work.stdout.readline())
     again = {"set": {"solver.duration_s": 0.02}, "out": out}
-    with pytest.raises(caudal.errors.JournalError, match=rf"process {at_work.pid} \(.*\) is at work on it"):
+    with pytest.raises(caudal.errors.JournalError, match=rf"process {at_work.pid} \(.*\) is using it"):
         caudal.sweep("models/glycerol.toml", {"actuation.frequency_hz": [1.0, 2.0]}, **again)
     at_work.kill()
     at_work.wait()
@@ -610,7 +610,7 @@ def test_the_runs_of_a_study_are_made_by_a_cluster_and_one_that_ends_its_worker_
     (tmp_path / "cluster").mkdir()
     with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
         with client_of(distributed, file) as client:
-            with pytest.raises(caudal.errors.LostCasesError, match="1 run ended the worker.*run 7: ") as caught:
+            with pytest.raises(caudal.errors.LostCasesError, match="1 run crashed the worker.*run 7: ") as caught:
                 caudal.study("stability", scene, out=tmp_path / "theirs", client=client, **options)
     assert caught.value.cases == [7]
     with ThreadPoolExecutor(1) as executor:

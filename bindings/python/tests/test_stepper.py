@@ -380,7 +380,7 @@ STILL = {
 
 
 def test_auto_that_judged_a_rod_at_rest_is_warned_of():
-    text = "nothing of the scene moves this rod"
+    text = "nothing in the scene moves this rod"
     with pytest.warns(RuntimeWarning, match=text):
         caudal.Stepper(STILL)
     assert any(text in note for note in caudal.load(STILL).check())

@@ -15,7 +15,7 @@ use crate::system::{State, System};
 /// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "esdirk3",
-    stability: "L-stable, and so is its embedded method: damps what the step does not resolve, hardly what it does",
+    stability: "L-stable, like its embedded method: damps modes that the step does not resolve, and hardly those that it resolves",
     source: "A. Kværnø, BIT 44 (2004) 489–502, method 3/2a",
     parameters: &[],
     adaptive: true,

@@ -8,13 +8,13 @@ use super::{MemoryWeights, Method, MethodParameter, OneStage, StepWeights};
 /// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "generalized-alpha",
-    stability: "unconditionally stable on linear systems; modes that the step does not resolve lose the factor rho_inf a step",
+    stability: "unconditionally stable on linear systems; modes that the step does not resolve are multiplied by rho_inf per step",
     source: "J. Chung & G. M. Hulbert, J. Appl. Mech. 60 (1993) 371–375; M. Arnold & O. Brüls, Multibody Syst. Dyn. 18 (2007) 185–202",
     parameters: &[MethodParameter {
         name: "rho_inf",
         default: 0.8,
         range: [0.0, 1.0],
-        allowed: "a number from 0, unresolved modes vanish at once, to 1, they stay",
+        allowed: "a number from 0 (unresolved modes vanish at once) to 1 (they are not damped)",
     }],
     adaptive: false,
     implicit: true,

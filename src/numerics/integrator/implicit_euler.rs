@@ -5,7 +5,7 @@ use super::{Method, OneStage, StepWeights, largest_root};
 /// The entry of this method in the list of methods.
 pub static METHOD: Method = Method {
     name: "implicit-euler",
-    stability: "L-stable: damps every mode that the step does not resolve, and a little those it does",
+    stability: "L-stable: damps modes that the step does not resolve, and slightly those that it resolves",
     source: "Euler 1768; the source study, section 2.5.1",
     parameters: &[],
     adaptive: false,

@@ -99,7 +99,7 @@ impl DimensionlessNumber {
             Self::Reynolds => "Reynolds number of the depth",
             Self::LengthReynolds => "Reynolds number of the length",
             Self::Stokes => "fD²/ν",
-            Self::Unsteady => "drag of a cylinder that oscillates so little over that of a steady flow",
+            Self::Unsteady => "ratio of the drag of an oscillating cylinder to that in steady flow",
             Self::Swinging => "ωa²/ν",
             Self::Slenderness => "length over radius",
             Self::CreepingSlenderness => "length over radius, where the Reynolds number of the depth is below 1,",
@@ -220,7 +220,7 @@ impl Bound {
         let Self { least, most, .. } = *self;
         match (least > 0.0, most < f64::INFINITY) {
             (true, true) => format!("from {} to {}", short(least), short(most)),
-            (true, false) => format!("of at least {}", short(least)),
+            (true, false) => format!("at least {}", short(least)),
             _ => format!("up to {}", short(most)),
         }
     }

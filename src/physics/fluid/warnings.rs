@@ -50,7 +50,7 @@ fn others(
     let names: Vec<String> = LAWS.iter().filter(holds).filter_map(name).collect();
     match &names[..] {
         [] => String::new(),
-        [one] => format!("; drag.law = {one} holds there"),
-        [rest @ .., last] => format!("; drag.law = {} or {last} holds there", rest.join(", ")),
+        [one] => format!("; drag.law = {one} is valid there"),
+        [rest @ .., last] => format!("; drag.law = {} or {last} is valid there", rest.join(", ")),
     }
 }

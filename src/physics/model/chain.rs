@@ -77,7 +77,7 @@ pub fn too_fine(rod: &Rod, time_step: f64) -> Option<String> {
     let bent = bent_length(rod, time_step);
     (!contracts(rod, time_step)).then(|| {
         format!(
-            "found {}; so fine a mesh cannot be solved in positions: its spacing is {:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {time_step:.1e} s, or solver.form = \"auto\"",
+            "found {}; the mesh is too fine to solve for positions: its spacing is {:.1e} of the length that a step bends, and Newton's method requires at least {:e}; allowed: at most {:.0} nodes at steps of {time_step:.1e} s, or solver.form = \"auto\"",
             rod.nodes,
             rod.spacing / bent,
             MIN_SPACING[0],

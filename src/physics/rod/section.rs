@@ -145,7 +145,7 @@ impl Section {
         }
     }
 
-    /// Radius √(A/π) of the disc of the material's area, m.
+    /// Radius √(A/π) of a disc of the area of the material, m.
     pub fn equivalent_radius(&self) -> f64 {
         (self.area() / PI).sqrt()
     }
@@ -352,7 +352,7 @@ pub struct HalfEdge {
     pub radius: f64,
     /// Term that slow flow across the section adds to the logarithm of that radius, see [`Section::slender_across`].
     pub slender_across: f64,
-    /// Radius √(A/π) of the disc of the material's area, m.
+    /// Radius √(A/π) of a disc of the area of the material, m.
     pub equivalent_radius: f64,
     /// Depth D, m.
     pub depth: f64,

@@ -32,15 +32,14 @@ impl std::fmt::Display for HeadJump {
             [("velocity x", "m/s"), ("velocity y", "m/s"), ("spin", "rad/s")],
         ][order.min(1)][coordinate.min(2)];
         let [was, goes, gives, places] = if order == 0 {
-            ["where it was going", "goes there", "poses", "pose"]
+            ["the expected one", "moves there", "poses", "pose"]
         } else {
-            ["the one that it had", "takes it", "velocities", "velocity"]
+            ["the previous one", "reaches it", "velocities", "velocity"]
         };
         write!(
             f,
             "the {what} given for the head is {distance:.3e} {unit} from {was} at t = {time:.6} s; the head {goes} within one step, \
-             which makes the tail ring, and where nothing damps its stretching that lasts: give {gives} that go on from each other, \
-             or the first {places} before the first step, with which the run then starts"
+             which makes the tail vibrate, for long if its stretching is not damped: give {gives} that are continuous, or the first {places} before the first step, so that the run starts there"
         )
     }
 }

@@ -22,7 +22,7 @@ impl Stepper {
     /// [`Error::Fmu`] in the chain form. On error nothing is changed.
     pub fn change_parameters(&mut self, scene: &Scene) -> Result<()> {
         let Some(own) = &self.source_scene else {
-            let problem = "the stepper was made with its own model, which no scene describes; allowed: another stepper";
+            let problem = "the stepper was made from a model without a scene; allowed: another stepper";
             return Err(scene.error("", problem.to_string()));
         };
         if !self.can_change_parameters() {
@@ -31,7 +31,7 @@ impl Stepper {
         }
         if let Some(key) = own.differs_beyond_tuning(scene) {
             let problem = "differs from the stepper's scene; allowed between steps: other numbers for the stiffness and \
-                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding, which this scene has as the stepper's has them; else begin anew with a stepper of this scene";
+                 for rod.damping_time_s where it is one number, those of [drag] and reactive.shedding, if both scenes have them; otherwise create a new stepper of this scene";
             return Err(scene.error(&key, problem.to_string()));
         }
         let mut other = Self::in_form(scene, Some(self.form()))?;

@@ -115,7 +115,7 @@ impl Stepper {
     /// Errors of [`open`].
     pub fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot> {
         let snapshot = open(self.scene, bytes)?;
-        if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes are not this scene's") }
+        if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes do not match this scene") }
     }
 
     /// True if every array of `other` has the same length as here.
@@ -167,7 +167,7 @@ pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
 /// Splits `bytes` into the header and the content that follows.
 fn header_of(bytes: &[u8]) -> Result<(Header, &[u8])> {
     let header = postcard::take_from_bytes::<Header>(bytes).ok().filter(|(header, _)| header.magic == FILE_SIGNATURE);
-    header.map_or_else(|| refuse("these bytes are no state of caudal, or are damaged"), Ok)
+    header.map_or_else(|| refuse("these bytes are not a saved state of caudal, or are damaged"), Ok)
 }
 
 fn refuse<T>(text: &str) -> Result<T> {

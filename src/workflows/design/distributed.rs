@@ -127,7 +127,7 @@ impl DistributableJob for DistributedDesign {
     }
 
     fn store(&mut self, line: &[u8]) -> Result<bool> {
-        let damaged = || Error::Bundle { problem: format!("a {} that came back is damaged", self.noun()) };
+        let damaged = || Error::Bundle { problem: format!("a {} that a worker returned is damaged", self.noun()) };
         let (index, simulated) = jobs::read_line::<Vec<AnyResult>>(line).ok_or_else(damaged)?;
         let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
         let new = self.checkpoint.store_part(asked, simulated);

@@ -53,30 +53,29 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     let kept = count(Identifiability::Unobservable);
     if kept > 0 {
         lines.push(format!(
-            "the {kept} unobservable joints keep the stiffness that the scene has, in all tables and in the designed scene: these data do not determine it"
+            "the {kept} unobservable joints keep the stiffness of the scene in all tables and in the designed scene: the data do not determine it"
         ));
     }
     if found.joints.iter().all(|joint| joint.is_below_noise()) {
         lines.push(
-            "stiffness cannot be identified from these data: what the rod bends beyond its natural curvature drowns in the \
-             noise of the positions"
+            "stiffness cannot be identified from these data: the elastic bending of the rod is smaller than the noise of the positions"
                 .to_string(),
         );
     }
     if let Some(gain) = found.actuation_gain {
-        let edge = if found.gain_at_edge { ", an edge of what is looked for: nothing is identified" } else { "" };
+        let edge = if found.gain_at_edge { ", at the limit of the search range: nothing is identified" } else { "" };
         lines.push(format!("the actuation is {gain:.5} times the scene's{edge}"));
     }
     lines.extend(found.left_out.iter().map(|what| format!("left out: {what}")));
     if let Some([x, y, moment]) = found.balances {
         lines.push(format!(
-            "balances that need no stiffness, over the sizes of their parts: force x {}, y {}, moment {}",
+            "relative residuals of the balances without stiffness: force x {}, y {}, moment {}",
             in_sentence(x, 2),
             in_sentence(y, 2),
             in_sentence(moment, 2)
         ));
         if x.max(y).max(moment) > 0.2 {
-            lines.push("warning: mass, drag or loads of the scene are not those of the data".to_string());
+            lines.push("warning: mass, drag or loads of the scene do not match the data".to_string());
         }
     }
     if !found.missing.is_empty() {
@@ -95,8 +94,7 @@ pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     let worst = unfit.iter().fold(0.0, |max: f64, joint| max.max(joint.residual_over_noise));
     (!unfit.is_empty()).then(|| {
         format!(
-            "the moments at {} of {} joints do not balance: what is left is up to {worst:.1} times what noise leaves, so that mass, fluid, \
-              loads, drive or mesh of the scene are not those of the data; deviations include it",
+            "the moments at {} of {} joints do not balance: the residual is up to {worst:.1} times what noise explains, so mass, fluid, loads, drive or mesh of the scene do not match the data; the standard deviations include it",
             unfit.len(),
             found.joints.len()
         )
@@ -133,14 +131,14 @@ pub(super) fn explain_cycles(whose: &str, remedy: &str, runs: &[WholeRun]) -> Op
             Some(difference) => Some((
                 difference.relative,
                 format!(
-                    "{whose} motion is not periodic yet{place}: {difference} from cycle to cycle, and the means are over these; {remedy}"
+                    "{whose} motion is not periodic yet{place}: {difference} from cycle to cycle, and the means are taken over these cycles; {remedy}"
                 ),
             )),
             None if averages.used == 0 => None,
             None => Some((
                 f64::INFINITY,
                 format!(
-                    "{whose} means are over a single cycle{place}, which does not tell whether the motion is periodic; {remedy}"
+                    "{whose} means are taken over a single cycle{place}, which does not show whether the motion is periodic; {remedy}"
                 ),
             )),
         }
@@ -160,9 +158,12 @@ pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let found = problem.forward(&[Parameter::Along(0)], &outputs, 1, |_| {}).ok()?;
     let moved = |n: usize| found.row(n, 0)[0].hypot(found.row(n, 1)[0]);
     let moved = (0..found.times.len()).map(moved).fold(0.0, f64::max);
-    let verdict =
-        if moved < MIN_SENSITIVITY * length { "stiffness does not matter here" } else { "stiffness matters here" };
-    Some(format!("{verdict}: 1 % more of it moves the tip by at most {} m", in_sentence(0.01 * moved, 2)))
+    let verdict = if moved < MIN_SENSITIVITY * length {
+        "stiffness hardly affects the motion"
+    } else {
+        "stiffness affects the motion"
+    };
+    Some(format!("{verdict}: 1 % more stiffness moves the tip by at most {} m", in_sentence(0.01 * moved, 2)))
 }
 
 /// Explains how the identified stiffness depends on the forces of the fluid, if it does: the motion alone cannot distinguish them.
@@ -187,7 +188,7 @@ pub(super) fn explain_fluid_share(
     let exponent = ratios.iter().sum::<f64>() / ratios.len() as f64 / MORE_FLUID.ln();
     (exponent.abs() >= FLUID_SHARE).then(|| {
         format!(
-            "stiffness follows the fluid: were drag and the water's inertia 10 % larger, the same motion would give {:+.1} % stiffness, and the deviations count no such error",
+            "stiffness depends on the fluid forces: if drag and added mass were 10 % larger, the identified stiffness would change by {:+.1} %; the standard deviations do not include such an error",
             100.0 * (exponent * 1.1_f64.ln()).exp_m1()
         )
     })
@@ -213,14 +214,14 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
         ),
     ];
     if !found.converged && !found.interrupted {
-        lines.push(format!("the search ended because {}", found.why));
+        lines.push(format!("the search ended: {}", found.why));
     }
     if found.starts.len() > 1 {
         let known = found.optima.iter().flatten();
         let (came, count) = (known.clone().count(), known.copied().max().unwrap_or(0));
         let optima = if count == 1 { "optimum" } else { "optima" };
         lines.push(format!(
-            "{came} of {} starts converged, to {count} {optima}, which are the same where objectives agree to {} % or unknowns to {}",
+            "{came} of {} starts converged, to {count} {optima} (two optima count as one if their objectives agree within {} % or their unknowns within {})",
             found.starts.len(),
             100.0 * SAME_OPTIMUM[0],
             SAME_OPTIMUM[1]
@@ -228,19 +229,18 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     }
     lines.extend(found.numbers.iter().map(explain_number));
     if let Some(noise) = found.noise_m {
-        let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
+        let whose = if table.noise_m.is_some() { "as given" } else { "estimated from the residuals" };
         let noise = in_sentence(noise, 3);
-        lines.push(format!("deviations are those of positions that are uncertain by {noise} m, {whose}"));
+        lines.push(format!("the standard deviations assume an uncertainty of the positions of {noise} m, {whose}"));
     }
     if let Some(misfit) = found.misfit {
         lines.push(format!(
-            "the simulation does not fit: {misfit:.1} times the noise of the markers is left, so that start, drive, fluid, mass, loads, steps \
-             or mesh of the scene are not those of the data; deviations include it"
+            "the simulation does not fit the data: the residual is {misfit:.1} times the noise of the markers, so start, drive, fluid, mass, loads, steps or mesh of the scene do not match the data; the standard deviations include it"
         ));
     }
     for names in &found.confused {
         lines.push(match &names[..] {
-            [name] => format!("the data do not know {name}"),
+            [name] => format!("the data do not determine {name}"),
             several => {
                 format!("the data cannot distinguish {}: they determine only a combination of them", listed(several))
             }
@@ -249,19 +249,19 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     lines.extend(found.limits.iter().map(|limit| format!("limit: {}: {}", limit.limit, limit.words())));
     lines.extend(found.active.iter().map(|(name, dual)| {
         if let Some(case) = name.strip_prefix(WORST_SCENARIO) {
-            return format!("among the worst: {case} ({:.0} % of what decides the design)", 100.0 * dual);
+            return format!("among the worst cases: {case} (weight {:.0} %)", 100.0 * dual);
         }
         let worth = if table.fits_positions() {
             format!("dual {}", in_sentence(*dual, 4))
         } else {
             // Unknowns are logarithms, and limits are relative; phases are angles.
             let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
-            format!("{unit} more room is worth {dual:.3} % of the objective")
+            format!("relaxing it by {unit} improves the objective by {dual:.3} %")
         };
         let own = found.limits.iter().find(|limit| limit.limit == *name);
         let when = own.map_or(String::new(), LimitUse::when);
         if own.is_some_and(|limit| limit.used > 1.0 + FEASIBILITY_TOLERANCE) {
-            return format!("passed: {name}, which this design does not keep{when}");
+            return format!("violated: {name}{when}");
         }
         if !found.kept {
             return format!("binding: {name}{when}"); // the price of a violated limit has no meaning
@@ -304,7 +304,7 @@ pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -
     };
     let aggregate = (!cases.is_empty()).then(|| {
         format!(
-            "for {} cases of {}; what counts is their {}",
+            "for {} cases of {}; the objective is their {}",
             cases.len(),
             table.over.as_deref().unwrap_or_default(),
             table.aggregate().words()
@@ -331,7 +331,7 @@ pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Optio
     }
     let best = front.iter().filter(|point| point.best).count();
     Some(format!(
-        "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {} to {}, {one} from {} to {}",
+        "Pareto front of {} designs, {best} of them not dominated by another: {two} from {} to {}, {one} from {} to {}",
         front.len(),
         in_sentence(first.second, 7),
         in_sentence(last.second, 7),
@@ -345,22 +345,19 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
     if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
         return Some(format!(
-            "no unknown alone costs 1 % of the objective, limits ignored, within a factor of {:.0}",
+            "changing any single unknown by up to a factor of {:.0} costs less than 1 % of the objective, limits ignored",
             MAX_REPORTED_TOLERANCE.exp()
         ));
     }
     let order = |a: &&Tolerance, b: &&Tolerance| change(a).total_cmp(&change(b));
     let [tight, loose] = [tolerances.iter().min_by(order)?, tolerances.iter().max_by(order)?];
     let words = |tolerance: &Tolerance| match tolerance.change {
-        Some(change) if tolerance.name.starts_with("phase") => format!("{} off by {change:.3} rad", tolerance.name),
-        Some(change) => format!("{} off by {:.1} %", tolerance.name, 100.0 * (change.exp() - 1.0)),
-        None => format!("{}: a factor of {:.0} costs less", tolerance.name, MAX_REPORTED_TOLERANCE.exp()),
+        Some(change) if tolerance.name.starts_with("phase") => format!("{} {change:.3} rad", tolerance.name),
+        Some(change) => format!("{} {:.1} %", tolerance.name, 100.0 * (change.exp() - 1.0)),
+        None => format!("{} more than a factor of {:.0}", tolerance.name, MAX_REPORTED_TOLERANCE.exp()),
     };
-    let loosest = if tolerances.len() > 1 { format!("; the loosest: {}", words(loose)) } else { String::new() };
-    Some(format!(
-        "tolerance for a 1 % loss, one unknown at a time, limits ignored: {}, the tightest{loosest}",
-        words(tight)
-    ))
+    let loosest = if tolerances.len() > 1 { format!("; loosest {}", words(loose)) } else { String::new() };
+    Some(format!("tolerance for a 1 % loss, one unknown at a time, limits ignored: tightest {}{loosest}", words(tight)))
 }
 
 /// How well a fit of positions determines the stiffness of joint `i`, which may be at a `bound`.
@@ -418,10 +415,10 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
     let moved = discretisation.filter(|moved| moved.abs() > 0.5 * number.deviation.unwrap_or(f64::INFINITY));
     let moved = moved.map_or(String::new(), |moved| {
         if moved.abs() > value.abs() {
-            return "; mesh and steps err by more than its own size: the data hardly say what it is".to_string();
+            return "; the errors of mesh and time steps are larger than its value: the data hardly determine it".to_string();
         }
         let part = signed(100.0 * moved / value.abs(), 2);
-        format!("; without errors of mesh and steps it would change by {part} %, which the deviation includes: take more nodes or smaller steps")
+        format!("; without errors of mesh and time steps it would change by {part} %, which the standard deviation includes: use more nodes or smaller steps")
     });
     let ratio = value / own;
     format!("{key}: {}{deviation}{unit}, {ratio:.5} times the scene's{verdict}{moved}", in_sentence(*value, 7))
@@ -431,8 +428,7 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
 pub(super) fn explain_refit(refit: &Refit) -> Option<String> {
     (!refit.fits()).then(|| {
         format!(
-            "simulated with what was found each coordinate is {} m from the markers, {:.1} times what noise and steps of {} s \
-             leave: start, drive, fluid, mass, loads or mesh of the scene are not those of the data; deviations include it",
+            "simulated with the identified stiffness, the coordinates are {} m from the markers, {:.1} times what noise and steps of {} s explain: start, drive, fluid, mass, loads or mesh of the scene do not match the data; the standard deviations include it",
             in_sentence(refit.residual_m, 3),
             refit.residual_over_noise,
             in_sentence(refit.step_s, 7)

@@ -289,7 +289,7 @@ impl Design {
         if let (Goal::StaticShape, Some(target)) = (self.table.goal, target) {
             let points = target.positions[0].as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect();
             let series = vec![Series::new("target", points, Mark::Dotted)];
-            figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
+            figures.push(("shape.svg", self.chart("shape at rest", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
         let both = [before, after];
@@ -343,7 +343,7 @@ impl Design {
                 curve(motion, |q| rod.mean(q).x - start)
             });
             let y = "x − x at the start (m)";
-            let chart = self.chart("way of the centre of mass", "time (s)", y, Scale::Linear, series);
+            let chart = self.chart("path of the centre of mass", "time (s)", y, Scale::Linear, series);
             figures.push(("way.svg", chart));
         }
         figures
@@ -391,8 +391,10 @@ impl Design {
             } else {
                 "singular value (m for a change by 1)"
             };
-            figures
-                .push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
+            figures.push((
+                "singular_values.svg",
+                self.chart("information in the data", "number", y, Scale::LogY(12), series),
+            ));
         }
         let Answer::Search(found) = &self.answer else { return figures };
         let tracked = self.table.fits_positions();
@@ -483,7 +485,7 @@ impl Design {
         if !active.is_empty() {
             tables.push(Table {
                 file: "binding.csv",
-                title: "Constraints that bind",
+                title: "Binding constraints",
                 columns: names(&["constraint", "dual"]),
                 rows: active.iter().map(|(name, dual)| vec![json!(name), json!(dual)]).collect(),
             });
@@ -538,7 +540,7 @@ impl Design {
             };
             tables.push(Table {
                 file: "tolerances.csv",
-                title: "What each unknown may be off by, alone, for a loss of 1 %; empty: by more than a factor of two",
+                title: "Tolerance of each unknown, one at a time, for a loss of 1 %; empty: more than a factor of two",
                 columns: names(&["unknown", "off by (%)", "off by (rad)", "loss there (%)"]),
                 rows: found.tolerances.iter().map(row).collect(),
             });
@@ -549,7 +551,7 @@ impl Design {
             };
             tables.push(Table {
                 file: "cases.csv",
-                title: "The cases that it is for; before: the scene's own",
+                title: "The cases of the design; before: the scene's own",
                 columns: before_and_after("case"),
                 rows: self.evidence.cases.iter().map(row).collect(),
             });
@@ -653,28 +655,28 @@ fn of_another(i: usize) -> usize {
 fn caption(file: &str) -> &'static str {
     match file {
         "profile.svg" => {
-            "The bending stiffness EI along the rod, over the largest EI of the sections of the scene's rod (reference_stiffness_n_m2 of design.json), beside what it is compared with."
+            "The bending stiffness EI along the rod, over the largest EI of the sections of the scene's rod (reference_stiffness_n_m2 of design.json), and what it is compared with."
         }
         "body.svg" => {
             "The straight rod from its side, above its middle before and below it after; the two axes have scales of their own. A stroke is as high, over the half depth there, as the joint is stiff, over the stiffest."
         }
-        "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
+        "amplitude.svg" => "Factor on the amplitude of the actuation along the rod.",
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",
         "numbers.svg" => {
-            "The numbers of the scene that were found, over what they are in it, in the order of their table; bars: one standard deviation."
+            "The identified numbers over those of the scene, in the order of their table; bars: one standard deviation."
         }
         "front.svg" => {
-            "Designs on which neither goal can be better without loss of the other; each is a scene beside this page."
+            "Designs in which neither goal can improve without a loss in the other; each is a scene next to this page."
         }
-        "cases.svg" => "The objective in each case that the design is for, in the order of their table.",
-        "shape.svg" => "The shape that the rod is to rest in.",
-        "tip_x.svg" | "tip_y.svg" => "The tip as it should move, and as it does before and after.",
-        "error.svg" => "How far the simulation is from the data over time, by size on a logarithmic axis.",
-        "way.svg" => "How far the centre of mass comes before and after.",
+        "cases.svg" => "The objective in each case, in the order of their table.",
+        "shape.svg" => "The target shape of the rod at rest.",
+        "tip_x.svg" | "tip_y.svg" => "The target motion of the tip, and its motion before and after.",
+        "error.svg" => "Distance between simulation and data over time, on a logarithmic axis.",
+        "way.svg" => "Displacement of the centre of mass before and after.",
         "before.svg" => "Shapes before, the last one with its nodes, on the same axes as those after.",
         "after.svg" => "Shapes after, the last one with its nodes, on the same axes as those before.",
         "singular_values.svg" => {
-            "How much the data know of each independent combination of the unknowns; each is worth what its height says."
+            "How well the data determine each independent combination of the unknowns: higher is better."
         }
         "objective.svg" => "The objective from iteration to iteration, one line per start.",
         "convergence.svg" => "How far each iteration is from a stationary point, one line per start.",

@@ -148,7 +148,7 @@ impl LimitUse {
     /// Describes how much of the limit is used.
     pub(super) fn words(&self) -> String {
         match self.used {
-            f64::INFINITY => "nothing of it is reached".to_string(),
+            f64::INFINITY => "0 % of it is reached".to_string(),
             used if self.limit.contains(" at least ") => format!("{:.2} % of it is reached", 100.0 / used),
             used => format!("{:.2} % of it{}", 100.0 * used, self.when()),
         }
@@ -242,9 +242,9 @@ impl Limits {
             let other = DesignTable { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
             let mean = Objective::new(&other, problem, None)?;
             mean.check(problem).map_err(|error| match error {
-                Error::Design { reason } => {
-                    Error::Design { reason: format!("design.{key} limits what is not: {reason}") }
-                }
+                Error::Design { reason } => Error::Design {
+                    reason: format!("design.{key} limits a quantity that this scene does not have: {reason}"),
+                },
                 other => other,
             })?;
             let words = format!("mean {} at least {least} {}", measure.label(), measure.unit);

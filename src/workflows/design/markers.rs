@@ -227,7 +227,7 @@ impl Markers {
                 (row[2 * node + axis] - median(&all)).abs()
             };
             let problem = format!(
-                "node {node} is off the rod: further from the others than along {} m of it; allowed: metres, and nothing where a \
+                "node {node} is off the rod: further from the others than {} m along it; allowed: metres, and nothing where a \
                  marker was not seen",
                 rod.length
             );
@@ -410,8 +410,8 @@ impl Markers {
         let before = motion.samples.len();
         motion.samples.retain(|_| fits.next().unwrap_or(false));
         for (left_out, why) in [
-            (beside, "beside a gap, or between rows further apart than most"),
-            (before - motion.samples.len(), "too fast for the window, or astray"),
+            (beside, "next to a gap, or between rows with a longer interval than most"),
+            (before - motion.samples.len(), "too fast for the smoothing window, or outliers"),
         ] {
             if left_out > 0 {
                 let samples = if left_out == 1 { "sample" } else { "samples" };

@@ -126,8 +126,7 @@ impl Objective {
                 let sample = |(time, row): (&f64, &Vec<f64>)| {
                     let off = || Error::Design {
                         reason: format!(
-                            "the sample at t = {time} s is at no step of the scene, which are {} s long; try a solver.time_step_s \
-                             that divides the times of all samples",
+                            "the sample at t = {time} s does not coincide with a time step of the scene, {} s; use a solver.time_step_s that divides the times of all samples",
                             times[1]
                         ),
                     };

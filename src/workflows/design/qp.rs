@@ -147,7 +147,7 @@ impl QuadraticProgram {
             ..DefaultSettings::default()
         };
         let mut solver = DefaultSolver::new(&hessian, &gradient, &matrix, &bounds, &cones, settings)
-            .map_err(|e| Error::Design { reason: format!("the programme cannot be set up: {e}") })?;
+            .map_err(|e| Error::Design { reason: format!("the quadratic program cannot be set up: {e}") })?;
         solver.solve();
         let found = &solver.solution;
         let mut duals = vec![0.0; order.len()];
@@ -167,9 +167,9 @@ impl QuadraticProgram {
         }
         let conflict = if infeasible { self.conflict(duals) } else { Vec::new() };
         let reason = if conflict.is_empty() {
-            format!("the programme of {n} unknowns and {} constraints ended as {:?}", order.len(), found.status)
+            format!("the quadratic program of {n} unknowns and {} constraints ended as {:?}", order.len(), found.status)
         } else {
-            format!("these demands exclude each other: {}", conflict.join("; "))
+            format!("these constraints contradict each other: {}", conflict.join("; "))
         };
         Err(Error::Design { reason })
     }

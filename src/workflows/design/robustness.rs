@@ -249,17 +249,17 @@ impl Robustness {
     pub(super) fn words(&self) -> String {
         let gain = self.gain_percent.unwrap_or(f64::NAN);
         match (self.survives, self.least_percent) {
-            _ if !self.kept => "no gain: the design does not keep its limits".to_string(),
+            _ if !self.kept => "no gain: the design violates its limits".to_string(),
             _ if let Some([limit, simulation]) = &self.broken_in => {
-                format!("the limits do not hold in other simulations: {limit} with {simulation}")
+                format!("the limits are violated in other simulations: {limit} with {simulation}")
             }
             (true, Some(_)) if let Some(limit) = &self.broken_before => format!(
-                "{BASELINE} exceeds a limit ({limit}), and the design keeps all limits, in the other simulations too: that is the gain, along with {} % of the goal",
+                "{BASELINE} exceeds a limit ({limit}), and the design satisfies all limits, also in the other simulations: that is the gain, along with {} % of the goal",
                 in_sentence(gain, 3)
             ),
             (true, Some(least)) => {
                 format!(
-                    "the gain of {} % survives: the least that the other simulations find is {} %, with {}",
+                    "the gain of {} % is confirmed: the smallest gain in the other simulations is {} %, with {}",
                     in_sentence(gain, 3),
                     in_sentence(least, 3),
                     self.least_in
@@ -268,7 +268,7 @@ impl Robustness {
             (_, Some(_)) if gain <= 0.0 => format!("no gain: the design is no better than {BASELINE}"),
             (_, Some(least)) => {
                 let [gain, least] = [gain, least].map(|percent| in_sentence(percent, 3));
-                format!("no gain: of {gain} % as designed {least} % is left with {}", self.least_in)
+                format!("no gain: {gain} % as designed, but {least} % with {}", self.least_in)
             }
             (_, None) => {
                 let gain = in_sentence(gain, 3);
@@ -287,7 +287,7 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime().ok()?)));
     let Some((law, regime)) = of.filter(|_| scene.medium.is_some()) else { return Vec::new() };
     if law == &cross_flow::LAW {
-        let water = ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]);
+        let water = ("added mass".to_string(), vec!["reactive={}".to_string()]);
         return if scene.reactive.is_none() { vec![water] } else { Vec::new() };
     }
     if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_nonlocal() {
@@ -332,7 +332,7 @@ mod tests {
         let before = trust(check("newmark", Some(1.0), None));
         assert!(before.is_some_and(|trust| trust.survives && trust.least_in == "finer"));
         let broken = Robustness::of(&[own.clone(), finer.clone()], false);
-        assert!(broken.is_some_and(|trust| !trust.survives && trust.words().contains("does not keep its limits")));
+        assert!(broken.is_some_and(|trust| !trust.survives && trust.words().contains("violates its limits")));
         let limit = |used: f64| Some(LimitUse { limit: "power at most 6 W".to_string(), used, at_s: Some(0.25) });
         let at = |used: f64| trust(Check { limit: limit(used), ..check("cross-flow", Some(1.2), Some(1.0)) });
         assert!(at(1.0 + 0.9 * LIMIT_TOLERANCE).is_some_and(|trust| trust.survives));
@@ -340,7 +340,7 @@ mod tests {
         assert!(
             !beyond.survives
                 && beyond.words()
-                    == "the limits do not hold in other simulations: power at most 6 W, 166.00 % of it at t = 0.2500 s with cross-flow"
+                    == "the limits are violated in other simulations: power at most 6 W, 166.00 % of it at t = 0.2500 s with cross-flow"
         );
         // A scene that violates the limit is no basis for comparison.
         let first = Check { limit_before: limit(2.0), ..check("as designed", Some(0.8), Some(1.0)) };

@@ -108,13 +108,13 @@ const MAX_DAMPING: f64 = 1e12;
 const NEGLIGIBLE_FIT_REDUCTION: f64 = 1e-4;
 
 /// Reason for the end of a search that reached the maximum number of iterations.
-pub(super) const ITERATIONS_EXHAUSTED: &str = "its iterations are used up";
+pub(super) const ITERATIONS_EXHAUSTED: &str = "the maximum number of iterations was reached";
 
 /// Name of the trust region's constraints, which are not reported.
 const TRUST_REGION: &str = "trust region";
 
 /// Prefix of the names of constraints of scenarios that are among the worst.
-pub(super) const WORST_SCENARIO: &str = "as bad as any: ";
+pub(super) const WORST_SCENARIO: &str = "among the worst cases: ";
 
 /// One iteration of a search, for progress and figures.
 #[derive(Debug, Clone, Serialize)]
@@ -704,7 +704,7 @@ impl<'a> Search<'a> {
                 Ok(solution) => solution,
                 Err(error) => {
                     // The program of a shorter step is easier to solve.
-                    why = format!("the programme of its next step was not solved ({error})");
+                    why = format!("the quadratic program of the next step was not solved ({error})");
                     radius *= 0.25;
                     damping *= growth;
                     growth *= 2.0;
@@ -763,15 +763,15 @@ impl<'a> Search<'a> {
                     && promised < NEGLIGIBLE_FIT_REDUCTION / free
             });
             let ends = if self.objective.is_met(here.value.f) {
-                Some("the target is met")
+                Some("the target was reached")
             } else if stationarity <= STATIONARITY_TOLERANCE[usize::from(promised < NEGLIGIBLE_REDUCTION)]
                 && here.violation(PenaltyGroups::Together) <= 0.1 * FEASIBILITY_TOLERANCE
             {
                 Some("it is stationary")
             } else if promised < ROUNDING_REDUCTION {
-                Some("no step promises more than rounding")
+                Some("the predicted improvement is smaller than rounding errors")
             } else if longest.min(radius) < MIN_TRUST_RADIUS {
-                Some("no step however short is better")
+                Some("no step improves the objective, however short")
             } else {
                 None
             };

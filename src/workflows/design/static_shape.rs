@@ -46,9 +46,9 @@ impl Equilibrium {
     pub fn words(self) -> Option<String> {
         let text = match self {
             Self::Stable => return None,
-            Self::Unstable => "the rod balances in this shape but does not stay in it: a small motion about it grows",
-            Self::Missed => "the rod rests, but not in this shape: bounds or other demands exclude it",
-            Self::Unknown => "no rest was found next to this shape, or its small motions are not known",
+            Self::Unstable => "the rod is in equilibrium in this shape, but the equilibrium is unstable",
+            Self::Missed => "the rod comes to rest in another shape: bounds or other constraints exclude this one",
+            Self::Unknown => "no equilibrium was found near this shape, or its stability is unknown",
         };
         Some(text.to_string())
     }

@@ -419,9 +419,10 @@ impl DesignTable {
             (Some(direction), Goal::Distance | Goal::Efficiency) if !["+x", "-x"].contains(&direction.as_str()) => {
                 Err(fault("design.direction", format!("found {direction:?}; allowed: \"+x\" or \"-x\"")))
             }
-            (None, Goal::Distance | Goal::Efficiency) => {
-                Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the way that counts".to_string()))
-            }
+            (None, Goal::Distance | Goal::Efficiency) => Err(fault(
+                "design.direction",
+                "missing; allowed: \"+x\" or \"-x\", the direction of travel".to_string(),
+            )),
             (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip | Goal::Cycle(_)) => {
                 let problem = "found with a goal without direction; allowed: with \"distance\" and \"efficiency\"";
                 Err(fault("design.direction", problem.to_string()))
@@ -542,7 +543,7 @@ impl DesignTable {
         }
         match front.better.as_deref() {
             Some(better) if !matches!(front.goal, Goal::Cycle(_)) => {
-                let allowed = "with means over cycles, \"cycle_…\"; design.direction says which way counts";
+                let allowed = "with means over cycles, \"cycle_…\"; design.direction gives the direction of travel";
                 Err((
                     "design.front.better",
                     format!("found {better:?} with a goal that implies it; allowed: {allowed}"),
@@ -719,7 +720,7 @@ impl DesignTable {
             return Err(("design.actuation_gain", problem.to_string()));
         }
         if scene.filters_drive() {
-            let beside = "beside a drive with a limit or a lag; allowed: without actuation.lag_s, largest_1_m and largest_moment_n_m";
+            let beside = "together with a drive with a limit or a lag; allowed: without actuation.lag_s, largest_1_m and largest_moment_n_m";
             if self.actuation_gain {
                 return Err(("design.actuation_gain", format!("found {beside}")));
             }

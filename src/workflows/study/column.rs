@@ -42,7 +42,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
         problem: problem.to_string(),
     };
     if scene.head.kind == HeadKind::Free {
-        return Err(refused("head.kind", "the head is free, and loads carry the rod away; allowed: a held head"));
+        return Err(refused("head.kind", "the head is free, and loads accelerate the rod; allowed: a held head"));
     }
     if scene.loads.as_ref().is_none_or(|loads| loads.point.is_empty()) {
         return Err(refused("loads.point", "missing; there is no load to vary"));
@@ -77,15 +77,15 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
     let [low, high] = range;
     let words = |of: &str, (scan, found): (&Scan, &Scanned)| match found.critical {
         Some(critical) if critical.value == 0.0 => {
-            format!("{of} the tail does not stay at rest without these loads either.")
+            format!("{of} the tail is unstable at rest even without these loads.")
         }
         Some(critical) => format!(
-            "{of} the tail stays at rest under up to {:.4} times its point loads; {}.{}",
+            "{of} the tail is stable at rest under up to {:.4} times its point loads; {}.{}",
             critical.value,
             critical.in_words(),
             calm_again_in_words(&found.calm_again(&scan.values), " times them")
         ),
-        None => format!("{of} the tail stays at rest under {low} to {high} times its point loads."),
+        None => format!("{of} the tail is stable at rest under {low} to {high} times its point loads."),
     };
     if own_time.is_some_and(|time| time > 0.0) {
         findings.answers.push(words("With the damping of its material", *own));
@@ -97,7 +97,7 @@ pub(super) fn column(scene: &Scene, asked: &StabilityOptions, runner: StudyRunne
         && least.value < 0.99 * none.value
     {
         findings.answers.push(format!(
-            "With a damping time of {} s it carries only {:.4} times them: damping lowers the limit by {:.0} %.",
+            "With a damping time of {} s it is stable only up to {:.4} times these loads: damping lowers the limit by {:.0} %.",
             in_sentence(time, 4),
             least.value,
             100.0 * (1.0 - least.value / none.value)

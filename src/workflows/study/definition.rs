@@ -138,7 +138,7 @@ impl Study {
                 .or_else(|| {
                     let found = Vary::ALL.iter().find(|(_, vary)| *vary == asked.vary && vary.is_of_rest());
                     let (name, _) = found.filter(|_| asked.steps.is_some())?;
-                    Some(format!("steps: found with vary = {name}; allowed: only with others, as no run is made"))
+                    Some(format!("steps: found with vary = {name}; allowed: only with other values of vary, because no run is made"))
                 }),
         }
     }

@@ -60,7 +60,7 @@ impl HeldTail {
 fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail, NoSteadyState> {
     let refuse = |key: &'static str, problem: &str| NoSteadyState { key, problem: problem.to_string() };
     let Some(reactive) = scene.reactive_on().cloned() else {
-        return Err(refuse("reactive", "missing; without the water's inertia no flow makes a tail flutter or diverge"));
+        return Err(refuse("reactive", "missing; without added mass a flow cannot make a tail flutter or diverge"));
     };
     let added = steady.added_mass().map_err(|error| refuse("reactive", &error.to_string()))?;
     let bend = steady.bend();
@@ -99,7 +99,7 @@ pub(super) fn flutter(scene: &Scene, asked: &StabilityOptions, runner: StudyRunn
         problem,
     };
     if scene.head.kind == HeadKind::Free {
-        let problem = "the head is free, and the rod goes with the flow; allowed: a held head".to_string();
+        let problem = "the head is free, and the rod drifts with the flow; allowed: a held head".to_string();
         return Err(refused(NoSteadyState { key: "head.kind", problem }));
     }
     // The study asks which speed makes the water matter: with `reactive = "auto"` the scene has the reactive force at all speeds.
@@ -158,45 +158,48 @@ impl FlutterReport<'_> {
         let again = calm_again_in_words(&calm_again, " m/s");
         findings.answers.push(match critical {
             Some(critical) if critical.value == 0.0 => format!(
-                "With the water's share {share:.4} in the inertia the tail does not stay at rest in still fluid already: {} of small motions about it.{again}",
+                "With the mass ratio m_a/(m + m_a) = {share:.4} the tail is unstable at rest even in still fluid: {} of small motions.{again}",
                 critical.outcome.category().label
             ),
             Some(critical) => format!(
-                "With the water's share {share:.4} in the inertia the tail stays at rest in flows of up to {:.4} m/s (u = {:.4}); {}.{again}",
+                "With the mass ratio m_a/(m + m_a) = {share:.4} the tail is stable at rest in flows of up to {:.4} m/s (u = {:.4}); {}.{again}",
                 critical.value,
                 critical.value / tail.unit,
                 critical.in_words()
             ),
             None => format!(
-                "With the water's share {share:.4} in the inertia the tail stays at rest at all speeds that were looked at, the highest {highest:.4} m/s."
+                "With the mass ratio m_a/(m + m_a) = {share:.4} the tail is stable at rest at all speeds examined, up to {highest:.4} m/s."
             ),
         });
         findings.answers.push(match (&tail.theory, own_theory) {
             (Ok(_), Some(speed)) => {
-                format!("Theory of a beam without drag says {speed:.4} m/s (u = {:.4}).", speed / tail.unit)
+                format!("Beam theory without drag predicts {speed:.4} m/s (u = {:.4}).", speed / tail.unit)
             }
             (Ok(_), None) => {
-                format!("Theory of a beam without drag has it stay at rest at all speeds up to {highest:.4} m/s.")
+                format!("Beam theory without drag predicts stability at all speeds up to {highest:.4} m/s.")
             }
-            (Err(why), _) => format!("Theory's line is left out: {why}."),
+            (Err(why), _) => format!("The line of beam theory is left out: {why}."),
         });
         if let Some((flow, point)) = &self.own {
             let omega = point.leading[1];
             let says = match point.outcome {
-                RestStability::Stable => "they die out".to_string(),
+                RestStability::Stable => "small motions about the equilibrium decay".to_string(),
                 RestStability::Flutter => {
-                    format!("they grow as flutter, at {:.4} Hz: the run will not stay there", omega / TAU)
+                    format!(
+                        "small motions about the equilibrium grow as flutter, at {:.4} Hz: the run will leave it",
+                        omega / TAU
+                    )
                 }
-                RestStability::Divergence => "they diverge: the run will not stay there".to_string(),
-                RestStability::NoRest => "no rest is found".to_string(),
+                RestStability::Divergence => {
+                    "small motions about the equilibrium diverge: the run will leave it".to_string()
+                }
+                RestStability::NoRest => "no equilibrium is found".to_string(),
             };
-            findings
-                .answers
-                .push(format!("In the scene's own flow of {flow:.4} m/s, of small motions about the rest: {says}."));
+            findings.answers.push(format!("In the scene's own flow of {flow:.4} m/s, {says}."));
         }
         if tail.is_reversed {
             findings.answers.push(
-                "The flow comes against the free end, and a tail that leaves this rest may fold back and come to another one: what a run comes to, small motions do not say."
+                "The flow comes from the free end: a tail that leaves this equilibrium may fold back and reach another one, which small motions do not show."
                     .into(),
             );
         }

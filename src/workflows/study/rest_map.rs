@@ -113,9 +113,9 @@ impl Critical {
     /// Describes what happens there.
     pub fn in_words(&self) -> String {
         match self.outcome {
-            RestStability::Divergence => "there small motions about that rest first diverge".to_string(),
-            RestStability::NoRest => "there first no rest is found".to_string(),
-            _ => format!("there small motions about that rest first flutter, at {:.4} Hz", self.frequency / TAU),
+            RestStability::Divergence => "beyond that, it diverges".to_string(),
+            RestStability::NoRest => "beyond that, no equilibrium is found".to_string(),
+            _ => format!("beyond that, it flutters at {:.4} Hz", self.frequency / TAU),
         }
     }
 }
@@ -210,7 +210,7 @@ pub(super) fn calm_again_in_words(windows: &[[f64; 2]], unit: &str) -> String {
     if all.is_empty() {
         String::new()
     } else {
-        format!(" Of what was looked at beyond, it is calm again {}.", all.join(" and "))
+        format!(" Among the larger values examined, it is stable again {}.", all.join(" and "))
     }
 }
 
@@ -225,16 +225,16 @@ pub(super) fn left_out(scene: &Scene, nodes: usize, findings: &mut Findings) {
     if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
         findings
             .answers
-            .push("Actuation and motion of the head are left out: the head is held where it starts.".into());
+            .push("Actuation and motion of the head are left out: the head is held in its initial pose.".into());
     }
     if scene.head.kind == HeadKind::Hinged {
         findings.answers.push(
-            "A command and a torque of the hinge's motor that change are left out: the servo holds the angle of the start.".into(),
+            "Changes of the command and of the torque of the hinge's motor are left out: the servo holds the initial angle.".into(),
         );
     }
     if nodes < scene.rod.nodes.get() {
         findings.answers.push(format!(
-            "Computed on {nodes} nodes instead of {}: the cost grows as the cube of their number.",
+            "Computed on {nodes} nodes instead of {}: the cost grows with the cube of their number.",
             scene.rod.nodes.get()
         ));
     }
@@ -277,7 +277,7 @@ impl RestMap<'_> {
             y: (self.value.0.into(), columns.first().map(|(scan, _)| scan.values.clone()).unwrap_or_default()),
             boundary: line.0.into(),
             categories: RestStability::ALL.map(RestStability::category).to_vec(),
-            panels: vec![Panel { title: "small motions about the rest".into(), cells, boundary: line.1.clone() }],
+            panels: vec![Panel { title: "stability of the equilibrium".into(), cells, boundary: line.1.clone() }],
         };
         let caption = "Where the tail stays at rest, flutters and diverges.";
         findings.figures.push(Figure::new("stability.svg", caption, figure.svg()));
@@ -314,7 +314,7 @@ impl RestMap<'_> {
             0 => String::new(),
             missing => format!(" None was found for {missing} of {} values.", self.columns.len()),
         };
-        let caption = format!("The {} from which the tail leaves its rest.{missing}", self.cause);
+        let caption = format!("The {} at which the tail loses its stability.{missing}", self.cause);
         (found > 0).then(|| chart.figure("critical.svg", caption)).flatten()
     }
 
@@ -325,9 +325,9 @@ impl RestMap<'_> {
                 "growth.svg",
                 "growth rates",
                 "growth rate (1/s)",
-                "How the slowest motions grow (above zero) or decay with the",
+                "Growth rates (negative: decay) of the slowest motions over the",
             ),
-            ("frequency.svg", "frequencies", "frequency (Hz)", "How fast the slowest motions swing, over the"),
+            ("frequency.svg", "frequencies", "frequency (Hz)", "Frequencies of the slowest motions over the"),
         ]
         .into_iter()
         .filter_map(move |(file, what, label, caption)| {
@@ -421,7 +421,7 @@ mod tests {
         let windows = found.calm_again(&values);
         assert_eq!(windows, [[3.0, 4.0], [7.0, 7.0]]);
         let words = calm_again_in_words(&windows, " m/s");
-        assert!(words.ends_with("it is calm again from 3.0000 to 4.0000 m/s and at 7.0000 m/s."), "{words}");
+        assert!(words.ends_with("it is stable again from 3.0000 to 4.0000 m/s and at 7.0000 m/s."), "{words}");
         found.critical = None;
         assert_eq!(calm_again_in_words(&found.calm_again(&values), ""), "");
     }

@@ -286,9 +286,9 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
             power_law(&points).map(|[exponent, _]| (1.0 + exponent, last))
         };
         if let Some(((step, last), (iteration, _))) = fitted(&steps).zip(fitted(&single)) {
-            let which = if form == Form::Chain { "" } else { ", the meshes that take this form by themselves" };
+            let which = if form == Form::Chain { "" } else { ", the meshes that use this form by default" };
             findings.answers.push(format!(
-                "{}: the time a step grows as N^{step:.3}, the time an iteration as N^{iteration:.3} (least squares over {MIN_FITTED_NODES} to {last} nodes{which}).",
+                "{}: the time per step grows as N^{step:.3}, the time per iteration as N^{iteration:.3} (least squares over {MIN_FITTED_NODES} to {last} nodes{which}).",
                 title(form)
             ));
             findings.numbers.insert(format!("growth_exponent_step_{}", name(form)), json!(step));
@@ -299,7 +299,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
         });
         if let Some((nodes, bytes)) = weighed.last() {
             findings.numbers.insert(format!("memory_bytes_per_node_{}", name(form)), json!(bytes));
-            findings.answers.push(format!("{}: {bytes:.0} bytes of memory a node at {nodes} nodes.", title(form)));
+            findings.answers.push(format!("{}: {bytes:.0} bytes of memory per node at {nodes} nodes.", title(form)));
         }
         times.push(Series::new(format!("{}, a step", name(form)), steps, Mark::Dotted));
         iterations.push(Series::new(format!("{}, an iteration", name(form)), single, Mark::Dotted));
@@ -322,15 +322,17 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
     {
         findings.numbers.insert("cost_ratio_of_forms".into(), json!([low, high]));
         findings.answers.push(format!(
-            "A step in the chain form costs {low:.2} to {high:.2} times one in positions, where both work (from {MIN_FITTED_NODES} nodes on)."
+            "A step in the chain form costs {low:.2} to {high:.2} times as much as one in positions, where both can be used (from {MIN_FITTED_NODES} nodes on)."
         ));
     }
     let switch = nodes.iter().zip(used).find(|(_, form)| **form == Form::Chain).map(|(nodes, _)| *nodes);
     findings.answers.push(match switch {
         Some(nodes) => {
-            format!("By itself a run of this scene takes the chain form from {nodes} nodes on (of those tried).")
+            format!(
+                "By default a run of this scene uses the chain form from {nodes} nodes on (among the meshes tried)."
+            )
         }
-        None => "By itself a run of this scene takes positions on all of these meshes.".to_string(),
+        None => "By default a run of this scene uses positions on all of these meshes.".to_string(),
     });
     if let Some((case, _)) = finest {
         findings.answers.push(format!("Errors are measured against the finest mesh, {} nodes.", case.nodes));
@@ -360,19 +362,15 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshR
     for (file, caption, chart) in [
         (
             "time.svg",
-            "Time for each node of a step on meshes from coarse to fine: a level line is a cost in proportion to the nodes.",
-            chart("time a node", "time a node (ns)", Scale::LogLog, times),
+            "Time per node and step on meshes from coarse to fine; a horizontal line is a cost proportional to the number of nodes.",
+            chart("time per node", "time per node (ns)", Scale::LogLog, times),
         ),
         (
             "error.svg",
             "Difference from the finest mesh; the triangle shows second order.",
             chart("error against the finest mesh", "relative error", Scale::LogLog, accuracy),
         ),
-        (
-            "memory.svg",
-            "Most memory that a run takes, for each node.",
-            chart("peak memory", "bytes per node", Scale::Linear, memory),
-        ),
+        ("memory.svg", "Peak memory of a run per node.", chart("peak memory", "bytes per node", Scale::Linear, memory)),
     ] {
         findings.figures.extend(chart.figure(file, caption));
     }

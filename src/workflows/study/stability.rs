@@ -369,20 +369,20 @@ impl StabilityReport<'_> {
         }
         if self.outcomes.contains(&StabilityOutcome::Unjudged) {
             findings.answers.push(
-                "Where two references (ESDIRK3 and generalized-α with half the smallest step) disagree, runs that end are only called stable."
+                "Where two references (ESDIRK3 and generalized-α with half the smallest step) disagree, runs that finish are classified as stable only."
                     .to_string(),
             );
         }
         let still = self.outcomes.iter().filter(|outcome| **outcome == StabilityOutcome::Still).count();
         if still > 0 {
             findings.answers.push(format!(
-                "The rod does not move in {still} of {} runs, which therefore test no step: give it an actuation, a load or a start that is not at rest.",
+                "The rod does not move in {still} of {} runs, which therefore do not test the step: add an actuation, a load or a start that is not at rest.",
                 self.outcomes.len()
             ));
         }
         findings.numbers.insert("limits_by_theory".into(), json!(limits));
         let map = OutcomeMap {
-            title: format!("{}: what each step does", self.scene.name),
+            title: format!("{}: outcome of each step", self.scene.name),
             x: (self.asked.vary.label(self.scene).into(), self.values.to_vec()),
             linear: false,
             y: ("time step (s)".into(), self.steps.to_vec()),
@@ -390,7 +390,7 @@ impl StabilityReport<'_> {
             categories: StabilityOutcome::ALL.map(StabilityOutcome::category).to_vec(),
             panels,
         };
-        let caption = "What every method does at every step: accurate, wrong, growing or failing.";
+        let caption = "Outcome of each method at each step: accurate, wrong, growing or failing.";
         findings.figures.push(Figure::new("stability.svg", caption, map.svg()));
         findings.tables.push(self.table());
         Ok(findings)
@@ -435,7 +435,7 @@ impl StabilityReport<'_> {
             _ => String::new(),
         };
         if columns.iter().flat_map(|column| column.iter()).all(|outcome| *outcome == StabilityOutcome::Still) {
-            return format!("{name}: untested, since nothing moves.{theory}");
+            return format!("{name}: not tested, because nothing moves.{theory}");
         }
         format!("{name}: accurate {accurate}; stable {stable}{beyond}.{theory}")
     }

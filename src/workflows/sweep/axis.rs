@@ -491,7 +491,7 @@ pub(super) fn no_product(key: &str, old: Option<&Value>) -> String {
             "multiplies {key}, which is a list; allowed: its numbers, with keys = [{}], or whole lists as values",
             numbers(entries).join(", ")
         ),
-        _ => format!("multiplies {key}, which is no number"),
+        _ => format!("multiplies {key}, which is not a number"),
     }
 }
 

@@ -327,7 +327,7 @@ impl Sweep {
     fn check(&self, report: &ReportTable) -> std::result::Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         if self.name.contains(['/', '\\']) || ["", ".", ".."].contains(&self.name.trim()) {
-            return fault("name", format!("found {:?}; allowed: a name that can be a folder's", self.name));
+            return fault("name", format!("found {:?}; allowed: a valid folder name", self.name));
         }
         let sizes = self.dimensions.iter().map(|dimension| self.axes[dimension[0]].levels.len());
         let size = sizes.clone().try_fold(1_usize, |product, size| product.checked_mul(size));
@@ -345,8 +345,7 @@ impl Sweep {
         let page = played.min(size.unwrap_or(0)) as f64 * self.motion_bytes();
         if page > MAX_PAGE_BYTES {
             let problem = format!(
-                "the motions of {played} cases at {frames} times make a report of {}; allowed: up to {}, which browsers open; \
-                 keep fewer record.frames or record.played",
+                "the motions of {played} cases at {frames} times make a report of {}; allowed: up to {}, which browsers can open; reduce record.frames or record.played",
                 bytes(page),
                 bytes(MAX_PAGE_BYTES)
             );
@@ -363,7 +362,7 @@ impl Sweep {
                     return fault(
                         &axis.path,
                         format!(
-                            "sets {key}, which an axis before it moves; allowed: one axis with its values, then factors"
+                            "sets {key}, which an earlier axis sets; allowed: one axis with its values, then factors"
                         ),
                     );
                 }

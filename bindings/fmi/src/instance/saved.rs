@@ -77,6 +77,6 @@ impl Instance {
             Some(if variable.size == Size::Scalar { 1 } else { state.settings.nodes as usize })
         };
         let same = of_scene(&state.built) && of_scene(&state.settings) && state.inputs.fits(len);
-        if same { Ok(state) } else { refuse("the saved state cannot be read: its sizes are not this scene's") }
+        if same { Ok(state) } else { refuse("the saved state cannot be read: its sizes do not match this scene") }
     }
 }

@@ -26,7 +26,7 @@ impl Instance {
     fn check_step(&self, current: f64, h: f64) -> FmiResult {
         let now = self.time();
         if !(h.is_finite() && h > 0.0) {
-            return refuse(format!("a step of {h} s cannot be made: it must be positive and finite"));
+            return refuse(format!("a step of {h} s is not possible: it must be positive and finite"));
         }
         // Hosts count their steps, or add them up with a rounding error in each step. Any other deviation accumulates too, and
         // does not lead to a step of this instance.
@@ -144,7 +144,7 @@ impl Instance {
     /// Ends an intermediate update: passes the inputs that the host has set to the stepper.
     fn end_intermediate_update(&mut self) -> FmiResult {
         if self.mode == InstanceMode::Fatal {
-            let message = "this instance broke down in the middle of a step".to_string();
+            let message = "this instance failed during a step".to_string();
             return Err(FmiError { status: Status::Fatal, message });
         }
         let outcome = if self.inputs.is_pending() { self.pass_inputs() } else { Ok(()) };

@@ -71,7 +71,7 @@ impl Instance {
     pub fn integer(&self, target: Target) -> FmiResult<u64> {
         match target {
             Target::Variable(place, _) if place == self.nodes_place => Ok(self.settings.nodes),
-            _ => refuse("this variable is no integer"),
+            _ => refuse("this variable is not an integer"),
         }
     }
 

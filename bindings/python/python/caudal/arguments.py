@@ -17,7 +17,7 @@ def is_number(value: Any) -> bool:
 
 
 def check_count(name: str, value: Optional[int]) -> None:
-    """Refuse what is neither None nor a whole number from 1 on."""
+    """Reject what is neither None nor a whole number of at least 1."""
     if value is not None and (not is_number(value) or not isinstance(value, numbers.Integral) or value < 1):
         raise ValueError(f"{name}: found {value!r}; allowed: a whole number, 1 or more")
 
@@ -29,7 +29,7 @@ def check_folder(name: str, path: Union[str, os.PathLike[str], None]) -> None:
 
 
 def check_function(name: str, function: Any, required: bool = False) -> None:
-    """Refuse what is no function; None is allowed unless it is required."""
+    """Reject what is not a function; None is allowed unless it is required."""
     if not callable(function) and (required or function is not None):
         raise TypeError(f"{name}: found {function!r}; allowed: a function")
 

@@ -28,21 +28,21 @@ def compare(
     out : str or os.PathLike, optional
         Folder for the files that ``caudal compare`` writes: report.html, results.csv, keys.csv, summary.json, figures.
     force : bool, optional
-        Replace results of others in the folder, which are refused otherwise.
+        Replace other results in the folder; otherwise an error.
 
     Returns
     -------
     Comparison
-        What differs.
+        The differences.
 
     Raises
     ------
     caudal.errors.ReadError
-        For what is no folder of a run.
+        If an argument is not the folder of a run.
     caudal.errors.ComparisonError
         For fewer than two runs, or more than eight.
     caudal.errors.WriteError
-        Where a file cannot be written; the comparison is its ``result``.
+        If a file cannot be written; the comparison is its ``result``.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def compare(
 
 
 def _run(run: Any) -> Any:
-    """A folder as it is, and a result as the core takes it."""
+    """A folder unchanged, and a result in the form that the core expects."""
     if not isinstance(run, Result):
         if not isinstance(run, (str, os.PathLike)):
             raise TypeError(f"runs: found {run!r}; allowed: the folder of a run, or a Result")
@@ -86,18 +86,18 @@ class Comparison:
     folder : pathlib.Path or None
         Where its files are, if they were written.
     labels : list of str
-        The name of each run, by which it is told from the others; the first is the one that differences are from.
+        The name of each run; differences are relative to the first run.
     keys : dict of str to dict of str to object
         The keys in which the scenes differ: their values by run, None where a scene does not have the key.
     results : dict of str to dict of str to object
         The results in summary.json: their values by run. A pair has two entries, ``.x`` and ``.y``.
     differences : dict of str to dict of str to dict
-        Of each result and each run but the first, where both have a number: ``difference`` and ``relative_difference`` from the
-        first, ``stated_error``, the sum of the errors that the two runs state of it, or None, and ``above_stated_error``.
+        For each result and each run except the first, if both have a number: ``difference`` and ``relative_difference`` from the
+        first, ``stated_error``, the sum of the errors that the two runs state for it, or None, and ``above_stated_error``.
     answers : list of str
-        What differs, in words.
+        The differences, in sentences.
     notes : list of str
-        What to know of the comparison and of its runs.
+        Notes on the comparison and its runs.
     figures : dict of str to str
         Its figures by file name, SVG.
     """

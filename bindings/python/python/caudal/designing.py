@@ -115,40 +115,40 @@ def design(
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from. Data that it names are sought beside its file.
+        The scene, or anything that `load` accepts. Data files are relative to the file of the scene.
     out : str or os.PathLike, optional
         Folder for the results; by default ``out/<name of the scene>-design``.
     force : bool, optional
-        Replace results of others in the folder, which are refused otherwise.
+        Replace other results in the folder; otherwise an error.
     progress : callable, optional
-        Called with the number of an iteration and the objective there (of a tracked tip the rms distance in m, else the
-        distance in m or its square over work in m²/J). What it raises, and Ctrl-C, end the search; the best design so far is
+        Called with the number of an iteration and the objective there (for a tracked tip the rms distance in m, otherwise
+        the distance in m or its square over work in m²/J). Its exceptions, and Ctrl-C, end the search; the best design so far is
         then the exception's ``result``.
     client : distributed.Client, optional
-        Searches from several starts, and then simulates the design again in other ways, on the workers of a Dask cluster. What
-        they simulated is kept in the folder, and the design is the same to the bit.
+        Runs the searches and the checks of the design on the workers of a Dask cluster. Their results are stored in the folder,
+        and the design is bit-identical.
     executor : concurrent.futures.Executor, optional
-        The same on any other engine, such as a ``ProcessPoolExecutor``.
+        The same with any other executor, such as a ``ProcessPoolExecutor``.
     workers : int, optional
-        How many tasks the engine runs at once, where it does not say.
+        Number of tasks that the engine runs at once, if it does not report it.
     patience_s : float, optional
-        A warning says so where an engine returns nothing for longer.
+        A warning is raised if the engine returns no results for longer than this.
 
     Returns
     -------
     Design
         The content of design.json, and ``folder``: among others ``status``, ``stiffness_n_m2`` at ``xi`` (joints, from the
-        head at 0 to the tip at 1), ``answer`` and ``lines``, the answer in words. The scene with the designed stiffness is
+        head at 0 to the tip at 1), ``answer`` and ``lines``, the answer in sentences. The scene with the designed stiffness is
         ``<name>-designed.toml`` in the folder.
 
     Raises
     ------
     caudal.errors.DesignError
-        Where no design does what is asked, with the reason.
+        If no design meets the requirements, with the reason.
     caudal.errors.SceneError
         For a wrong ``[design]``.
     caudal.errors.EngineError, caudal.errors.LostCasesError
-        Where the engine cannot go on, and for starts and checks that end their worker.
+        If the engine fails, and for starts and checks that crash their worker.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     check_function("progress", progress)

@@ -82,7 +82,7 @@ class Job(Protocol):
 def work(version: str, worker: str, bundle: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
     """Run parts of a job on a worker; return their lines and the time of each, s."""
     if version != __version__:
-        raise engine_error(whereabouts(), f"it has caudal {__version__}, and the work is that of caudal {version}")
+        raise engine_error(whereabouts(), f"it has caudal {__version__}, but the job was made by caudal {version}")
     try:
         lines: tuple[list[bytes], list[float]] = getattr(_caudal, worker)(bundle, indices)
         return lines
@@ -112,8 +112,8 @@ def lost_error(job: Job, lost: list[int]) -> LostCasesError:
     more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
     number = f"{len(lost)} {job.noun}{'' if len(lost) == 1 else 's'}"
     error = LostCasesError(
-        f"{number} ended the worker that did them, even alone ({named}{more}); "
-        f"the other {job.size - len(lost)} are kept in {job.folder}"
+        f"{number} crashed the worker that ran them, even alone ({named}{more}); "
+        f"the other {job.size - len(lost)} are stored in {job.folder}"
     )
     error.cases, error.rows = lost, []
     return error
@@ -154,7 +154,7 @@ class Engine:
             raise TypeError("give either client or executor")
         for name, value in (("client", client), ("executor", executor)):
             if value is not None and not hasattr(value, "submit"):
-                raise TypeError(f"{name}: found {value!r}; allowed: what has a method submit")
+                raise TypeError(f"{name}: found {value!r}; allowed: an object with a method submit")
         check_count("workers", workers)
         if not is_number(patience_s) or not patience_s > 0:
             raise ValueError(f"patience_s: found {patience_s!r}; allowed: a positive time")
@@ -187,7 +187,7 @@ class Engine:
     def state(self) -> str:
         """Its description for messages."""
         if hasattr(self.client, "scheduler_info"):
-            return f"the client is {self.client.status}, the scheduler knows of {self.known} threads of workers"
+            return f"the client is {self.client.status}, the scheduler has {self.known} worker threads"
         return f"it is {self.executor!r}"
 
 
@@ -250,7 +250,7 @@ class Distribution:
         """Warn that nothing was returned for this time, s."""
         parts = sum(len(indices) for indices, _ in self.flying.values())
         warnings.warn(
-            f"nothing came back for {waited:.0f} s: {parts} {self.job.noun}s are on their way; {self.engine.state()}",
+            f"no results for {waited:.0f} s: {parts} {self.job.noun}s are outstanding; {self.engine.state()}",
             RuntimeWarning,
             stacklevel=5,
         )
@@ -268,7 +268,7 @@ class Distribution:
             try:
                 future = self.engine.executor.submit(work, __version__, self.job.worker, self.bundle, indices, attempt)
             except (RuntimeError, OSError) as error:  # it was shut down, or is broken
-                raise self.stopped(f"the engine takes no more work: {error}") from error
+                raise self.stopped(f"the engine accepts no more work: {error}") from error
             self.flying[future] = batch
             future.add_done_callback(self.landed.put)
         return bool(self.flying)
@@ -294,17 +294,17 @@ class Distribution:
         try:
             lines, times = future.result()
         except CancelledError as error:
-            raise self.stopped(f"the engine dropped its work; {self.engine.state()}") from error
+            raise self.stopped(f"the engine cancelled its work; {self.engine.state()}") from error
         except BrokenExecutor as error:
             batches = [indices, *(other for other, _ in self.flying.values())]
             parts = ", ".join(str(index) for batch in batches for index in batch[:20])
-            raise self.stopped(f"the engine is broken: {error} ({self.job.noun}s on their way: {parts})") from error
+            raise self.stopped(f"the engine failed: {error} ({self.job.noun}s outstanding: {parts})") from error
         except EngineError as error:
             raise self.stopped(error.reason, error.worker) from error
         except Exception as error:
             # Dask's word for a task whose workers died, each time that it was tried.
             if type(error).__name__ != "KilledWorker":
-                reason = f"the workers cannot do the work, {type(error).__name__}: {error}; install caudal {__version__} there"
+                reason = f"the workers cannot run the job, {type(error).__name__}: {error}; install caudal {__version__} there"
                 raise self.stopped(reason) from error
             if attempt == ALONE:
                 self.lost.extend(indices)
@@ -319,7 +319,7 @@ class Distribution:
 
     def stopped(self, reason: str, worker: str = "") -> EngineError:
         """The error that terminates it."""
-        kept = f"{self.done} of {self.job.size} {self.job.noun}s are kept in {self.job.folder}; the same call goes on"
+        kept = f"{self.done} of {self.job.size} {self.job.noun}s are stored in {self.job.folder}; the same call resumes there"
         error = engine_error(worker, f"{reason}; {kept}")
         error.reason = reason
         return error

@@ -177,15 +177,15 @@ class BundleError(Error):
 
 
 class EngineError(Error, RuntimeError):
-    """The engine that does parts of a job elsewhere cannot go on; what is done is kept, and the same call, with this engine,
-    another one or none, goes on.
+    """The engine that runs a distributed job failed. Finished parts are stored, and the same call resumes, with this engine,
+    another one or none.
 
     Attributes
     ----------
     worker : str
-        The worker that is to blame; empty where it is not a single one.
+        The worker that caused it; empty if it was not a single one.
     reason : str
-        What it said.
+        Its message.
     """
 
     worker: str = ""
@@ -193,15 +193,15 @@ class EngineError(Error, RuntimeError):
 
 
 class LostCasesError(Error, RuntimeError):
-    """Cases of a sweep, starts of a design or runs of a study ended the program that did them, each of them again, alone. All
-    others are kept; of a sweep table and report are made of these.
+    """Cases of a sweep, starts of a design or runs of a study crashed their worker, again when each ran alone. All others are
+    stored; the table and report of a sweep contain these.
 
     Attributes
     ----------
     cases : list of int
         Their numbers.
     rows : list of dict
-        Of a sweep the rows of the others, as ``caudal.sweep`` returns them.
+        For a sweep, the rows of the others, as ``caudal.sweep`` returns them.
     """
 
     cases: list[int]

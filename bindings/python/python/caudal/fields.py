@@ -1,4 +1,4 @@
-"""Dictionaries that say what they have, where something else is asked for."""
+"""Dictionaries whose errors for unknown names list the known ones."""
 
 from __future__ import annotations
 

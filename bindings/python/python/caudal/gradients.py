@@ -48,8 +48,8 @@ def parameters(scene: Source) -> dict[str, Parameter]:
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from: of the whole model, with fixed steps (``solver.time_step_s``) by a method of one
-        stage (``generalized-alpha``, ``newmark``, ``implicit-euler``).
+        The scene, or anything that `load` accepts: with the full model and fixed steps (``solver.time_step_s``) of a one-stage
+        method (``generalized-alpha``, ``newmark``, ``implicit-euler``).
 
     Returns
     -------
@@ -87,10 +87,10 @@ class Simulation:
     times_s : numpy.ndarray
         Its times, the start's first.
     outputs : dict of str to numpy.ndarray
-        What was read: a number per time, of ``x_m``, ``y_m``, ``vx_m_s`` and ``vy_m_s`` a row per time.
+        The outputs: a number per time, and for ``x_m``, ``y_m``, ``vx_m_s`` and ``vy_m_s`` a row per time.
     notes : list of str
-        What `run` says of it too: where the model, the steps and the energy balance leave their ranges. They are found when they are
-        first asked for, by another simulation.
+        The notes of `run`: where the model, the steps and the energy balance leave their ranges. They are computed by another
+        simulation at the first access.
     """
 
     def __init__(self, scene: Scene, content: _Simulation, values: Mapping[str, npt.ArrayLike]) -> None:
@@ -102,7 +102,7 @@ class Simulation:
 
     @functools.cached_property
     def notes(self) -> list[str]:
-        """The notes that `run` gives too: model, steps or energy balance that are out of range."""
+        """The notes of `run`: model, steps or energy balance that are out of range."""
         return self._content.notes()
 
     def pull_back(
@@ -156,7 +156,7 @@ def simulate(
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from.
+        The scene, or anything that `load` accepts.
     outputs : str or iterable of str
         Names of recorded variables, or ``x_m``, ``y_m``, ``vx_m_s``, ``vy_m_s`` of the nodes.
     values : dict of str to array_like, optional
@@ -218,10 +218,10 @@ def value_and_grad(
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from.
+        The scene, or anything that `load` accepts.
     output : str
-        A recorded variable, whose value at the end counts, or a mean over the last whole cycles such as
-        ``cycle_forward_speed_m_s``; a frequency that drives the cycles moves their ends too.
+        A recorded variable, which is taken at the end, or a mean over the last whole cycles such as
+        ``cycle_forward_speed_m_s``; a driving frequency also shifts the ends of the cycles.
     with_respect_to : str or iterable of str
         Names of `parameters`.
     values : dict of str to array_like, optional
@@ -232,8 +232,8 @@ def value_and_grad(
     value : float
         The number.
     gradient : dict of str to float or numpy.ndarray
-        Its derivatives by name. First positions and velocities among them count as given; what of these is neither named nor given
-        starts as the scene says, and moves with its other parameters. The pair of both also has ``notes``, see `Simulation`.
+        Its derivatives by name. Initial positions and velocities among them are independent; those that are neither named nor given
+        follow from the scene and its other parameters. The returned pair also has ``notes``, see `Simulation`.
 
     Examples
     --------
@@ -245,7 +245,7 @@ def value_and_grad(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     if not isinstance(output, str):
-        raise TypeError(f"output: found {output!r}; allowed: one name; of several Simulation.pull_back has derivatives")
+        raise TypeError(f"output: found {output!r}; allowed: one name; Simulation.pull_back has the derivatives of several")
     read = [] if output.startswith("cycle_") else [output]
     given = arrays_of(values)
     content = _Simulation(scene, given, read)
@@ -274,7 +274,7 @@ class Recent:
 
 class Step:
     """One communication step from where a stepper is, as a function of the state and of inputs: what `caudal.jax.step` and
-    `caudal.torch.step` call. It has a stepper of its own; several threads may call it, one after the other.
+    `caudal.torch.step` call. It has its own stepper; several threads may call it, one after the other.
 
     Parameters
     ----------

@@ -33,18 +33,18 @@ def _check_options(options: Optional[Mapping[str, Any]], known: Sequence[str]) -
 class TailEnv(gymnasium.Env):
     """A tail that an agent drives: actions are inputs and observations outputs of the table of variables.
 
-    Actions are from -1 to 1 and go linearly to the bounds of the inputs; they hold over a period. The reward is what
-    `reward` says of the stepper before and after. An episode is truncated at the end of the first period that reaches its duration; a
+    Actions are from -1 to 1 and map linearly to the bounds of the inputs; they are constant over a period. The reward is the value
+    of `reward` for the stepper before and after. An episode is truncated at the end of the first period that reaches its duration; a
     step that fails, because the agent folds the rod for instance, terminates it with the reward `failure`.
 
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `caudal.load` makes one from.
+        The scene, or anything that `caudal.load` accepts.
     actions : dict of str to tuple of float
         Least and largest value of each input that the agent sets, such as ``{"natural_curvature_1_m": (-5.0, 5.0)}``.
     observations : sequence of str
-        Variables that it sees, one after the other.
+        The observed variables, in order.
     reward : callable
         From the observed variables before and after a period, dictionaries of arrays, to a number.
     period_s : float
@@ -52,16 +52,16 @@ class TailEnv(gymnasium.Env):
     duration_s : float, optional
         Duration of an episode, s; by default the scene's.
     scales : dict of str to float, optional
-        What observations are divided by, by variable; 1 where it is not given.
+        Divisors of the observations, by variable; by default 1.
     groups : int, optional
-        An input of the joints or nodes is set in this many groups of neighbours; by default each by itself.
+        An input of the joints or nodes is set in this many groups of neighbours; by default each separately.
     failure : float, optional
         The reward of a step that fails.
     start : callable, optional
         Called at the beginning of every episode with the stepper and the environment's random numbers (`numpy.random.Generator`), to
         set inputs: a flow, a viscosity, a frequency.
     goal : callable, optional
-        From the environment's random numbers to the numbers that an episode is to reach: the last entries of the observation, and
+        From the environment's random numbers to the target numbers of an episode: the last entries of the observation, and
         ``"goal"`` of what `reward` sees.
     render_mode : str, optional
         ``"rgb_array"`` for pictures.
@@ -137,7 +137,7 @@ class TailEnv(gymnasium.Env):
         wrong = [name for name in actions if known[name].causality != "input"]
         if wrong:
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
-            raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
+            raise ValueError(f"{wrong[0]} is not an input; allowed: {inputs}")
         for name, bounds in actions.items():
             two = np.shape(bounds) == (2,) and all(is_number(bound) for bound in bounds)
             if not two or not -np.inf < bounds[0] < bounds[1] < np.inf:
@@ -265,17 +265,17 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
     time in SIMD lanes where the scene and the processor allow it: for 64 tails of 17 nodes in 0.64 of the time
     (``bindings/python/benches/copies.py``).
 
-    An episode that has ended begins anew at the next step, whose action is ignored and whose reward is 0 (Gymnasium's
-    ``AutoresetMode.NEXT_STEP``). It is what ``gymnasium.vector.SyncVectorEnv`` makes of as many `TailEnv`, to the bit.
+    An episode that has ended restarts at the next step, whose action is ignored and whose reward is 0 (Gymnasium's
+    ``AutoresetMode.NEXT_STEP``). The results are bit-identical to ``gymnasium.vector.SyncVectorEnv`` with as many `TailEnv`.
 
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `caudal.load` makes one from.
+        The scene, or anything that `caudal.load` accepts.
     num_envs : int
-        How many there are.
+        Number of environments.
     threads : int, optional
-        How many of them move at a time; by default one for each core.
+        How many of them run at a time; by default one per core.
     **options
         Those of `TailEnv`.
 

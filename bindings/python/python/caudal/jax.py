@@ -54,7 +54,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `caudal.load` makes one from.
+        The scene, or anything that `caudal.load` accepts.
     outputs : str or iterable of str
         What it returns, see `caudal.simulate`.
 
@@ -82,7 +82,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     def check_names(values: dict[str, Any]) -> None:
         wrong = [name for name in values if name not in known]
         if wrong:
-            raise ValueError(unknown(wrong[0], known, "has no derivative", "; caudal.parameters(scene) lists what there is"))
+            raise ValueError(unknown(wrong[0], known, "has no derivative", "; caudal.parameters(scene) lists them"))
 
     called = _Callbacks()
 

@@ -74,20 +74,20 @@ def run(
     """Run a scene over its duration.
 
     Other Python threads run meanwhile. Ctrl-C ends the run; what was computed is ``result`` of the exception, as it is
-    where a step fails, or a file cannot be written.
+    if a step fails or a file cannot be written.
 
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from.
+        The scene, or anything that `load` accepts.
     record : str or iterable of str, optional
-        Names of the variables to record, beside the time; by default those of trajectory.csv and, as the scene's
-        ``[record]`` says, the positions of the nodes. When they are recorded is the scene's ``record.every`` or
-        ``record.interval_s``.
+        Names of the variables to record, in addition to the time; by default those of trajectory.csv and, depending on
+        the scene's ``[record]``, the positions of the nodes. The scene's ``record.every`` or ``record.interval_s`` sets
+        when they are recorded.
     out : str or os.PathLike, optional
         Folder for the files that ``caudal run`` writes: tables, figures, summary.json, report.html.
     force : bool, optional
-        Replace results of others in the folder, which are refused otherwise.
+        Replace other results in the folder; otherwise an error.
     progress : callable, optional
         Called with the time and the duration (s) some twenty times a second and at the end; if it returns False, the run
         ends there.
@@ -252,7 +252,7 @@ class Result(Mapping[str, Array]):
         -------
         xarray.Dataset
             Dimensions ``time_s``, ``node`` and ``joint``, which are numbers of nodes; every variable has the attributes
-            ``units`` and ``long_name``. ``dataset.to_netcdf("run.nc", engine="h5netcdf")`` keeps it in a file.
+            ``units`` and ``long_name``. ``dataset.to_netcdf("run.nc", engine="h5netcdf")`` writes it to a file.
         """
         xr = optional("xarray", "to_xarray()")
         coordinates: dict[str, Any] = {"time_s": ("time_s", self["time_s"], self._attributes("time_s"))}
@@ -289,7 +289,7 @@ class Result(Mapping[str, Array]):
         ----------
         *names : str
             Variables to draw over time, those of nodes and joints coloured from the head to the tip; without names shapes of the
-            rod, the path of its centre of mass, and the energies, as far as they are recorded, else what is.
+            rod, the path of its centre of mass, and the energies, as far as they are recorded, otherwise what is recorded.
 
         Returns
         -------

@@ -24,7 +24,7 @@ def shown(it: Any) -> str:
     if kind == "Variable":
         rows = ((name, getattr(it, name)) for name in ("name", "unit", "causality", "shape", "description"))
         return begin + table(("of the variable", ""), rows)
-    if kind == "Stepper" and "at work" not in repr(it):
+    if kind == "Stepper" and "in use" not in repr(it):
         scalars = ((name, variable) for name, variable in it.variables.items() if variable.shape == ())
         return begin + table(("variable", "now", "unit"), ((name, it.get(name), variable.unit) for name, variable in scalars))
     return begin

@@ -33,31 +33,31 @@ def study(
 ) -> Findings:
     """Study a scene, and write the files of ``caudal study``: tables, figures, report, summary.
 
-    After Ctrl-C the same call goes on from the runs that its folder has.
+    After Ctrl-C the same call resumes with the runs that are stored in its folder.
 
     Parameters
     ----------
     kind : {"accuracy", "fluid", "modes", "scaling", "stability"}
-        Error against cost of every method, step and mesh; the same motion under every law of the fluid that can hold; natural
-        frequencies and mode shapes; time, memory and error of meshes from coarse to fine; what every method does at every step
-        over a parameter.
+        Error against cost of every method, step and mesh; the same motion under every valid fluid law; natural
+        frequencies and mode shapes; time, memory and error of meshes from coarse to fine; the outcome of every method at every
+        step, over a parameter.
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from.
+        The scene, or anything that `load` accepts.
     out : str or os.PathLike, optional
         Folder for the results; by default ``out/<name of the scene>-study-<kind>``.
     force : bool, optional
-        Replace results of others in the folder, which are refused otherwise.
+        Replace other results in the folder; otherwise an error.
     progress : callable, optional
-        Called with the numbers of runs that are done and of all, some twenty times a second and at the end.
+        Called with the number of finished runs and of all runs, some twenty times a second and at the end.
     client : distributed.Client, optional
-        Makes the runs of a study of accuracy, fluid or stability on the workers of a Dask cluster. The findings are the same to
-        the bit, but for the times that accuracy tells: these are the workers'.
+        Runs a study of accuracy, fluid or stability on the workers of a Dask cluster. The findings are bit-identical, except
+        for the computing times of accuracy, which are those of the workers.
     executor : concurrent.futures.Executor, optional
-        The same on any other engine, such as a ``ProcessPoolExecutor``.
+        The same with any other executor, such as a ``ProcessPoolExecutor``.
     workers : int, optional
-        How many tasks the engine runs at once, where it does not say.
+        Number of tasks that the engine runs at once, if it does not report it.
     patience_s : float, optional
-        A warning says so where an engine returns nothing for longer.
+        A warning is raised if the engine returns no results for longer than this.
     **asked
         The options of ``caudal study <kind>``, for example ``nodes=[17, 33]``, ``steps=[1e-3, 1e-4]``,
         ``vary="amplitude"``, ``range=[0.1, 1.0]``, ``points=12``, ``count=12``.
@@ -65,16 +65,16 @@ def study(
     Returns
     -------
     Findings
-        What was found.
+        The findings.
 
     Raises
     ------
     caudal.errors.StudyError
-        For options that are not allowed, and for an engine where the study is of this machine.
+        For options that are not allowed, and for an engine if the study measures this machine.
     caudal.errors.EngineError, caudal.errors.LostCasesError
-        Where the engine cannot go on, and for runs that end the worker that makes them.
+        If the engine fails, and for runs that crash their worker.
     caudal.errors.WriteError
-        Where a file cannot be written; what was found is its ``result``.
+        If a file cannot be written; the findings are its ``result``.
 
     Examples
     --------

@@ -225,8 +225,8 @@ def sweep(
 ) -> Sweep:
     """Run the cases of a sweep, and write the files of ``caudal sweep``: table, figures, report, and a journal.
 
-    Cases that the folder has already are not run again: after Ctrl-C, or the end of any part of a cluster, the same call goes
-    on, with the same engine, another one or none, as does ``caudal sweep``. The results are the same to the bit.
+    Cases that are stored in the folder are not run again: after Ctrl-C, or if part of a cluster fails, the same call resumes,
+    with the same engine, another one or none, as does ``caudal sweep``. The results are bit-identical.
 
     Parameters
     ----------
@@ -236,27 +236,27 @@ def sweep(
         Levels by key of the scene, as in ``[axes]`` of a file: lists, NumPy arrays, or tables such as
         ``{"from": 9, "to": 33, "count": 4}`` and ``{"between": [1.5, 6.0]}``. The last one changes fastest.
     samples : dict, optional
-        ``{"count": 100, "seed": 1}`` of a Latin hypercube over the axes that are between bounds.
+        ``{"count": 100, "seed": 1}`` for a Latin hypercube over the axes with bounds.
     set : dict, optional
         Overrides of the base scene by dotted key.
     out : str or os.PathLike, optional
         Folder for the results; by default ``out/`` and the name of the sweep.
     jobs : int, optional
-        Threads of this process, where no engine is given; by default one a core.
+        Threads of this process, if no engine is given; by default one per core.
     restart : bool, optional
-        Forget what this sweep left in the folder before.
+        Discard the earlier results of this sweep in the folder.
     force : bool, optional
-        Replace results of others in the folder, which are refused otherwise.
+        Replace other results in the folder; otherwise an error.
     client : distributed.Client, optional
-        Runs the cases on the workers of a Dask cluster, which need this version of caudal and no disk in common.
+        Runs the cases on the workers of a Dask cluster, which need this version of caudal, but no shared disk.
     executor : concurrent.futures.Executor, optional
-        Runs the cases on any other engine, such as a ``ProcessPoolExecutor`` or those of mpi4py and executorlib.
+        Runs the cases with any other executor, such as a ``ProcessPoolExecutor`` or those of mpi4py and executorlib.
     workers : int, optional
-        How many tasks the engine runs at once, where it does not say.
+        Number of tasks that the engine runs at once, if it does not report it.
     patience_s : float, optional
-        A warning says so where an engine returns nothing for longer.
+        A warning is raised if the engine returns no results for longer than this.
     progress : callable or bool, optional
-        Called with the numbers of cases that are done and of all, some twenty times a second and at the end; or True for a
+        Called with the number of finished cases and of all cases, some twenty times a second and at the end; or True for a
         bar in a notebook or terminal (needs tqdm).
     rows : bool, optional
         False returns no rows: memory then does not grow with the number of cases (20 kB each), and ``table.csv`` and
@@ -265,21 +265,21 @@ def sweep(
     Returns
     -------
     Sweep
-        A list with one dictionary per case: ``case``, the level of every axis, and the quantities of its summary; of a case that failed,
-        ``ending`` says why. It has ``to_pandas()``, ``to_xarray()`` and ``plot(name)``.
+        A list with one dictionary per case: ``case``, the level of every axis, and the quantities of its summary; for a case that failed,
+        ``ending`` gives the reason. It has ``to_pandas()``, ``to_xarray()`` and ``plot(name)``.
 
     Raises
     ------
     caudal.errors.SceneError, caudal.errors.ReadError
         For a sweep, or any of its scenes, that is not allowed.
     caudal.errors.JournalError
-        Where the folder holds results of another sweep.
+        If the folder holds results of another sweep.
     caudal.errors.EngineError
-        Where the engine cannot go on: its scheduler is gone, or a worker has another version.
+        If the engine fails: its scheduler is gone, or a worker has another version.
     caudal.errors.LostCasesError
-        For cases that end the worker that runs them; the table has all others.
+        For cases that crash their worker; the table has all others.
     caudal.errors.WriteError
-        Where a file cannot be written; the rows are its ``result``.
+        If a file cannot be written; the rows are its ``result``.
 
     Examples
     --------
@@ -296,7 +296,7 @@ def sweep(
         path, out, sources = _as_files(path, mapping_of(axes, "axes"), samples, set, out)
         set = None
     elif samples is not None:
-        raise TypeError("samples belong to axes that are given here; a file has its own")
+        raise TypeError("samples are for axes that are given here; a sweep file has its own")
     engine = Engine.asked(client, executor, workers, patience_s)
     check_count("jobs", jobs)
     at_work = _Sweep(path, None if set is None else mapping_of(set, "set"), out, jobs, restart, force, sources)

@@ -62,7 +62,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `caudal.load` makes one from.
+        The scene, or anything that `caudal.load` accepts.
     outputs : str or iterable of str
         What it returns, see `caudal.simulate`.
 

@@ -7,8 +7,8 @@ use crate::fluid::validity::Validity;
 /// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "auto",
-    meaning: "cox or cross-flow, by estimates of the scene's own motion",
-    validity: Validity { range: "that of the chosen law", bounds: &[], source: "of the law it takes" },
+    meaning: "cox or cross-flow, by estimates from the scene's own motion",
+    validity: Validity { range: "that of the chosen law", bounds: &[], source: "of the chosen law" },
     reynolds: cross_flow::LAW.reynolds,
     published: Published::NOTHING,
     reach: Dependence::Edge,

@@ -26,7 +26,7 @@ pub static LAW: DragLaw = DragLaw {
     name: "cross-flow",
     meaning: "viscous drag, a boundary layer's friction and form drag",
     validity: Validity {
-        range: "no lift, vortex shedding or history",
+        range: "flows without lift, vortex shedding or history effects",
         bounds: &[
             Bound::at_most(DimensionlessNumber::Reynolds, 1e5),
             Bound::at_least(DimensionlessNumber::CreepingSlenderness, LEAST_SLENDERNESS),

@@ -97,12 +97,12 @@ impl SectionInput {
     pub fn in_words(self) -> &'static str {
         match self {
             Self::Outline => "depth, perimeter and form drag of the section",
-            Self::SlenderRadius => "the round rod that slow flow sees in any section",
-            Self::Round => {
-                "round rods; an ellipse counts as the round rod of its radius in slow flow, a rectangle is refused"
+            Self::SlenderRadius => {
+                "an equivalent round rod, because slow flow hardly depends on the shape of the section"
             }
-            Self::Area => "the disc of the material's area",
-            Self::Nothing => "nothing of the section",
+            Self::Round => "round rods; an ellipse is treated as a round rod of its radius, a rectangle is rejected",
+            Self::Area => "a disc of the area of the material",
+            Self::Nothing => "no property of the section",
         }
     }
 }

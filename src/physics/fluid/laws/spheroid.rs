@@ -31,7 +31,7 @@ pub static LAW: DragLaw = DragLaw {
             Uncertainty::at(0.26, [0.178, 0.266, 0.505]),
             Uncertainty::at(3.1, [0.376, 0.43, 0.79]),
         ],
-        source: "that of cox, and what the drag of a cylinder along itself differs by",
+        source: "that of cox, plus the difference from the axial drag of a cylinder",
     },
     reach: Dependence::Edge,
     takes: SectionInput::Round,

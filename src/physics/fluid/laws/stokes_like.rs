@@ -17,7 +17,7 @@ pub static LAW: DragLaw = DragLaw {
     name: "stokes-like",
     meaning: "the source study's: 6πμR per metre of length along the rod, a ratio times that across",
     validity: Validity {
-        range: "the source study's own scenes: its coefficients lack 1/m, so it says something else at every size",
+        range: "the source study's own scenes: its coefficients lack a factor of 1/m, so its drag does not scale correctly with the size of the rod",
         bounds: &[Bound::at_most(DimensionlessNumber::Reynolds, CREEPING)],
         source: "the source study",
     },

@@ -26,7 +26,7 @@ use crate::linear::{Number, Real};
 /// The entry of this law in the list of laws.
 pub static LAW: DragLaw = DragLaw {
     name: "weak-inertia",
-    meaning: "slender-body theory with a length that the fluid's inertia shortens",
+    meaning: "slender-body theory with an effective length that the inertia of the fluid shortens",
     validity: Validity {
         range: "slender rods",
         bounds: &[

@@ -181,7 +181,7 @@ impl Stepper {
             && !self.dynamics.inputs.flow_taken
         {
             let problem = format!(
-                "no derivative by {}, which changes as the scene says; allowed: after it was set, from when on it stays",
+                "no derivative by {}, which the scene changes in time; allowed: after it was set, because it then stays constant",
                 variable.name
             );
             return Err(Error::Derivative { problem });

@@ -40,7 +40,7 @@ pub fn without_reference(
         Some(Reference { errors, .. }) => {
             let errors = describe_errors(quantities(scene), errors.map(|e| format!("{:.1} %", 100.0 * e)));
             format!(
-                "two references that have only the equations in common, ESDIRK3 and generalized-α extrapolated, with steps from {step:e} s down, differ by {errors}"
+                "two independent references, extrapolated ESDIRK3 and generalized-α with steps of {step:e} s and less, differ by {errors}"
             )
         }
         None => {
@@ -49,7 +49,7 @@ pub fn without_reference(
                 .filter_map(|run| run.failure.as_ref())
                 .map(|(_, t, reason)| format!("at t = {t:.4} s: {reason}"))
                 .collect();
-            format!("a run meant as reference failed {}", failures.first().map_or("", String::as_str))
+            format!("a reference run failed {}", failures.first().map_or("", String::as_str))
         }
     };
     findings.answers.push(format!("No trajectory reference exists on {nodes} nodes: {why}."));
@@ -68,34 +68,33 @@ pub fn without_reference(
     if let Some((rate, end)) = growth(&apart, length) {
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
         let common = format!(
-            "Two runs that start {INITIAL_PERTURBATION:e} of the length apart separate as e^({} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            "Two runs with an initial distance of {INITIAL_PERTURBATION:e} of the length diverge as e^({} t/s) until t = {end:.4} s, and reach a distance of {:.1e} of the length",
             in_sentence(rate, 3),
             widest / length
         );
         let apart = widest > CHAOTIC_GROWTH * INITIAL_PERTURBATION * length;
         findings.answers.push(if apart && is_chaotic(rate, end) {
-            format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
+            format!("{common}: the motion is chaotic, so no method or step computes its trajectory accurately. Means over many runs or long times may still be meaningful.")
         } else if apart {
-            format!("{common}: they part, but not exponentially. These steps do not resolve the motion, and nothing says that it is chaotic; smaller {} may find a reference, and the notes of a run of this scene may say what is wrong.", Phrase::Steps)
+            format!("{common}, but not exponentially. The steps do not resolve the motion, and nothing indicates that it is chaotic. Smaller {} may give a reference; the notes of a run of this scene may name the cause.", Phrase::Steps)
         } else {
-            format!("{common}: the motion is not chaotic but not resolved; smaller {} may find a reference.", Phrase::Steps)
+            format!("{common}: the motion is not chaotic, but the steps do not resolve it; smaller {} may give a reference.", Phrase::Steps)
         });
     }
-    findings.answers.push("No errors are given, because there is nothing to measure them against.".to_string());
+    findings.answers.push("No errors are given, because there is no reference.".to_string());
     let over = |(apart, part): (&Vec<(f64, f64)>, f64)| {
         let since_start = |p: &(f64, f64)| (p.0, p.1 / length);
         Series::new(format!("over {} s", part * duration), apart.iter().map(since_start).collect(), Mark::Line)
     };
     let series = windows.iter().zip(WINDOWS).map(over).collect();
     let chart = Chart {
-        title: format!("{}: two runs that start {INITIAL_PERTURBATION:e} of a length apart", scene.name),
+        title: format!("{}: two runs with an initial distance of {INITIAL_PERTURBATION:e} of the length", scene.name),
         x: "time (s)".into(),
         y: "distance of their tips over the length".into(),
         scale: Scale::LogLog,
         series,
     };
-    let caption =
-        "How fast two runs part that begin almost together: where that has no end, no run can be called accurate.";
+    let caption = "Distance between two runs that start almost together. If it keeps growing, no run is accurate.";
     findings.figures.extend(chart.figure("separation.svg", caption));
     Ok(findings)
 }

@@ -176,7 +176,7 @@ impl AccuracyReport<'_> {
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
             let errors = reference.errors;
             findings.answers.push(format!(
-                "Reference on {nodes} nodes: {}, energy put in {} J; two independent references agree to {}.",
+                "Reference on {nodes} nodes: {}, energy supplied {} J; two independent references agree to {}.",
                 reference.result.first_in_words(self.is_held(), errors[0]),
                 significant(reference.result.work, digits_of(errors[2])),
                 describe_errors(self.quantities(), errors.map(|e| in_sentence(e, 2)))
@@ -209,7 +209,7 @@ impl AccuracyReport<'_> {
                 format!("The scene's method and step on {nodes} nodes instead of its {}, {setting}", self.own_nodes())
             };
             findings.answers.push(format!(
-                "{what}: its steps make an error of {}, in {}.",
+                "{what}: error of the time steps {}; processor time {}.",
                 describe_errors(self.quantities(), self.measured(errors)),
                 milliseconds(row.run.processor_s)
             ));
@@ -232,7 +232,7 @@ impl AccuracyReport<'_> {
         }
         let [Some(law), _, Some(energy)] = of_law else { return };
         let good = format!(
-            "the law of the fluid, {name}, is good to {} in {} and {} in energy, by what is published of it",
+            "the fluid law {name} has a published uncertainty of {} in {} and {} in energy",
             percent(law),
             self.quantities()[0].within,
             percent(energy)
@@ -246,12 +246,12 @@ impl AccuracyReport<'_> {
         let own = own.filter(|[step, ..]| step.max(floor) < law || *step >= floor);
         findings.answers.push(match own.map(|errors| (errors[0], self.measured(errors))) {
             Some((step, [words, ..])) if step < law => {
-                format!("A smaller step is worth nothing here: {good}, and the scene's own steps err by {words}.")
+                format!("A smaller step would not improve the result: {good}, and the error of the scene's own steps is {words}.")
             }
             Some((_, [words, ..])) => {
-                format!("A smaller step is worth its time: the scene's own steps err by {words}; {good}.")
+                format!("A smaller step would improve the result: the error of the scene's own steps is {words}; {good}.")
             }
-            None => format!("No step is worth more than this: {good}."),
+            None => format!("The fluid law limits the accuracy of any step: {good}."),
         });
     }
 
@@ -285,13 +285,13 @@ impl AccuracyReport<'_> {
             }
             let mut text = format!("The model \"{name}\" ({})", row.case.simulation.kind.meaning);
             if errors[0] >= MEANINGLESS_ERROR {
-                text += &format!(" leaves out what decides this motion: its {} is another.", what.name);
+                text += &format!(" does not describe this motion: the error of its {} is 100 % or more.", what.name);
                 findings.answers.push(text);
                 findings.numbers.insert(format!("model_{name}"), numbers);
                 continue;
             }
             text += &format!(
-                " errs by {}, which no step removes, and takes {}.",
+                " has an error of {}, whatever the step, and takes {}.",
                 describe_errors(self.quantities(), self.measured(errors)),
                 milliseconds(seconds)
             );
@@ -301,13 +301,15 @@ impl AccuracyReport<'_> {
             let own = own.max_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s));
             let whole = on_mesh().filter(|row| row.case.simulation.is_full());
             let best = self.cheapest(whole, first, errors[0]);
-            for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
+            for (key, errs, other) in
+                [("own_method", "with no smaller an error", own), ("best_method", "with no larger an error", best)]
+            {
                 let Some((other, error)) = other.and_then(|other| Some((other, first(other)?))) else {
                     continue;
                 };
                 let ratio = other.run.processor_s / seconds;
                 text += &format!(
-                    " The whole model by {}, which {errs} in {} ({}), takes {} times as long.",
+                    " The full model by {}, {errs} in {} ({}), takes {} times as long.",
                     other.setting(),
                     what.within,
                     percent(error),
@@ -361,21 +363,20 @@ impl AccuracyReport<'_> {
                 let time = time.filter(|_| target >= floors[i]);
                 findings.answers.push(match time {
                     _ if target < floors[i] => format!(
-                        "For {percent} % on the {quantity} of this rod of {nodes} nodes: unknown, since the references tell no errors below \
-                         {}; finer {} make them better.",
+                        "For an error of {percent} % in the {quantity} of this rod of {nodes} nodes: unknown, because the references do not resolve errors below {}; finer {} improve them.",
                         self::percent(floors[i]), Phrase::Steps
                     ),
                     Some(row) => format!(
-                        "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
+                        "For an error of {percent} % in the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
                         row.setting(), milliseconds(row.run.processor_s), row.run.factorisations
                     ),
-                    None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer {} may.", Phrase::Steps),
+                    None => format!("For an error of {percent} % in the {quantity} of this rod of {nodes} nodes: none of these steps is accurate enough; try finer {}.", Phrase::Steps),
                 });
                 let known = limit.is_some_and(|(_, uncertain, _)| target >= MIN_ERROR_OVER_REFERENCE * uncertain[i]);
                 let total = self.cheapest(rows.iter(), |row| row.total.map(|e| e[i]), target).filter(|_| known);
                 if let Some(row) = total {
                     findings.answers.push(format!(
-                        "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
+                        "For an error of {percent} % in the {quantity} including the error of the mesh: {} on {} nodes: {}.",
                         row.setting(),
                         row.case.nodes,
                         milliseconds(row.run.processor_s)
@@ -392,7 +393,7 @@ impl AccuracyReport<'_> {
     fn meshes_in_words(&self, limit: Option<&(RunResults, [f64; 3], f64)>, findings: &mut Findings) {
         let Some((limit, uncertain, order)) = limit else { return };
         findings.answers.push(format!(
-            "In the limit of fine meshes: {} (±{}, extrapolated; its error falls as N^-{order:.2}).",
+            "In the limit of fine meshes: {} (±{}, extrapolated; the error falls as N^-{order:.2}).",
             limit.first_in_words(self.is_held(), uncertain[0]),
             percent(uncertain[0])
         ));
@@ -400,7 +401,7 @@ impl AccuracyReport<'_> {
             let errors = reference.result.errors(limit);
             let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (errors[0] / target).powf(1.0 / order);
             findings.answers.push(format!(
-                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {} nodes, 0.01 % about {}.",
+                "The mesh of {nodes} nodes has an error of {}; 1 % needs about {} nodes, 0.01 % about {}.",
                 describe_errors(self.quantities(), errors.map(percent)),
                 two_digits(needed(1e-2)),
                 two_digits(needed(1e-4))

@@ -54,7 +54,7 @@ impl AccuracyReport<'_> {
         }
         if let Some((limit, ..)) = limit {
             let caption = format!(
-                "Error of the {} that the steps make, one line per method, and what each mesh makes, as levels.",
+                "Error of the {} due to the time steps, one line per method; horizontal lines: error of each mesh.",
                 self.quantities()[0].name
             );
             let chart = self.decomposition(rows, limit);
@@ -66,7 +66,7 @@ impl AccuracyReport<'_> {
     /// The uncertainty of the fluid's law in quantity `i`, as a level line.
     fn law_level(&self, i: usize) -> Option<(String, f64)> {
         let (name, errors) = self.law()?;
-        Some((format!("law of the fluid, {name}"), errors[i]?))
+        Some((format!("fluid law {name}"), errors[i]?))
     }
 
     /// The smallest error in quantity `i` that the reference can measure, as a level line.
@@ -111,7 +111,7 @@ impl AccuracyReport<'_> {
     /// Explains hollow dots, if there are any.
     fn hollow_in_words(&self, series: &[Series], floor: f64) -> &'static str {
         match series.iter().flat_map(|series| &series.points).any(|(_, error)| *error <= floor) {
-            true => " Hollow dots: smaller than twice the reference's own error, so not known any better.",
+            true => " Hollow dots: smaller than twice the error of the reference, which is only an upper bound.",
             false => "",
         }
     }

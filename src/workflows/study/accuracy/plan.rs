@@ -99,7 +99,7 @@ pub fn plan(
                 let dear = relative_cost(steps, limit);
                 if dear > MAX_RELATIVE_COST {
                     left_out.push(format!(
-                        "{simulation} on {nodes} nodes, whose limit of {limit:.1e} s makes {:.1e} steps: foreseen to cost {dear:.1} times all implicit runs together",
+                        "{simulation} on {nodes} nodes, whose stability limit of {limit:.1e} s requires {:.1e} steps: estimated to cost {dear:.1} times as much as all implicit runs together",
                         3.0 * scene.solver.duration_s.get() / (BELOW_LIMIT * limit)
                     ));
                     continue;

@@ -28,7 +28,7 @@ const HEAD_FORCE: ComparedQuantity = ComparedQuantity {
 };
 const TIP: ComparedQuantity = ComparedQuantity { name: "tip path", within: "the tip's path", key: "tip", columns: &[] };
 const ENERGY: ComparedQuantity =
-    ComparedQuantity { name: "energy put in", within: "energy", key: "energy", columns: &["energy_put_in_j"] };
+    ComparedQuantity { name: "energy supplied", within: "energy", key: "energy", columns: &["energy_put_in_j"] };
 
 /// The quantities that are compared: displacement of a free head or mean force on a held one, the tip's path, and the energy put in.
 pub fn quantities(scene: &Scene) -> [&'static ComparedQuantity; 3] {
