@@ -12,7 +12,7 @@ use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
 use super::packed_numbers::{PackedCurve, PackedNumbers, QuantizedNumbers};
 use super::rod_motion::{HeadSupport, RodMotion, TendonPath};
-use super::sampling::whole_run_in_words;
+use super::sampling::pictures_in_words;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
 use crate::fluid::Layers;
@@ -395,7 +395,7 @@ impl Animation {
             media: Media::of(frames),
             flow: Flow::of(frames),
             loads: Loads::of(frames),
-            note: motion.is_of_last_periods.then(|| whole_run_in_words(frames)).flatten(),
+            note: pictures_in_words(motion),
         }
     }
 

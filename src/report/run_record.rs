@@ -100,13 +100,13 @@ pub(super) struct Thinned<T> {
 
 impl<T> Thinned<T> {
     pub(super) fn new(limit: usize) -> Self {
-        Self { kept: Vec::with_capacity(limit), every: 1, limit }
+        Self { kept: Vec::new(), every: 1, limit }
     }
 
-    /// Keeps item number `step`, unless it is skipped.
-    pub(super) fn offer(&mut self, step: u64, item: impl FnOnce() -> T) {
+    /// Keeps item number `step`, unless it is skipped; true if it was kept.
+    pub(super) fn offer(&mut self, step: u64, item: impl FnOnce() -> T) -> bool {
         if !step.is_multiple_of(self.every) {
-            return;
+            return false;
         }
         if self.kept.len() == self.limit {
             let mut index = 0;
@@ -116,10 +116,11 @@ impl<T> Thinned<T> {
             });
             self.every *= 2;
             if !step.is_multiple_of(self.every) {
-                return;
+                return false;
             }
         }
         self.kept.push(item());
+        true
     }
 }
 
