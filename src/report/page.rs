@@ -130,6 +130,9 @@ impl<'a> Figures<'a> {
 pub struct Animation {
     times: Vec<f64>,
     com: Vec<[f64; 2]>,
+    /// Period of the fastest drive, s, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    period: Option<f64>,
     #[serde(flatten)]
     rod: AnimatedRod,
     /// Other rods at the same times.
@@ -391,6 +394,7 @@ impl Animation {
             times: frames.iter().map(|frame| in_digits(frame.time, 9)).collect(),
             rod: AnimatedRod::of(name, series, motion, &com),
             com,
+            period: motion.drive.map(f64::recip),
             beside: Vec::new(),
             media: Media::of(frames),
             flow: Flow::of(frames),

@@ -1,5 +1,6 @@
 //! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
 
+use std::cell::OnceCell;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use super::frame::Frame;
@@ -296,7 +297,8 @@ impl RunRecord {
         let value = |k: usize| self.columns[k].first(view);
         self.samples.offer(self.step, || sample(&self.columns, view));
         self.over_time.take(self.columns.len(), value);
-        let frame = || Frame::with_loads(view, self.rod.nodes());
+        let made = OnceCell::new();
+        let frame = || made.get_or_init(|| Frame::with_loads(view, self.rod.nodes())).clone();
         self.frames.offer(self.step, frame);
         self.motion.offer(self.step, frame);
     }

@@ -143,8 +143,8 @@ fn a_page_of_a_motion_in_long_steps_says_that_the_beat_may_look_slower_than_it_i
         )
         .unwrap();
         for (command, id) in [("run eel.toml", "motion"), ("sweep sweep.toml", "data")] {
-            done(folder.path(), &format!("{command} --out out-{id} --force"));
-            let data = data(&folder.path().join(format!("out-{id}/report.html")), id);
+            done(folder.path(), &format!("{command} --out out-{id}-{step}"));
+            let data = data(&folder.path().join(format!("out-{id}-{step}/report.html")), id);
             let note = if id == "data" { &data["motions"]["0"]["note"] } else { &data["note"] }.as_str();
             let is_coarse = 12.0 * 5.0 * step > 1.0;
             assert_eq!(is_coarse, rate.is_some(), "{step}");

@@ -96,7 +96,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     };
     let motion = |(i, motion): (&usize, &RecordedMotion)| {
         let (rod, frames) = (runs[*i].rod()?, frames_of(&runs[*i], motion));
-        Ok((*i, RodMotion::whole(rod, frames)))
+        Ok((*i, RodMotion { drive, ..RodMotion::whole(rod, frames) }))
     };
     let rods: Vec<(usize, RodMotion)> = shown.iter().zip(&motions).map(motion).collect::<Result<_>>()?;
     let size = |motion: &RodMotion| motion.frames.first().map_or(0.0, |frame| length(&frame.points));
