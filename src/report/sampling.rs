@@ -21,9 +21,9 @@ pub const LEAST_PER_PERIOD: f64 = 12.0;
 /// The spectrum of the drive is computed on at most this many nodes.
 const MAX_NODES_FOR_SPECTRUM: usize = 201;
 
-/// A drive is seen if it moves the rod by at least this part of its length, in the root mean square over nodes and time: 2 px of a rod
-/// of 1000 px.
-const SEEN: f64 = 2e-3;
+/// A drive is seen if it moves the rod by at least this part of its length, in the root mean square over nodes and time: 1 px of a rod
+/// of 1000 px, and some 2.5 px at the end of one that turns about the other.
+const SEEN: f64 = 1e-3;
 
 /// Frequency (Hz) of the fastest drive of a scene with this `model` that is seen; `None` if nothing drives the rod periodically.
 pub fn fastest_drive(scene: &Scene, model: &Model) -> Option<f64> {

@@ -20,11 +20,10 @@ fn scene() -> String {
 /// The passive eel, whose head moves by the first amplitude (m) at 1 Hz and turns by the second (rad) at a frequency (Hz).
 fn two_drives([way, angle]: [f64; 2], frequency: f64) -> String {
     let own = scene();
-    let [before, after] = ["[actuation]", "[medium]"].map(|table| own.split(table).collect::<Vec<_>>());
+    let (before, after) = (own.split("[actuation]").next().unwrap(), own.split("[medium]").nth(1).unwrap());
     format!(
-        "{}[medium]{}\n[head]\nkind = \"driven\"\nposition_m = {{ amplitude = [0.0, {way}], frequency_hz = 1.0 }}\n\
-         angle_rad = {{ amplitude = {angle}, frequency_hz = {frequency}, phase_rad = 1.5707963267948966 }}\n",
-        before[0], after[1]
+        "{before}[medium]{after}\n[head]\nkind = \"driven\"\nposition_m = {{ amplitude = [0.0, {way}], frequency_hz = 1.0 }}\n\
+         angle_rad = {{ amplitude = {angle}, frequency_hz = {frequency}, phase_rad = 1.5707963267948966 }}\n"
     )
 }
 
@@ -88,12 +87,10 @@ fn a_page_plays_at_least_twelve_frames_per_period_and_says_if_it_plays_the_last_
 #[test]
 fn the_fastest_drive_that_is_seen_decides_how_densely_a_page_plays_a_run() {
     let folder = place();
-    // Turns by 0.02 and 0.006 rad move the rod by 8.2 and 2.4 mm in the root mean square, and one by 1e-6 rad by less than a micrometre.
-    for (angle, frequency, duration, is_seen) in
-        [(0.02, 9.0, 13.0, true), (0.006, 9.0, 13.0, true), (1e-6, 90.0, 13.0, false)]
-    {
+    // Turns by 0.02 and 0.003 rad move the rod by 8.2 and 1.2 mm in the root mean square, and one by 1e-6 rad by less than a micrometre.
+    for (angle, frequency, is_seen) in [(0.02, 9.0, true), (0.003, 9.0, true), (1e-6, 90.0, false)] {
         std::fs::write(folder.path().join("two.toml"), two_drives([0.1, angle], frequency)).unwrap();
-        done(folder.path(), &format!("run two.toml --set solver.duration_s={duration} --out run --force"));
+        done(folder.path(), "run two.toml --set solver.duration_s=13 --out run --force");
         let motion = data(&folder.path().join("run/report.html"), "motion");
         let (rate, [first, _]) = rate(&motion, if is_seen { frequency } else { 1.0 });
         let case = format!("{angle} rad at {frequency} Hz: {rate} frames per period from {first} s");
@@ -146,9 +143,7 @@ fn a_page_of_a_motion_in_long_steps_says_that_the_beat_may_look_slower_than_it_i
             done(folder.path(), &format!("{command} --out out-{id}-{step}"));
             let data = data(&folder.path().join(format!("out-{id}-{step}/report.html")), id);
             let note = if id == "data" { &data["motions"]["0"]["note"] } else { &data["note"] }.as_str();
-            let is_coarse = 12.0 * 5.0 * step > 1.0;
-            assert_eq!(is_coarse, rate.is_some(), "{step}");
-            assert_eq!(note.is_some(), is_coarse, "{command} in steps of {step} s: {note:?}");
+            assert_eq!(note.is_some(), rate.is_some(), "{command} in steps of {step} s: {note:?}");
             if let Some((note, rate)) = note.zip(rate) {
                 let expected =
                     [format!("{rate} steps per period of the fastest drive"), "smaller solver.time_step_s".into()];
