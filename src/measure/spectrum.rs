@@ -52,6 +52,13 @@ pub struct SpectralLine {
     pub speed: f64,
 }
 
+impl SpectralLine {
+    /// Root mean square of the displacement that it gives the rod against the fluid, m.
+    fn amplitude(&self) -> f64 {
+        self.speed / (TAU * self.frequency)
+    }
+}
+
 /// The lines of all drives of a rod.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Spectrum {
@@ -122,10 +129,23 @@ impl Spectrum {
 
     /// The lowest frequency (Hz) of the lines with a significant amplitude; `None` if nothing moves periodically.
     pub fn slowest(&self) -> Option<f64> {
-        let amplitude = |line: &SpectralLine| line.speed / line.frequency;
-        let most = self.lines.iter().map(amplitude).fold(0.0, f64::max);
-        let counts = |line: &&SpectralLine| amplitude(line) >= LEAST_AMPLITUDE_RATIO * most;
-        self.lines.iter().filter(counts).map(|line| line.frequency).reduce(f64::min)
+        self.of_amplitude(LEAST_AMPLITUDE_RATIO * self.largest_amplitude()).reduce(f64::min)
+    }
+
+    /// The highest frequency (Hz) of the lines that move the rod by at least `least` (m, root mean square) or, if there are none, of the
+    /// one that moves it most.
+    pub fn fastest_of_amplitude(&self, least: f64) -> Option<f64> {
+        self.of_amplitude(least.min(self.largest_amplitude())).reduce(f64::max)
+    }
+
+    /// The frequencies (Hz) of the lines of at least this amplitude (m, root mean square).
+    fn of_amplitude(&self, least: f64) -> impl Iterator<Item = f64> {
+        self.lines.iter().filter(move |line| line.amplitude() >= least).map(|line| line.frequency)
+    }
+
+    /// The largest amplitude of a line, m, root mean square.
+    fn largest_amplitude(&self) -> f64 {
+        self.lines.iter().map(SpectralLine::amplitude).fold(0.0, f64::max)
     }
 
     /// The frequency (Hz) that steps must resolve: the largest f (v/v_max)^⅓.

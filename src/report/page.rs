@@ -12,7 +12,7 @@ use super::heat_map::DIVERGING;
 use super::number_groups::{NumberGroup, groups};
 use super::packed_numbers::{PackedCurve, PackedNumbers, QuantizedNumbers};
 use super::rod_motion::{HeadSupport, RodMotion, TendonPath};
-use super::sampling::whole_run_in_words;
+use super::sampling::pictures_in_words;
 use super::svg::{NOTE, SERIES, series_colours};
 use crate::error::{Error, Result};
 use crate::fluid::Layers;
@@ -130,6 +130,9 @@ impl<'a> Figures<'a> {
 pub struct Animation {
     times: Vec<f64>,
     com: Vec<[f64; 2]>,
+    /// Period of the fastest drive, s, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    period: Option<f64>,
     #[serde(flatten)]
     rod: AnimatedRod,
     /// Other rods at the same times.
@@ -391,11 +394,12 @@ impl Animation {
             times: frames.iter().map(|frame| in_digits(frame.time, 9)).collect(),
             rod: AnimatedRod::of(name, series, motion, &com),
             com,
+            period: motion.drive.map(f64::recip),
             beside: Vec::new(),
             media: Media::of(frames),
             flow: Flow::of(frames),
             loads: Loads::of(frames),
-            note: motion.is_of_last_periods.then(|| whole_run_in_words(frames)).flatten(),
+            note: pictures_in_words(motion),
         }
     }
 

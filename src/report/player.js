@@ -1,4 +1,4 @@
-// Plays a motion of page.rs: { times, com, the rod, beside: other rods, and where they are known media, flow, moment, power and head_force }.
+// Plays a motion of page.rs: { times, com, the rod, beside: other rods, and where they are known period: of the fastest drive, media, flow, moment, power and head_force }.
 // A rod is { series: its colour, points: packed x, y of the nodes at all times, relative to com, joints, and where they are known name,
 // half_widths, body: semi-axes of a body around the first point, head, tendons }. Call start once, play for every motion.
 let stage_view = null;
@@ -178,6 +178,9 @@ function dress(k, points) {
   part("outline").style.fill = coloured ? "none" : "";
   part("rod").setAttribute("stroke-width", coloured ? 0 : outline ? 1.5 : 4);
   part("outline").setAttribute("points", outline);
+  // Dots are no wider than the body or, where that is a line, hardly wider than the line.
+  const widest = outline ? unit * Math.max(...widths) : 3 * pixel();
+  part("head").setAttribute("r", Math.min(0.011 * WINDOW, widest)); part("com").setAttribute("r", Math.min(0.008 * WINDOW, widest));
   if (coloured) {
     const seen = (i) => Math.max(half(i), 2.5 * pixel()), [left, right] = [offset(points, seen), offset(points, (i) => -seen(i))];
     const values = FIELDS[name].of(k), size = size_of(name) || 1, [first, last] = FIELDS[name].joints();
@@ -248,7 +251,6 @@ function look(com) {
   for (const name in behind) part("media").setAttribute(name, behind[name]);
   if (!part("grid").firstChild) part("grid").append(shape("path", { "vector-effect": "non-scaling-stroke" }));
   part("grid").firstChild.setAttribute("d", lines.join(""));
-  part("head").setAttribute("r", 0.011 * WINDOW); part("com").setAttribute("r", 0.008 * WINDOW);
 }
 // The media behind the rod: one rectangle over the window, whose gradient blends where the interfaces do.
 function within(k) {
@@ -307,6 +309,23 @@ function show(k) {
   part("stage").dataset.frame = k;
   document.dispatchEvent(new CustomEvent("shown", { detail: motion.times[k] }));
 }
+// On paper stands the last frame, with some shapes of the period before it or, without one, of the time before it.
+let printing = false;
+const EARLIER = 5;
+addEventListener("beforeprint", () => {
+  if (!motion) return;
+  printing = true;
+  const [first, end] = [motion.times[0], motion.times[motion.times.length - 1]], since = Math.max(first, end - (motion.period ?? Infinity));
+  show(motion.times.length - 1);
+  const frames = new Set(Array.from({ length: EARLIER }, (_, i) => at(since + (end - since) * i / EARLIER)));
+  part("earlier").replaceChildren(...[motion, ...motion.beside].flatMap((rod) => [...frames].map((k) =>
+    shape("polyline", { points: pairs(rod.points[k]).trim(), style: "stroke: " + colour_of(rod), "vector-effect": "non-scaling-stroke" }))));
+});
+addEventListener("afterprint", () => {
+  if (!motion) return;
+  printing = false;
+  part("earlier").replaceChildren(); show(at(now));
+});
 // The frame nearest to a time.
 function at(time) {
   let a = 0, b = motion.times.length - 1;
@@ -314,7 +333,7 @@ function at(time) {
   return a;
 }
 function tick(stamp) {
-  if (playing && last !== null) {
+  if (playing && !printing && last !== null) {
     now += (stamp - last) / 1000 * Number(part("speed").value);
     if (now > motion.times[motion.times.length - 1]) now = motion.times[0];
     show(at(now));

@@ -13,14 +13,15 @@ use super::rod_motion::{DrawnRod, MAX_POINTS, drawn_nodes};
 use super::run_record::{Envelope, MAX_SAMPLES, Thinned};
 use super::sampling::fastest_drive;
 use crate::error::{Error, Result};
+use crate::model::Model;
 use crate::scene::Document;
 use crate::wording::Phrase;
 
 /// Most rows of a node table that are kept of the window of a film; at least half as many are.
 const MAX_ROWS: usize = 4800;
 
-/// Most of the last positions of the centre of mass that are kept, whatever the number of rows.
-const MAX_LAST_POSITIONS: usize = 9600;
+/// Most positions of the centre of mass that are kept; at least half as many are, twelve per period of a run of 8000 periods.
+const MAX_POSITIONS: usize = 200_000;
 
 /// Curves of a run over time, thinned out if there are many rows.
 #[derive(Debug, Default)]
@@ -31,8 +32,8 @@ pub struct Curves {
     over_time: Option<Envelope>,
     /// Middle (s) of the interval between two recorded times, and the mean velocity (m/s) of the centre of mass over it.
     velocity: Option<Envelope>,
-    /// The last times (s) with the positions of the centre of mass (m), none of which is left out.
-    last_positions: VecDeque<[f64; 3]>,
+    /// Times (s) with the positions of the centre of mass (m), much closer than the rows.
+    positions: Vec<[f64; 3]>,
 }
 
 /// The recorded positions of nodes.
@@ -218,8 +219,12 @@ impl RecordedRun {
 
     /// Frequency (Hz) of the fastest drive of its scene; `None` without one, and if the scene is not known.
     pub fn fastest_drive(&self) -> Option<f64> {
-        let scene = self.scene.as_ref()?.scene().ok()?;
-        fastest_drive(&scene, &scene.model().ok()?)
+        fastest_drive(&self.scene.as_ref()?.scene().ok()?, &self.model()?)
+    }
+
+    /// The model of its scene; `None` if the scene is not known.
+    pub fn model(&self) -> Option<Model> {
+        self.scene.as_ref()?.scene().ok()?.model().ok()
     }
 
     /// The rod of its [`motion`](Self::motion), without its looks if its scene is not known.
@@ -229,8 +234,7 @@ impl RecordedRun {
     pub fn rod(&self) -> Result<DrawnRod> {
         let nodes = self.nodes.nodes()?;
         let shown = drawn_nodes(nodes.len(), MAX_POINTS).into_iter().map(|place| nodes[place]).collect();
-        let model = self.scene.as_ref().and_then(|document| document.scene().ok()?.model().ok());
-        Ok(DrawnRod::at(model.as_ref(), shown))
+        Ok(DrawnRod::at(self.model().as_ref(), shown))
     }
 }
 
@@ -383,16 +387,8 @@ impl Curves {
     /// The centre of mass (m) at a time (s) by interpolation between recorded times, its first or last position outside; `None` if it
     /// is not recorded.
     pub fn centre_of_mass(&self, time: f64) -> Option<[f64; 2]> {
-        let columns = ["x_com_m", "y_com_m"].map(|name| self.columns.iter().position(|column| column == name));
-        let [Some(x), Some(y)] = columns else { return None };
-        let last = &self.last_positions;
-        let row = |row: &Vec<f64>| [row[0], row[x], row[y]];
-        match last.front().is_some_and(|first| first[0] <= time) {
-            true => interpolate(last.len(), time, |i| last[i][0], |i, axis| last[i][1 + axis], 2),
-            false => interpolate(self.rows.len(), time, |i| self.rows[i][0], |i, axis| row(&self.rows[i])[1 + axis], 2),
-        }
-        .try_into()
-        .ok()
+        let of = &self.positions;
+        interpolate(of.len(), time, |i| of[i][0], |i, axis| of[i][1 + axis], 2).try_into().ok()
     }
 }
 
@@ -402,7 +398,7 @@ struct CurvesBuilder {
     rows: Thinned<Vec<f64>>,
     over_time: Envelope,
     velocity: Envelope,
-    last_positions: VecDeque<[f64; 3]>,
+    positions: Thinned<[f64; 3]>,
     /// The columns of the centre of mass.
     com: Option<[usize; 2]>,
     previous: Option<[f64; 3]>,
@@ -417,27 +413,21 @@ impl CurvesBuilder {
         let place = |name: &str| columns.iter().position(|column| column == name);
         let com = place("x_com_m").zip(place("y_com_m")).map(|(x, y)| [x, y]);
         let [over_time, velocity] = [(); 2].map(|()| Envelope::new(MAX_SAMPLES));
-        let (rows, last_positions) = (Thinned::new(MAX_SAMPLES), VecDeque::new());
-        Ok(Self { columns, rows, over_time, velocity, last_positions, com, previous: None, row: 0 })
+        let (rows, positions) = (Thinned::new(MAX_SAMPLES), Thinned::new(MAX_POSITIONS));
+        Ok(Self { columns, rows, over_time, velocity, positions, com, previous: None, row: 0 })
     }
 
     /// Takes the next row, with its value in each column; the last one is always kept.
     fn take(&mut self, is_last: bool, value: impl Fn(usize) -> Result<f64>) -> Result<()> {
         let row = (0..self.columns.len()).map(&value).collect::<Result<Vec<f64>>>()?;
-        let mut is_kept = false;
-        self.rows.offer(self.row, || {
-            is_kept = true;
-            row.clone()
-        });
-        if !is_kept && is_last {
+        if !self.rows.offer(self.row, || row.clone()) && is_last {
             self.rows.kept.push(row.clone());
         }
         if let Some([x, y]) = self.com {
             let now = [row[0], row[x], row[y]];
-            if self.last_positions.len() == MAX_LAST_POSITIONS {
-                self.last_positions.pop_front();
+            if !self.positions.offer(self.row, || now) && is_last {
+                self.positions.kept.push(now);
             }
-            self.last_positions.push_back(now);
             if let Some(previous) = self.previous.filter(|previous| now[0] > previous[0]) {
                 let step = now[0] - previous[0];
                 let slope = |i: usize| (now[i] - previous[i]) / step;
@@ -451,8 +441,9 @@ impl CurvesBuilder {
     }
 
     fn finish(self) -> Curves {
-        let Self { columns, rows, over_time, velocity, last_positions, .. } = self;
-        Curves { columns, rows: rows.kept, over_time: Some(over_time), velocity: Some(velocity), last_positions }
+        let Self { columns, rows, over_time, velocity, positions, .. } = self;
+        let (rows, positions) = (rows.kept, positions.kept);
+        Curves { columns, rows, over_time: Some(over_time), velocity: Some(velocity), positions }
     }
 }
 
@@ -646,5 +637,19 @@ mod tests {
         let [x, y] = run.curves.centre_of_mass(1.23456).unwrap();
         assert!((x - 3.0 * 1.23456).abs() < 1e-12 && (y + 1.23456 * 1.23456).abs() < 1e-12);
         assert_eq!(run.curves.centre_of_mass(-1.0), Some([0.0; 2]));
+    }
+
+    #[test]
+    fn the_centre_of_mass_of_a_long_run_is_known_at_all_of_its_times() {
+        // 1000 periods of 100 rows each.
+        let times: Vec<f64> = (0..=100_000).map(|i| 1e-2 * f64::from(i)).collect();
+        let beat = |t: &f64| 0.1 * (std::f64::consts::TAU * t).sin();
+        let columns =
+            [("time_s", times.clone()), ("x_com_m", times.iter().map(beat).collect()), ("y_com_m", times.clone())];
+        let columns = columns.map(|(name, values)| (name.to_string(), values)).to_vec();
+        let run = RecordedRun::in_memory(Map::new(), Document::new("a.toml", ""), columns, None).unwrap();
+        let error = |t: f64| (run.curves.centre_of_mass(t).unwrap()[0] - beat(&t)).abs();
+        let most = (0..1000).map(|k| error(0.01 + 0.99937 * f64::from(k))).fold(0.0, f64::max);
+        assert!(most < 1e-5, "{most} m"); // of an amplitude of 0.1 m
     }
 }

@@ -29,6 +29,9 @@ pub struct RodMotion {
     pub rod: DrawnRod,
     /// Its frames in order of time, whose points are the nodes of the rod.
     pub frames: Vec<Frame>,
+    /// Frequency of the fastest drive that is seen, Hz, if it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drive: Option<f64>,
     /// True if the frames before the last periods are left out, since fewer per period of the fastest drive would show another motion.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_of_last_periods: bool,
@@ -141,7 +144,7 @@ impl RodMotion {
 
     /// A motion that these frames show from its beginning.
     pub fn whole(rod: DrawnRod, frames: Vec<Frame>) -> Self {
-        Self { rod, frames, is_of_last_periods: false }
+        Self { rod, frames, drive: None, is_of_last_periods: false }
     }
 
     /// The motion of the rod of a model of which positions are recorded: `rows` have a time (s) and the position (m) by the place of a

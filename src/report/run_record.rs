@@ -1,5 +1,6 @@
 //! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
 
+use std::cell::OnceCell;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use super::frame::Frame;
@@ -100,13 +101,13 @@ pub(super) struct Thinned<T> {
 
 impl<T> Thinned<T> {
     pub(super) fn new(limit: usize) -> Self {
-        Self { kept: Vec::with_capacity(limit), every: 1, limit }
+        Self { kept: Vec::new(), every: 1, limit }
     }
 
-    /// Keeps item number `step`, unless it is skipped.
-    pub(super) fn offer(&mut self, step: u64, item: impl FnOnce() -> T) {
+    /// Keeps item number `step`, unless it is skipped; true if it was kept.
+    pub(super) fn offer(&mut self, step: u64, item: impl FnOnce() -> T) -> bool {
         if !step.is_multiple_of(self.every) {
-            return;
+            return false;
         }
         if self.kept.len() == self.limit {
             let mut index = 0;
@@ -116,10 +117,11 @@ impl<T> Thinned<T> {
             });
             self.every *= 2;
             if !step.is_multiple_of(self.every) {
-                return;
+                return false;
             }
         }
         self.kept.push(item());
+        true
     }
 }
 
@@ -295,7 +297,8 @@ impl RunRecord {
         let value = |k: usize| self.columns[k].first(view);
         self.samples.offer(self.step, || sample(&self.columns, view));
         self.over_time.take(self.columns.len(), value);
-        let frame = || Frame::with_loads(view, self.rod.nodes());
+        let made = OnceCell::new();
+        let frame = || made.get_or_init(|| Frame::with_loads(view, self.rod.nodes())).clone();
         self.frames.offer(self.step, frame);
         self.motion.offer(self.step, frame);
     }

@@ -21,11 +21,16 @@ pub const LEAST_PER_PERIOD: f64 = 12.0;
 /// The spectrum of the drive is computed on at most this many nodes.
 const MAX_NODES_FOR_SPECTRUM: usize = 201;
 
-/// Frequency (Hz) of the fastest drive of a scene with this `model`; `None` if nothing drives the rod periodically.
+/// A drive is seen if it moves the rod by at least this part of its length, in the root mean square over nodes and time: 1 px of a rod
+/// of 1000 px, and some 2.5 px at the end of one that turns about the other.
+const SEEN: f64 = 1e-3;
+
+/// Frequency (Hz) of the fastest drive of a scene with this `model` that is seen; `None` if nothing drives the rod periodically.
 pub fn fastest_drive(scene: &Scene, model: &Model) -> Option<f64> {
     // The phases of a fine mesh would take too many whole states, so the scene's spectrum is computed on a coarse rod.
     let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
-    if is_fine { scene.spectrum() } else { Spectrum::of_model(model) }.fastest()
+    let spectrum = if is_fine { scene.spectrum() } else { Spectrum::of_model(model) };
+    spectrum.fastest_of_amplitude(SEEN * model.rod.length)
 }
 
 /// The times at which a motion is sampled, as multiples of a spacing.
@@ -80,9 +85,40 @@ pub fn last_periods_in_words([from, until]: [f64; 2], what: &str) -> String {
     )
 }
 
-/// What a page says of the last periods of a run.
-pub fn whole_run_in_words(frames: &[Frame]) -> Option<String> {
-    Some(last_periods_in_words([frames.first()?.time, frames.last()?.time], "the whole run"))
+/// What a page says of the pictures of a run: that they are of its last periods alone, or that its steps are too long for them.
+pub fn pictures_in_words(motion: &RodMotion) -> Option<String> {
+    let times = motion.frames.iter().map(|frame| frame.time);
+    let window = [times.clone().next()?, times.clone().next_back()?];
+    let of_last_periods = motion.is_of_last_periods.then(|| last_periods_in_words(window, "the whole run"));
+    let longest = times.clone().zip(times.skip(1)).map(|(from, to)| to - from).fold(0.0, f64::max);
+    // Only steps are longer than what is aimed at.
+    let rate = motion.drive.map(|frequency| 1.0 / (frequency * longest)).filter(|rate| is_too_coarse(*rate));
+    let too_coarse = rate.map(|rate| {
+        format!(
+            "With {} steps per period of the fastest drive, fewer than {LEAST_PER_PERIOD}, the beat may look slower than it is, or go \
+             backwards; a smaller solver.time_step_s shows it as it is.",
+            in_sentence(rate, 2)
+        )
+    });
+    let sentences: Vec<String> = of_last_periods.into_iter().chain(too_coarse).collect();
+    (!sentences.is_empty()).then(|| sentences.join(" "))
+}
+
+/// True if so many pictures per period of the fastest drive may show another motion.
+pub fn is_too_coarse(rate: f64) -> bool {
+    rate < LEAST_PER_PERIOD * (1.0 - TICK_TOLERANCE)
+}
+
+/// The rows of a table with these equidistant `times` (s) that are shown as so many `pictures`, and whether they are of the last periods
+/// alone.
+pub fn shown_rows(times: &[f64], drive: Option<f64>, pictures: &RangeInclusive<usize>) -> (Vec<usize>, bool) {
+    let [Some(first), Some(end)] = [times.first(), times.last()] else { return (Vec::new(), false) };
+    let last_row = times.len() - 1;
+    let (sampling, every) = Sampling::on_ticks(end - first, drive, pictures, (end - first) / last_row.max(1) as f64);
+    let since = sampling.last.map_or(*first, |last| end - last * (1.0 + TICK_TOLERANCE));
+    let from = times.partition_point(|time| *time < since);
+    let every = usize::try_from(every).unwrap_or(usize::MAX);
+    ((from..last_row).step_by(every).chain([last_row]).collect(), from > 0)
 }
 
 /// Digits that tell two times apart, with two more, at least four.
@@ -107,6 +143,7 @@ pub struct FrameRecord {
     frames: VecDeque<Frame>,
     most: usize,
     every: u64,
+    drive: Option<f64>,
     last: Option<f64>,
     is_of_last_periods: bool,
 }
@@ -116,7 +153,7 @@ impl FrameRecord {
     pub fn start(duration: f64, drive: Option<f64>, pictures: &RangeInclusive<usize>, tick: f64) -> Self {
         let (Sampling { last, .. }, every) = Sampling::on_ticks(duration, drive, pictures, tick);
         let most = (*pictures.end()).max(1);
-        Self { frames: VecDeque::new(), most, every, last, is_of_last_periods: false }
+        Self { frames: VecDeque::new(), most, every, drive, last, is_of_last_periods: false }
     }
 
     /// Keeps the frame of tick number `tick`, unless it is skipped.
@@ -146,7 +183,7 @@ impl FrameRecord {
             frames.partition_point(|frame| frame.time < since).max(frames.len().saturating_sub(self.most))
         });
         let is_of_last_periods = self.is_of_last_periods || left_out > 0;
-        RodMotion { rod, frames: frames.range(left_out..).cloned().collect(), is_of_last_periods }
+        RodMotion { rod, frames: frames.range(left_out..).cloned().collect(), drive: self.drive, is_of_last_periods }
     }
 }
 
@@ -172,6 +209,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_rows_of_a_table_that_are_shown_have_twelve_per_period_and_reach_its_end() {
+        for (rows, tick, frequency, of_last) in [
+            (1, 0.1, 1.0, false),
+            (200, 0.01, 1.0, false),
+            (6001, 0.02, 1.0, true),
+            (60_001, 2e-3, 0.1, false),
+            (9000, 0.1, 1.0, true),
+        ] {
+            let times: Vec<f64> = (0..rows).map(|n| tick * f64::from(n)).collect();
+            let (shown, is_of_last_periods) = shown_rows(&times, Some(frequency), &(300..=600));
+            let case = format!("{rows} rows of {tick} s at {frequency} Hz: {} shown", shown.len());
+            assert!(shown.len() <= 601 && shown.last() == Some(&(times.len() - 1)), "{case}");
+            assert_eq!((is_of_last_periods, shown[0] > 0), (of_last, of_last), "{case}");
+            let longest = shown.windows(2).map(|pair| times[pair[1]] - times[pair[0]]).fold(0.0, f64::max);
+            assert!(
+                LEAST_PER_PERIOD * frequency * longest <= (LEAST_PER_PERIOD * frequency * tick).max(1.0 + 1e-9),
+                "{case}"
+            );
+        }
+        assert_eq!(shown_rows(&[], None, &(300..=600)), (Vec::new(), false));
     }
 
     #[test]

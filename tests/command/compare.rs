@@ -492,6 +492,20 @@ fn every_quantity_that_two_runs_have_has_a_chart_with_a_line_for_each() {
 }
 
 #[test]
+fn a_film_shows_the_medium_that_all_runs_have_in_common() {
+    let folder = place();
+    let flow = "medium.flow_m_s=[0.2, 0.0]";
+    for (name, overrides) in [("still", &[][..]), ("one", &[flow]), ("two", &[flow, "actuation.kappa_amp=4"])] {
+        run(folder.path(), name, overrides);
+    }
+    for (runs, flows) in [(["one", "two"], true), (["one", "still"], false), (["still", "still"], false)] {
+        done(folder.path(), &["compare", runs[0], runs[1], "--out", "both", "--force"]);
+        let film = film(&folder.path().join("both/report.html"));
+        assert_eq!(film["flow"].is_object(), flows, "{runs:?}: {}", film["flow"]);
+    }
+}
+
+#[test]
 fn the_page_plays_eight_rods_in_a_browser_and_fits_a_telephone() {
     let folder = place();
     let names = ["a", "b", "c", "d", "e", "f", "g", "h"];

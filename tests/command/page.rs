@@ -16,8 +16,8 @@ pub fn chromium() -> Option<PathBuf> {
     found
 }
 
-/// What a browser shows of a page in a window of 390 px: how wide it is, what is wider than the window or out of reach, and the
-/// colour behind it.
+/// What a browser shows of a page in a window of 390 px: how wide it is, what is wider than the window, out of reach or too small to be
+/// read, and the colour behind it.
 pub fn narrow(browser: &Path, page: &Path, more: &[String]) -> (f64, String, String) {
     let script = r##"<script>
         const frame = document.createElement("iframe");
@@ -30,6 +30,9 @@ pub fn narrow(browser: &Path, page: &Path, more: &[String]) -> (f64, String, Str
             .filter((node) => !node.closest("[hidden]") && !scrolled(node.parentElement))
             .filter((node) => { const box = node.getBoundingClientRect(); return box.left < 0 || box.right > 390 || box.width === 0 && node.id !== "more"; })
             .map((node) => node.tagName + "#" + node.id);
+          const size = (text) => parseFloat(frame.contentWindow.getComputedStyle(text).fontSize) * Math.hypot(text.getScreenCTM().a, text.getScreenCTM().b);
+          const sizes = [...page.querySelectorAll(".figures svg text")].map(size);
+          if (Math.min(...sizes) < 9) over.push("labels of " + Math.min(...sizes) + " px");
           document.body.dataset.width = root.scrollWidth;
           document.body.dataset.over = over.join(" ");
           document.body.dataset.paper = frame.contentWindow.getComputedStyle(page.body).backgroundColor;
@@ -467,9 +470,24 @@ fn what_is_printed_has_legible_names_of_axes_and_breaks_no_number() {
         setTimeout(() => {
           document.body.dataset.names = Object.keys(fonts).filter((text) => /[(].*[)]$/.test(text)).length;
           document.body.dataset.least = Math.min(...Object.values(fonts)) / 3;
+          document.body.dataset.frames = motion.times.length;
+          document.body.dataset.still = [part("stage").dataset.frame, document.querySelectorAll("#earlier polyline").length].join(" ");
+          dispatchEvent(new Event("afterprint"));
+          document.body.dataset.left = document.querySelectorAll("#earlier polyline").length;
         }, 200);
     "##;
-    let found = after(&browser, &run_out.join("report.html"), script, &["names", "least"]);
+    let page = std::fs::read_to_string(run_out.join("report.html")).unwrap();
+    assert!(
+        page.contains(".controls, .on-screen") && !page.contains(".moving"),
+        "the picture is printed without its controls"
+    );
+    let found = after(&browser, &run_out.join("report.html"), script, &["names", "least", "frames", "still", "left"]);
+    let last = found[2].1.parse::<usize>().unwrap() - 1;
+    assert_eq!(
+        (found[3].1.as_str(), found[4].1.as_str()),
+        (format!("{last} 5").as_str(), "0"),
+        "the last frame, and earlier shapes"
+    );
     let [names, least]: [f64; 2] = std::array::from_fn(|k| found[k].1.parse().unwrap());
     assert!(names >= 8.0 && least >= 9.0, "{names} names of axes, the smallest text has {least} px"); // measured: 9
     let script = r##"

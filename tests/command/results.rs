@@ -133,7 +133,7 @@ fn a_rod_far_away_plays_as_one_nearby() {
     };
     let played = |x: f64| {
         let frames = vec![frame(0.0, x, 0.0), frame(1.0, x + 1e-3, 1e-3)];
-        let motion = RodMotion { rod: DrawnRod::at(None, vec![0, 1]), frames, is_of_last_periods: false };
+        let motion = RodMotion::whole(DrawnRod::at(None, vec![0, 1]), frames);
         let motion = serde_json::to_value(Animation::of(&motion)).unwrap();
         let bytes = STANDARD.decode(motion["points"].as_str().unwrap()).unwrap();
         let points: Vec<f64> =

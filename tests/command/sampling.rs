@@ -17,6 +17,16 @@ fn scene() -> String {
     EEL.replace("time_step_s = 1e-2", "time_step_s = 2e-3")
 }
 
+/// The passive eel, whose head moves by the first amplitude (m) at 1 Hz and turns by the second (rad) at a frequency (Hz).
+fn two_drives([way, angle]: [f64; 2], frequency: f64) -> String {
+    let own = scene();
+    let (before, after) = (own.split("[actuation]").next().unwrap(), own.split("[medium]").nth(1).unwrap());
+    format!(
+        "{before}[medium]{after}\n[head]\nkind = \"driven\"\nposition_m = {{ amplitude = [0.0, {way}], frequency_hz = 1.0 }}\n\
+         angle_rad = {{ amplitude = {angle}, frequency_hz = {frequency}, phase_rad = 1.5707963267948966 }}\n"
+    )
+}
+
 fn place() -> tempfile::TempDir {
     eel::place(&scene())
 }
@@ -75,6 +85,75 @@ fn a_page_plays_at_least_twelve_frames_per_period_and_says_if_it_plays_the_last_
 }
 
 #[test]
+fn the_fastest_drive_that_is_seen_decides_how_densely_a_page_plays_a_run() {
+    let folder = place();
+    // Turns by 0.02 and 0.003 rad move the rod by 8.2 and 1.2 mm in the root mean square, and one by 1e-6 rad by less than a micrometre.
+    for (angle, frequency, is_seen) in [(0.02, 9.0, true), (0.003, 9.0, true), (1e-6, 90.0, false)] {
+        std::fs::write(folder.path().join("two.toml"), two_drives([0.1, angle], frequency)).unwrap();
+        done(folder.path(), "run two.toml --set solver.duration_s=13 --out run --force");
+        let motion = data(&folder.path().join("run/report.html"), "motion");
+        let (rate, [first, _]) = rate(&motion, if is_seen { frequency } else { 1.0 });
+        let case = format!("{angle} rad at {frequency} Hz: {rate} frames per period from {first} s");
+        assert!(rate > 12.0 * (1.0 - 1e-6), "{case}");
+        assert_eq!(first > 0.0, is_seen, "{case}");
+    }
+}
+
+#[test]
+fn designs_and_studies_play_at_least_twelve_frames_per_period_or_the_last_periods() {
+    let folder = place();
+    let design = EEL.to_string()
+        + "\n[design]\ngoal = \"cycle_forward_speed_m_s\"\nvariables = [\"rod.youngs_modulus_pa\"]\n\
+           number_bounds = [0.8, 1.2]\nstarts = 1\niterations = 1\n";
+    let two = two_drives([0.1, 0.1], 9.0);
+    for (command, text, duration, frequency) in [
+        ("design", &design, 2.0, 5.0),
+        ("design", &design, 15.0, 5.0),
+        ("study fluid", &scene(), 2.0, 5.0),
+        ("study fluid", &scene(), 15.0, 5.0),
+        ("study fluid", &two, 2.0, 9.0),
+        ("study fluid", &two, 12.0, 9.0),
+    ] {
+        std::fs::write(folder.path().join("scene.toml"), text).unwrap();
+        done(folder.path(), &format!("{command} scene.toml --set solver.duration_s={duration} --out out --force"));
+        let motion = data(&folder.path().join("out/report.html"), "motion");
+        let (rate, [first, last]) = rate(&motion, frequency);
+        let case = format!("{command} of {duration} s: {rate} frames per period from {first} s to {last} s");
+        assert!(rate > 12.0 * (1.0 - 1e-6) && (last - duration).abs() < 1e-6, "{case}");
+        assert_eq!(first > 0.0, duration > 10.0, "{case}");
+        assert_eq!(
+            motion["note"].as_str().is_some_and(|note| note.contains("Shown are the last periods")),
+            first > 0.0,
+            "{case}"
+        );
+    }
+}
+
+#[test]
+fn a_page_of_a_motion_in_long_steps_says_that_the_beat_may_look_slower_than_it_is() {
+    let folder = place();
+    std::fs::write(folder.path().join("sweep.toml"), "scene = \"eel.toml\"\n[axes]\nrod.nodes = [5]\n").unwrap();
+    for (step, rate) in [(0.016, None), (0.025, Some("8")), (0.04, Some("5"))] {
+        std::fs::write(
+            folder.path().join("eel.toml"),
+            EEL.replace("time_step_s = 1e-2", &format!("time_step_s = {step}")),
+        )
+        .unwrap();
+        for (command, id) in [("run eel.toml", "motion"), ("sweep sweep.toml", "data")] {
+            done(folder.path(), &format!("{command} --out out-{id}-{step}"));
+            let data = data(&folder.path().join(format!("out-{id}-{step}/report.html")), id);
+            let note = if id == "data" { &data["motions"]["0"]["note"] } else { &data["note"] }.as_str();
+            assert_eq!(note.is_some(), rate.is_some(), "{command} in steps of {step} s: {note:?}");
+            if let Some((note, rate)) = note.zip(rate) {
+                let expected =
+                    [format!("{rate} steps per period of the fastest drive"), "smaller solver.time_step_s".into()];
+                assert!(expected.iter().all(|words| note.contains(words)), "{note}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_case_of_a_sweep_keeps_the_frames_of_its_last_periods_if_those_of_the_run_would_be_too_few() {
     let folder = place();
     let sweep =
@@ -98,7 +177,7 @@ fn a_case_of_a_sweep_keeps_the_frames_of_its_last_periods_if_those_of_the_run_wo
 #[test]
 fn runs_of_equal_motions_are_equal_in_a_film_however_they_are_recorded_or_the_page_says_why_not() {
     let folder = place();
-    for (name, every) in [("fine", 1), ("other", 3), ("coarse", 40)] {
+    for (name, every) in [("fine", 1), ("other", 3), ("coarse", 40), ("ends", 20_000)] {
         done(
             folder.path(),
             &format!("run eel.toml --set solver.duration_s=40 --set record.every={every} --out {name}"),
@@ -121,6 +200,8 @@ fn runs_of_equal_motions_are_equal_in_a_film_however_they_are_recorded_or_the_pa
     assert!(note.contains("Shown are the last periods") && !note.contains("coarse"), "{note}");
     let note = film("fine coarse")["note"].as_str().unwrap().to_string();
     assert!(note.contains("too coarse for a film: coarse has 2.5 rows per period"), "{note}");
+    let note = film("fine ends")["note"].as_str().unwrap().to_string();
+    assert!(note.contains("too coarse for a film: ends has fewer than two rows"), "{note}");
 }
 
 #[test]
@@ -210,12 +291,7 @@ fn films_are_slowed_to_a_beat_per_second_go_where_they_are_sent_and_say_what_the
 #[test]
 fn an_svg_film_has_twelve_keyframes_per_period_of_the_fastest_of_several_drives_or_is_refused() {
     let folder = place();
-    let head = "\n[head]\nkind = \"driven\"\nposition_m = { amplitude = [0.0, 0.01], frequency_hz = 1.0 }\n\
-                angle_rad = { amplitude = 0.05, frequency_hz = 9.0, phase_rad = 1.5707963267948966 }\n";
-    let own = scene();
-    let passive =
-        own.split("[actuation]").next().unwrap().to_string() + "[medium]" + own.split("[medium]").nth(1).unwrap();
-    std::fs::write(folder.path().join("two.toml"), passive + head).unwrap();
+    std::fs::write(folder.path().join("two.toml"), two_drives([0.01, 0.05], 9.0)).unwrap();
     done(folder.path(), "export two.toml film.svg --from 1 --until 3 --set solver.duration_s=3.0");
     let film = std::fs::read_to_string(folder.path().join("film.svg")).unwrap();
     let values = film.split("values=\"").nth(1).unwrap().split('"').next().unwrap();

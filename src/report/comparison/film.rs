@@ -1,19 +1,17 @@
 //! The film of a comparison: all rods at the same times, over the time that all of them have in common.
 
-use super::super::frame::Frame;
+use super::super::frame::{Frame, Medium};
 use super::super::page::Animation;
 use super::super::recorded_run::{RecordedMotion, RecordedRun};
 use super::super::rod_motion::RodMotion;
 use super::super::run_record::FRAMES;
-use super::super::sampling::{LEAST_PER_PERIOD, Sampling, last_periods_in_words};
+use super::super::sampling::{LEAST_PER_PERIOD, Sampling, is_too_coarse, last_periods_in_words};
 use crate::error::Result;
+use crate::model::Model;
 use crate::number_format::in_sentence;
 
 /// Rods smaller than the largest by this factor are dots.
 const SPECK: f64 = 1e-2;
-
-/// Relative rounding of a number of rows per period.
-const ROUNDING: f64 = 1e-6;
 
 /// A film of several rods.
 #[derive(Debug)]
@@ -66,33 +64,39 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
     let time = |k: usize| window[0] + span * k as f64 / (frames - 1) as f64;
     let of_last_periods =
         sampling.last.map(|_| last_periods_in_words(window, "the whole time that the runs have in common"));
-    let rates = shown.iter().zip(&motions).zip(&drives).filter_map(|((i, motion), drive)| {
-        let rate = 1.0 / (motion.spacing? * (*drive)?);
-        (rate < LEAST_PER_PERIOD * (1.0 - ROUNDING))
-            .then(|| format!("{} has {} rows", labels[*i], in_sentence(rate, 2)))
-    });
-    let rates: Vec<String> = rates.collect();
-    let too_coarse = (!rates.is_empty()).then(|| {
+    let lacks = |((i, motion), drive): ((&usize, &RecordedMotion), &Option<f64>)| {
+        let Some(spacing) = motion.spacing else { return Some(format!("{} has fewer than two rows", labels[*i])) };
+        let rate = drive.map(|frequency| 1.0 / (spacing * frequency)).filter(|rate| is_too_coarse(*rate))?;
+        Some(format!("{} has {} rows per period of the fastest drive", labels[*i], in_sentence(rate, 2)))
+    };
+    let lacking: Vec<String> = shown.iter().zip(&motions).zip(&drives).filter_map(lacks).collect();
+    let too_coarse = (!lacking.is_empty()).then(|| {
         format!(
-            "The tables of nodes are too coarse for a film: {} per period of the fastest drive, fewer than {LEAST_PER_PERIOD}. What is \
-             between the rows is not known; a smaller record.every or record.interval_s records it.",
-            rates.join(", ")
+            "The tables of nodes are too coarse for a film: {}, and {LEAST_PER_PERIOD} per period are wanted. What is between the rows \
+             is not known; a smaller record.every or record.interval_s records it.",
+            lacking.join(", ")
         )
     });
     let note = of_last_periods.into_iter().chain(too_coarse).collect::<Vec<_>>().join(" ");
+    let models: Option<Vec<Model>> = shown.iter().map(|i| runs[*i].model()).collect();
+    // The medium that all of them are in.
+    let medium = |time: f64| -> Option<Medium> {
+        let mut media = models.iter().flatten().map(|model| Medium::at(model, time));
+        let first = media.next()?;
+        media.all(|other| other == first).then_some(first)
+    };
     let frames_of = |run: &RecordedRun, motion: &RecordedMotion| -> Vec<Frame> {
         let frame = |time: f64| {
             let points = motion.at(time);
             let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / points.len().max(1) as f64;
             let com = run.curves.centre_of_mass(time).unwrap_or_else(|| [mean(0), mean(1)]);
-            // The media of the runs may differ.
-            Frame { time, points, com, medium: None, loads: None }
+            Frame { time, points, com, medium: medium(time), loads: None }
         };
         (0..frames).map(time).map(frame).collect()
     };
     let motion = |(i, motion): (&usize, &RecordedMotion)| {
         let (rod, frames) = (runs[*i].rod()?, frames_of(&runs[*i], motion));
-        Ok((*i, RodMotion::whole(rod, frames)))
+        Ok((*i, RodMotion { drive, ..RodMotion::whole(rod, frames) }))
     };
     let rods: Vec<(usize, RodMotion)> = shown.iter().zip(&motions).map(motion).collect::<Result<_>>()?;
     let size = |motion: &RodMotion| motion.frames.first().map_or(0.0, |frame| length(&frame.points));

@@ -1,6 +1,6 @@
 //! Solves the design problem that a scene's `[design]` states, and writes its results: the designed scene, numbers, tables and a page.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -34,6 +34,7 @@ use crate::linear_stability::{REST_TOLERANCE, SteadyState, continue_to_rest, gro
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::number_format::in_sentence;
+use crate::report::sampling::{fastest_drive, shown_rows};
 use crate::report::{Claim, Folder, Owner, RodMotion};
 use crate::rod::Rod;
 use crate::scene::{Document, Scene};
@@ -105,21 +106,40 @@ pub(super) struct DesignMotion {
     pub drawn: RodMotion,
 }
 
-/// Most frames of a motion that is drawn.
-const MAX_FRAMES: usize = 600;
+/// Frames of a motion that is drawn, unless it has fewer steps.
+const FRAMES: RangeInclusive<usize> = 300..=600;
 
 impl DesignMotion {
-    /// Simulates `problem`.
-    fn of(problem: &mut Problem) -> Result<Self> {
+    /// Simulates `problem` as `set` makes it, first for the scene's own design and then for the answer. Both are drawn at the same times.
+    fn pair(
+        scene: &Scene,
+        problem: &mut Problem,
+        mut set: impl FnMut(&mut Problem, bool) -> Result<()>,
+    ) -> Result<[Self; 2]> {
+        let mut drive: Option<f64> = None;
+        for is_answer in [false, true] {
+            set(problem, is_answer)?;
+            drive = drive.into_iter().chain(fastest_drive(scene, problem.model())).reduce(f64::max);
+        }
+        let mut motion = |is_answer| {
+            set(problem, is_answer)?;
+            Self::of(problem, drive)
+        };
+        Ok([motion(false)?, motion(true)?])
+    }
+
+    /// Simulates `problem`, and draws it with so many frames per period of the `drive` (Hz).
+    fn of(problem: &mut Problem, drive: Option<f64>) -> Result<Self> {
         let trajectory = problem.simulate()?;
         let model = problem.model();
         let all: Vec<usize> = (0..model.rod.nodes).collect();
-        let shown = (0..trajectory.times.len()).step_by(trajectory.times.len().div_ceil(MAX_FRAMES).max(1));
+        let (shown, is_of_last_periods) = shown_rows(&trajectory.times, drive, &FRAMES);
         let row = |n: usize| {
             let q = trajectory.positions(n);
             (trajectory.times[n], move |k: usize| [q[2 * k], q[2 * k + 1]])
         };
-        let drawn = RodMotion::of_positions(model, &all, shown.map(row));
+        let drawn = RodMotion::of_positions(model, &all, shown.into_iter().map(row));
+        let drawn = RodMotion { drive, is_of_last_periods, ..drawn };
         Ok(Self { rod: model.rod.clone(), drawn, trajectory })
     }
 }
@@ -286,7 +306,7 @@ impl Design {
                     ..DesignVector::of(found.own_stiffness_n_m2.clone())
                 };
                 let before = evidence.profiles.first().map_or(&own, |compared| &compared.profile);
-                if let Ok(motions) = motions(&mut search, before, &profile) {
+                if let Ok(motions) = motions(&scene, &mut search, before, &profile) {
                     evidence.motions = motions.into();
                 }
                 evidence.cases = in_scenarios(&mut search, before, &profile);
@@ -586,21 +606,28 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
 }
 
 /// The motions of two designs.
-fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector) -> Result<[DesignMotion; 2]> {
-    let mut motion = |profile: &DesignVector| {
-        search.objective.set(&mut search.problem, profile)?;
-        DesignMotion::of(&mut search.problem)
-    };
-    Ok([motion(before)?, motion(after)?])
+fn motions(
+    scene: &Scene,
+    search: &mut Search<'_>,
+    before: &DesignVector,
+    after: &DesignVector,
+) -> Result<[DesignMotion; 2]> {
+    let objective = &search.objective;
+    DesignMotion::pair(scene, &mut search.problem, |problem, is_answer| {
+        objective.set(problem, if is_answer { after } else { before })
+    })
 }
 
 /// The motions of the original scene and with `profile`.
 fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[DesignMotion; 2]> {
-    let mut problem = Problem::of(scene)?;
-    let before = DesignMotion::of(&mut problem)?;
-    problem.set_stiffness(&profile.stiffness_n_m2)?;
-    problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
-    Ok([before, DesignMotion::of(&mut problem)?])
+    DesignMotion::pair(scene, &mut Problem::of(scene)?, |problem, is_answer| {
+        *problem = Problem::of(scene)?;
+        if is_answer {
+            problem.set_stiffness(&profile.stiffness_n_m2)?;
+            problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
+        }
+        Ok(())
+    })
 }
 
 /// The distance of the rod from `markers` without and with the identified profile, in several simulations.

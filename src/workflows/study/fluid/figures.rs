@@ -138,12 +138,15 @@ impl FluidReport<'_> {
             true => motions.iter().map(height).fold(MIN_LANE_WIDTH * length, f64::max) * LANE_WIDTH,
             false => 0.0,
         };
+        // In lanes they start at the same place, also where they are shown from a later time on.
+        let start = first.com[0];
         for (i, motion) in motions.iter_mut().enumerate() {
-            let down = i as f64 * lane;
             motion.frames.truncate(count);
+            let by = if in_lanes { [start - motion.frames[0].com[0], -(i as f64 * lane)] } else { [0.0; 2] };
             for frame in &mut motion.frames {
-                frame.points.iter_mut().for_each(|point| point[1] -= down);
-                frame.com[1] -= down;
+                for place in frame.points.iter_mut().chain([&mut frame.com]) {
+                    *place = [place[0] + by[0], place[1] + by[1]];
+                }
             }
         }
         let names: Vec<String> = swam.iter().map(|row| row.model.to_string()).collect();
@@ -153,8 +156,12 @@ impl FluidReport<'_> {
             animation.with_companion(name, Animation::series_of_companion(i), motion)
         });
         let places = if in_lanes { "one lane each, from above" } else { "all at their own places in the medium" };
-        let shown =
-            format!("The same rod under every law, {places}: {}. All start at the same place.", names.join(", "));
+        let start = match motions[0].is_of_last_periods {
+            false => "All start at the same place.",
+            true if in_lanes => "All are moved to the same place at the first time that is shown.",
+            true => "All started at the same place.",
+        };
+        let shown = format!("The same rod under every law, {places}: {}. {start}", names.join(", "));
         Some(Box::new((animation, shown)))
     }
 }

@@ -1,6 +1,6 @@
 //! A run with one fluid model: its means, the forces of each source along the rod and over a cycle, and frames for the animation.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::Vector2;
@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::{Force, body};
 use crate::reduced::MotionAndPower;
+use crate::report::sampling::{Sampling, fastest_drive};
 use crate::report::{DrawnRod, Frame, RodMotion, drawn_nodes};
 use crate::rod::{Edge, Rod, node};
 use crate::scene::Scene;
@@ -21,9 +22,8 @@ use crate::variable::View;
 
 /// Number of times in the last period at which forces are sampled.
 pub const PHASES: usize = 48;
-/// Number of periods in the animation, and frames per period; for a scene without a period, the total number of frames.
-const ANIMATED_PERIODS: f64 = 8.0;
-const FRAMES_PER_PERIOD: f64 = 30.0;
+/// Frames of the animation.
+const FRAMES: RangeInclusive<usize> = 120..=240;
 /// Most points per frame.
 const MAX_FRAME_POINTS: usize = 40;
 
@@ -108,15 +108,20 @@ impl FluidModelRun {
             from: duration - last * (1.0 - 0.5 / PHASES as f64),
             by: last / PHASES as f64,
         };
-        let played = period.map_or(duration, |period| duration.min(ANIMATED_PERIODS * period));
-        let count = (FRAMES_PER_PERIOD * period.map_or(ANIMATED_PERIODS, |period| played / period)).round().max(2.0);
-        let mut shown = SampleTimes { next: 1, count: count as usize + 1, from: 0.0, by: played / count };
+        let drive = fastest_drive(scene, stepper.model());
+        let sampling = Sampling::of(duration, drive, &FRAMES);
+        let played = sampling.last.unwrap_or(duration);
+        let count = (played / sampling.spacing).round().max(1.0);
+        let mut shown = SampleTimes { next: 0, count: count as usize + 1, from: duration - played, by: played / count };
         let causes = scene.parts_of_fluid(&stepper.model().rod)?;
         let mut forces = ForceSamples::new(causes.iter().map(|(_, force)| &**force).collect());
         let model = stepper.model();
         let rod = DrawnRod::at(Some(model), drawn_nodes(model.rod.nodes, MAX_FRAME_POINTS));
         let frame = |view: &View<'_>| Frame::of(view, rod.nodes());
-        let mut frames = vec![frame(&stepper.view())];
+        let mut frames = Vec::new();
+        if shown.pass(0.0).is_some() {
+            frames.push(frame(&stepper.view()));
+        }
         let mut failed = None;
         for span in scene.spans() {
             let whole = stepper.advance_until_failure(span, |stepper| {
@@ -149,7 +154,8 @@ impl FluidModelRun {
         self.means = MotionAndPower::of(stepper.cycles(), dynamics);
         let averages = stepper.cycles().averages(dynamics);
         (self.actuation_power, self.efficiency) = (averages.mean(&ACTUATION_POWER), averages.mean(&EFFICIENCY));
-        self.motion = Some(RodMotion::whole(rod, frames));
+        let is_of_last_periods = sampling.last.is_some();
+        self.motion = Some(RodMotion { rod, frames, drive, is_of_last_periods });
         let names = causes.iter().map(|(name, _)| *name);
         self.parts = names.enumerate().map(|(i, name)| forces.part(&stepper.model().rod, i, name)).collect();
         Ok(())
