@@ -59,6 +59,10 @@ pub(crate) enum Phrase {
     PullsBack,
     /// What reports the natural modes of a scene.
     TellsModes,
+    /// What chooses the part of a run that a film shows.
+    FilmWindow,
+    /// What makes a film of fewer pictures.
+    FewerPictures,
 }
 
 impl Phrase {
@@ -89,6 +93,12 @@ impl Phrase {
             Self::Steps => ["--steps", "`steps=`"],
             Self::PullsBack => ["Simulation::pull_back", "`Simulation.pull_back`"],
             Self::TellsModes => ["`caudal study modes` shows", "`caudal.study(\"modes\", scene)` shows"],
+            Self::FilmWindow => {
+                ["choose a part of the run with --from and --until", "choose a part of the run with `window=`"]
+            }
+            Self::FewerPictures => {
+                ["give a smaller --fps or a larger --speed", "give a smaller `fps=` or a larger `speed=`"]
+            }
         };
         match frontend {
             Frontend::Command => command,

@@ -62,7 +62,7 @@ pub struct SteadyState {
 /// A motion x = Re(φ e^{λt}) about the steady state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Eigenmode {
-    /// Growth rate σ, 1/s: the motion grows if this is positive.
+    /// Growth rate σ, 1/s: the motion grows if this is positive. It is zero within the bound of rounding.
     pub growth: f64,
     /// ω ≥ 0, rad/s.
     pub frequency: f64,
@@ -77,12 +77,12 @@ pub struct Eigenmode {
 impl Eigenmode {
     /// Damping ratio ζ = −σ/|λ|.
     pub fn damping_ratio(&self) -> f64 {
-        -self.growth / self.growth.hypot(self.frequency)
+        0.0 - self.growth / self.growth.hypot(self.frequency) // no −0
     }
 
     /// True if the motion grows, beyond rounding.
     pub fn grows(&self) -> bool {
-        grows(c64::new(self.growth, self.frequency), self.uncertainty)
+        self.growth > 0.0
     }
 
     /// True if the mode moves the rod across the x axis more than along it.
@@ -403,7 +403,8 @@ impl SteadyState {
                         shape[unknown / 2][1][unknown % 2] = x.im;
                     }
                 }
-                found.push(Eigenmode { growth: value.re, frequency: value.im, uncertainty, shape, arc });
+                let growth = if value.re.abs() <= uncertainty { 0.0 } else { value.re };
+                found.push(Eigenmode { growth, frequency: value.im, uncertainty, shape, arc });
             }
         }
         found.sort_by(|a, b| a.growth.hypot(a.frequency).total_cmp(&b.growth.hypot(b.frequency)));

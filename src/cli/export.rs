@@ -24,8 +24,7 @@ use super::{SceneArguments, exit, output_folder, print_error, print_unless_quiet
 pub struct ExportArguments {
     /// The folder of a run, or a scene; for --png and --pdf any folder with figures
     run: PathBuf,
-    /// A film to write: .gif, .mp4 by the program ffmpeg, or .svg, an animated picture of the last cycle of a periodic run or of all of
-    /// another one; it replaces an earlier file
+    /// A film to write: .svg, an animated picture; .gif; or .mp4, by the program ffmpeg. It replaces an earlier film
     film: Option<PathBuf>,
     /// The overrides that the run was made with [default: those that its report.html shows]
     #[arg(long, value_name = "TABLE.KEY=VALUE")]
@@ -45,7 +44,7 @@ pub struct ExportArguments {
     /// Write NAME.mp4, the same by the program ffmpeg
     #[arg(long)]
     mp4: bool,
-    /// Replace files of the same names that were made of other results
+    /// Replace files of the same names that were made of other results, or not by caudal
     #[arg(long)]
     force: bool,
     /// Folder for the files [default: the run's, or out/<name of the scene>; of --vtk its folder vtk; of FILM the current one]
@@ -57,16 +56,16 @@ pub struct ExportArguments {
     /// The figures of --png and --pdf [default: all in the folder]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     figures: Option<Vec<String>>,
-    /// Pictures per second of a film
-    #[arg(long, value_name = "NUMBER", default_value_t = FilmSettings::default().per_second)]
-    fps: u32,
-    /// Seconds of the run per second of a film [default: 1, or in an SVG what makes the motion easy to see]
+    /// Pictures per second of a .gif or .mp4 [default: 25]
+    #[arg(long, value_name = "NUMBER")]
+    fps: Option<u32>,
+    /// Seconds of the run per second of a film [default: what makes the motion easy to see]
     #[arg(long, value_name = "FACTOR")]
     speed: Option<f64>,
-    /// First time of a film, s [default: that of the run]
+    /// First time of a film, s [default: that of the last cycle of a periodic run, or of the run]
     #[arg(long, value_name = "SECONDS")]
     from: Option<f64>,
-    /// Last time of a film, s [default: that of the run]
+    /// Last time of a film, s [default: that of the last cycle of a periodic run, or of the run]
     #[arg(long, value_name = "SECONDS")]
     until: Option<f64>,
 }
@@ -91,7 +90,7 @@ impl ExportArguments {
     fn film(&self) -> FilmSettings {
         let FilmSettings { sharpness, window: [first, last], .. } = FilmSettings::default();
         let window = [self.from.unwrap_or(first), self.until.unwrap_or(last)];
-        FilmSettings { per_second: self.fps, speed: self.speed, sharpness, window }
+        FilmSettings { per_second: self.fps, speed: self.speed, sharpness, window, claim: Claim::forced(self.force) }
     }
 
     /// Converts the figures of `folder`.
@@ -164,9 +163,11 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     let run = [stepper.time(), end.unwrap_or(scene.solver.duration_s.get())];
     let drive = fastest_drive(&scene, stepper.model());
     for path in &films {
-        match film.warning(path, run, drive) {
-            Ok(warning) => warning.into_iter().for_each(|warning| print_unless_quiet(&format!("note: {warning}"))),
-            Err(error) => return Ok(refuse(&error)),
+        if let Err(error) = film.check(path, run, drive) {
+            return Ok(refuse(&error));
+        }
+        if let Some(warning) = film.warning(path, drive) {
+            print_unless_quiet(&format!("note: {warning}"));
         }
     }
     if let Some(end) = end {
@@ -225,9 +226,10 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             held.exports().admit(&name)?;
             held.let_others();
         }
-        let pictures = film.picture_count(&path, run, drive)? as f64;
+        let excerpt = film.excerpt(&path, &motion)?;
+        let pictures = excerpt.pictures as f64;
         let progress = Progress::of(Unit::Exactly("pictures"), pictures);
-        let drawn = film.write(&path, &motion, |part| {
+        let drawn = film.write(&path, &motion, &excerpt, |part| {
             progress.set((part * pictures).round());
             raised()
         });
@@ -240,7 +242,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             return Ok(ExitCode::from(exit::INTERRUPTED));
         }
         drawn?;
-        print_unless_quiet(&format!("{} was written", path.display()));
+        print_unless_quiet(&format!("{} was written: {excerpt}", path.display()));
     }
     Ok(match outcome.ending {
         Ending::Complete => whole,

@@ -1014,6 +1014,7 @@ impl Cycles {
                 (of(CycleMeasure::mean), of(CycleMeasure::spread))
             }),
             free: dynamics.model.head.is_none(),
+            has_body: dynamics.model.rod.body.is_some(),
         }
     }
 }
@@ -1034,6 +1035,8 @@ pub struct CycleAverages {
     /// Mean and spread of each of [`MEASURES`].
     measures: [(Option<f64>, Option<f64>); MEASURES.len()],
     free: bool,
+    /// True if a body is at the head.
+    has_body: bool,
 }
 
 impl CycleAverages {
@@ -1084,6 +1087,10 @@ impl std::fmt::Display for CycleAverages {
         if let Some(swims) = self.swims() {
             part(f, format!("swims {swims}"))?;
         }
+        let efficiency = match self.has_body {
+            true => "efficiency (power to tow the straight rod with its head body over that to swim)",
+            false => "efficiency (power to tow the straight rod over that to swim)",
+        };
         let shown: &[(&str, &CycleMeasure)] = if self.free {
             &[
                 ("speed", &SPEED),
@@ -1091,7 +1098,7 @@ impl std::fmt::Display for CycleAverages {
                 ("slip", &SLIP),
                 ("Strouhal number", &STROUHAL),
                 ("cost of transport", &COST_OF_TRANSPORT),
-                ("efficiency (power to tow the straight rod over that to swim)", &EFFICIENCY),
+                (efficiency, &EFFICIENCY),
             ]
         } else {
             &[

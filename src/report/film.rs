@@ -3,17 +3,19 @@
 use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::VecDeque;
+use std::fmt;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Read, Write};
 use std::ops::{ControlFlow, RangeInclusive};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use gif::{Encoder, Repeat};
+use gif::{Encoder, Extension, Repeat};
 use nalgebra::Vector2;
 
 pub use super::film_scene::FilmedMotion;
-use super::film_scene::{FilmScene, round_below};
+use super::film_scene::{FilmScene, MARK, round_below};
+use super::folder::{Claim, Folder};
 use super::frame::Frame;
 use super::picture::SvgRenderer;
 use super::rod_motion::{DrawnRod, RodMotion};
@@ -24,40 +26,48 @@ use crate::files::{write_atomically, write_error, write_file};
 use crate::number_format::in_sentence;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
+use crate::wording::Phrase;
 
 /// Settings of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilmSettings {
-    /// Frames per second.
-    pub per_second: u32,
+    /// Frames per second of a GIF or an MP4, [`PER_SECOND`] if absent; an SVG has none.
+    pub per_second: Option<u32>,
     /// Seconds of the run per second of the film; if absent, a speed at which the motion is easy to see.
     pub speed: Option<f64>,
     /// Pixels per px of the figure.
     pub sharpness: f64,
-    /// First and last time that it shows, s, limited to those of the run.
+    /// First and last time that it shows, s, limited to those of the run. By default it shows the last cycle of a motion that repeats, and
+    /// of another one all of it, or as many of its last periods as a film has room for.
     pub window: [f64; 2],
+    /// Whether it replaces a file that caudal did not write.
+    pub claim: Claim,
 }
 
 impl Default for FilmSettings {
     fn default() -> Self {
-        Self { per_second: 25, speed: None, sharpness: 1.0, window: [f64::NEG_INFINITY, f64::INFINITY] }
+        let window = [f64::NEG_INFINITY, f64::INFINITY];
+        Self { per_second: None, speed: None, sharpness: 1.0, window, claim: Claim::Own }
     }
 }
 
-/// Most frames of a film.
-const MAX_FRAMES: f64 = 100_000.0;
+/// Frames per second of a GIF or an MP4 by default.
+pub const PER_SECOND: u32 = 25;
+
+/// Most frames of a film whose part of the run is not chosen.
+const MAX_FRAMES_BY_DEFAULT: f64 = 600.0;
 
 /// Keyframes of an SVG: of one cycle, least and most of another motion, and least of each of its cycles. What is between them is
 /// interpolated.
-const KEYFRAMES_OF_CYCLE: usize = 33;
+const KEYFRAMES_OF_CYCLE: f64 = 33.0;
 const KEYFRAMES: [f64; 2] = [25.0, 301.0];
 const KEYFRAMES_PER_CYCLE: f64 = 12.0;
 
 /// Keyframes of an SVG per second, unless its motion has cycles.
 const KEYFRAMES_PER_SECOND: f64 = 15.0;
 
-/// Least and largest duration of a cycle in a film of up to so many of them, s. Faster cycles are slowed down to the least, so that of two
-/// films that of the faster beat never looks slower.
+/// Least and largest duration of a cycle in a film of up to so many of them, s, and of a part of one. Faster cycles are slowed down to the
+/// least, so that of two films that of the faster beat never looks slower.
 const SECONDS_OF_CYCLE: [f64; 2] = [1.0, 4.0];
 const FEW_CYCLES: f64 = 5.0;
 
@@ -79,6 +89,9 @@ const CLOSED: f64 = 0.05;
 /// Rows from the last that are searched for the same shape.
 const MAX_ROWS_BACK: usize = 4000;
 
+/// The mark of a film is within so many bytes from its beginning.
+const MAX_BYTES_TO_MARK: u64 = 4 << 20;
+
 /// The kinds of films.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FilmFormat {
@@ -87,16 +100,80 @@ enum FilmFormat {
     Mp4,
 }
 
+impl FilmFormat {
+    /// The format of a file with this name.
+    fn of(path: &Path) -> Option<Self> {
+        match path.extension()?.to_string_lossy().to_lowercase().as_str() {
+            "svg" => Some(Self::Svg),
+            "gif" => Some(Self::Gif),
+            "mp4" => Some(Self::Mp4),
+            _ => None,
+        }
+    }
+
+    /// Most pictures of a film. Those of an SVG are its keyframes.
+    fn most_pictures(self) -> f64 {
+        match self {
+            Self::Svg => KEYFRAMES[1],
+            Self::Gif => 3000.0,
+            Self::Mp4 => 100_000.0,
+        }
+    }
+}
+
 /// A checked film.
 #[derive(Debug, Clone, Copy)]
 struct FilmPlan {
     format: FilmFormat,
-    /// First and last time, s.
+    /// First and last time of what is shown at most, s.
     window: [f64; 2],
-    /// Number of frames.
-    count: f64,
-    /// Seconds of the run per second of the film; that of an SVG is chosen by its motion.
+    /// True if that was chosen, so that all of it is shown.
+    is_chosen: bool,
+}
+
+/// What a film shows of a motion, how fast, and in how many pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FilmExcerpt {
+    /// First and last time, s.
+    pub window: [f64; 2],
+    /// Number of pictures; of an SVG, its keyframes.
+    pub pictures: usize,
+    part: FilmedPart,
+    /// Seconds of the run per second of the film.
     speed: f64,
+    /// True if the motion repeats, so that its last shape is its first one.
+    closes: bool,
+}
+
+/// The part of a motion that a film shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum FilmedPart {
+    Chosen,
+    Cycle,
+    Whole,
+    /// So many of the last periods of the fastest drive, since all of the motion would have so many pictures.
+    LastPeriods {
+        count: f64,
+        of_whole: f64,
+    },
+}
+
+impl fmt::Display for FilmExcerpt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [from, until] = self.window.map(|time| in_sentence(time, digits_of(self.window)));
+        match self.part {
+            FilmedPart::Chosen => {}
+            FilmedPart::Cycle => f.write_str("the last cycle, ")?,
+            FilmedPart::Whole => f.write_str("the whole run, ")?,
+            FilmedPart::LastPeriods { count: 1.0, .. } => f.write_str("the last period, ")?,
+            FilmedPart::LastPeriods { count, .. } => write!(f, "the last {count} periods, ")?,
+        }
+        write!(f, "from t = {from} s to {until} s, {}", pace_in_words(self.speed))?;
+        if let FilmedPart::LastPeriods { of_whole, .. } = self.part {
+            write!(f, "; the whole run would have {of_whole:.0} pictures: {}", Phrase::FilmWindow)?;
+        }
+        Ok(())
+    }
 }
 
 /// Most frames per second of a GIF: its delays are hundredths of a second, and many viewers take a delay of one for ten.
@@ -110,28 +187,22 @@ impl FilmSettings {
     ///
     /// # Errors
     /// [`Error::Write`] for an extension other than .svg, .gif and .mp4, a run of one time, a window outside the run, a
-    /// sharpness that is out of range, and rates that are not positive or too large.
+    /// sharpness that is out of range, rates that are not positive or too large, frames per second of an SVG, and a file that caudal did
+    /// not write, unless the claim is forced; [`Error::Occupied`] for a result.
     pub fn check(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<()> {
-        self.plan(path, run, drive).map(|_| ())
-    }
-
-    /// The number of pictures of such a film.
-    ///
-    /// # Errors
-    /// Those of [`check`](Self::check).
-    pub fn picture_count(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<usize> {
-        self.plan(path, run, drive).map(|plan| plan.count as usize)
+        let plan = self.plan(path, run)?;
+        let span = plan.window[1] - plan.window[0];
+        // Without a choice it shows at least a period.
+        let shown = if plan.is_chosen { Some(span) } else { drive.map(|frequency| span.min(frequency.recip())) };
+        let Some(shown) = shown else { return Ok(()) };
+        self.admit_pictures(path, plan.format, self.pictures(plan.format, shown, self.speed_of(shown, drive), drive))
     }
 
     /// What is to be said of such a film: that it has too few pictures per period of the drive.
-    ///
-    /// # Errors
-    /// Those of [`check`](Self::check).
-    pub fn warning(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<Option<String>> {
-        let FilmPlan { format, speed, .. } = self.plan(path, run, drive)?;
-        let Some(frequency) = drive.filter(|_| format != FilmFormat::Svg) else { return Ok(None) };
-        let rate = f64::from(self.per_second) / (speed * frequency);
-        Ok((rate < LEAST_PER_PERIOD * (1.0 - 1e-9)).then(|| {
+    pub fn warning(&self, path: &Path, drive: Option<f64>) -> Option<String> {
+        let frequency = drive.filter(|_| FilmFormat::of(path) != Some(FilmFormat::Svg))?;
+        let rate = self.rate() / (self.speed? * frequency);
+        (rate < LEAST_PER_PERIOD * (1.0 - 1e-9)).then(|| {
             format!(
                 "{} has {} pictures per period of the fastest drive; with fewer than {LEAST_PER_PERIOD} the beat may look slower than it \
                  is, or go backwards; --speed {} has enough",
@@ -139,33 +210,64 @@ impl FilmSettings {
                 in_sentence(rate, 2),
                 in_sentence(round_below(self.largest_speed(frequency)), 3)
             )
-        }))
+        })
+    }
+
+    /// Frames per second.
+    fn rate(&self) -> f64 {
+        f64::from(self.per_second.unwrap_or(PER_SECOND))
     }
 
     /// The largest speed of a film with enough pictures per period of a drive (Hz).
     fn largest_speed(&self, frequency: f64) -> f64 {
-        f64::from(self.per_second) / (LEAST_PER_PERIOD * frequency)
+        self.rate() / (LEAST_PER_PERIOD * frequency)
     }
 
-    /// The speed of a film of pictures, unless it is given: at most that of the run, unless a cycle is long.
-    fn picture_speed(&self, span: f64, drive: Option<f64>) -> f64 {
-        let easy = usual_speed(span, drive.map(f64::recip));
-        let is_of_cycles = drive.is_some_and(|frequency| span * frequency <= FEW_CYCLES);
-        let easy = if is_of_cycles { easy } else { easy.min(1.0) };
-        match drive.map(|frequency| self.largest_speed(frequency)) {
-            Some(largest) if easy > largest && largest > 0.0 => round_below(largest),
-            _ => easy,
+    /// The speed of a film of this span (s), of a motion with this frequency (Hz), unless it is given.
+    fn speed_of(&self, span: f64, frequency: Option<f64>) -> f64 {
+        let easy = || {
+            let easy = usual_speed(span, frequency.map(f64::recip));
+            match frequency.map(|frequency| self.largest_speed(frequency)) {
+                Some(largest) if easy > largest && largest > 0.0 => round_below(largest),
+                _ => easy,
+            }
+        };
+        self.speed.unwrap_or_else(easy)
+    }
+
+    /// The number of pictures of a film of this span (s) at this speed.
+    fn pictures(&self, format: FilmFormat, span: f64, speed: f64, frequency: Option<f64>) -> f64 {
+        match format {
+            FilmFormat::Svg => {
+                let [least, most] = KEYFRAMES;
+                let wanted = KEYFRAMES_PER_CYCLE * frequency.map_or(0.0, |frequency| span * frequency) + 1.0;
+                wanted.ceil().max((KEYFRAMES_PER_SECOND * span / speed).clamp(least, most).round())
+            }
+            FilmFormat::Gif | FilmFormat::Mp4 => (span / speed * self.rate()).round().max(2.0),
         }
     }
 
-    fn plan(&self, path: &Path, [begin, end]: [f64; 2], drive: Option<f64>) -> Result<FilmPlan> {
+    fn admit_pictures(&self, path: &Path, format: FilmFormat, pictures: f64) -> Result<()> {
+        let most = format.most_pictures();
+        if pictures <= most {
+            return Ok(());
+        }
+        let (found, window) = (format!("found {pictures:.0} pictures"), Phrase::FilmWindow);
+        let fewer = Phrase::FewerPictures;
+        let reason = match format {
+            FilmFormat::Svg => {
+                format!("{found}, {KEYFRAMES_PER_CYCLE} per cycle; allowed in an SVG: {most}; {window}")
+            }
+            FilmFormat::Gif => format!("{found}; allowed in a GIF: {most}; {window}, or {fewer}"),
+            FilmFormat::Mp4 => format!("{found}; allowed in an MP4: {most}; {window}, or {fewer}"),
+        };
+        Err(Error::Write { path: path.to_path_buf(), reason })
+    }
+
+    fn plan(&self, path: &Path, [begin, end]: [f64; 2]) -> Result<FilmPlan> {
         let refuse = |reason: String| Err(Error::Write { path: path.to_path_buf(), reason });
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        let format = match ending.as_deref() {
-            Some("svg") => FilmFormat::Svg,
-            Some("gif") => FilmFormat::Gif,
-            Some("mp4") => FilmFormat::Mp4,
-            _ => return refuse("allowed: a name that ends in .svg, .gif or .mp4".to_string()),
+        let Some(format) = FilmFormat::of(path) else {
+            return refuse("allowed: a name that ends in .svg, .gif or .mp4".to_string());
         };
         if begin.partial_cmp(&end) != Some(Ordering::Less) {
             return refuse("a film needs a run of more than one time".to_string());
@@ -179,24 +281,94 @@ impl FilmSettings {
             let (least, most) = (SHARPNESS.start(), SHARPNESS.end());
             return refuse(format!("found a sharpness of {}; allowed: {least} to {most}", self.sharpness));
         }
-        let speed = self.speed.unwrap_or_else(|| self.picture_speed(last - first, drive));
-        let count = match format {
-            FilmFormat::Svg => 1.0, // its keyframes are chosen by its motion
-            _ => ((last - first) / speed * f64::from(self.per_second)).round().max(2.0),
-        };
-        if !(count <= MAX_FRAMES && self.per_second > 0 && speed > 0.0 && speed.is_finite()) {
-            let found = format!("{} pictures per second at {speed} times the speed", self.per_second);
-            return refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures"));
+        if let Some(speed) = self.speed.filter(|speed| !(*speed > 0.0 && speed.is_finite())) {
+            return refuse(format!("found {speed} times the speed; allowed: a positive number"));
         }
-        if format == FilmFormat::Gif && self.per_second > MAX_GIF_RATE {
-            let found = format!("{} pictures per second", self.per_second);
-            return refuse(format!("found {found}; allowed: at most {MAX_GIF_RATE} in a GIF"));
+        match (format, self.per_second) {
+            (FilmFormat::Svg, Some(found)) => {
+                return refuse(format!(
+                    "found {found} pictures per second; allowed of a .gif or .mp4 alone: an SVG is animated as smoothly as the screen shows it"
+                ));
+            }
+            (_, Some(0)) => return refuse("found 0 pictures per second; allowed: a positive number".to_string()),
+            (FilmFormat::Gif, Some(found)) if found > MAX_GIF_RATE => {
+                return refuse(format!("found {found} pictures per second; allowed: at most {MAX_GIF_RATE} in a GIF"));
+            }
+            _ => {}
         }
-        Ok(FilmPlan { format, window: [first, last], count, speed })
+        self.admit(path)?;
+        Ok(FilmPlan { format, window: [first, last], is_chosen: self.window != Self::default().window })
     }
 
-    /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
-    /// may stop it. A file of that name is replaced by a complete film only.
+    /// Refuses the name of a result, and unless the claim is forced that of a file that caudal did not write.
+    fn admit(&self, path: &Path) -> Result<()> {
+        if let Some(holds) = Folder::result_at(path) {
+            return Err(Error::Occupied { path: path.to_path_buf(), holds, wanted: "a film".to_string(), kept: true });
+        }
+        let is_there = std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0);
+        if self.claim == Claim::Force || !is_there || is_marked(path) {
+            return Ok(());
+        }
+        let reason = format!("there is a file that caudal did not write; choose another name, or {}", Phrase::Replace);
+        Err(Error::Write { path: path.to_path_buf(), reason })
+    }
+
+    /// What a film of `motion` that is written to `path` shows of it: what is chosen; otherwise the last cycle, if the motion repeats; otherwise
+    /// all of it, or its last periods.
+    ///
+    /// # Errors
+    /// Those of [`check`](Self::check).
+    pub fn excerpt(&self, path: &Path, motion: &FilmedMotion<'_>) -> Result<FilmExcerpt> {
+        let run = [motion.times().next(), motion.times().next_back()].map(|time| time.unwrap_or(f64::NAN));
+        let FilmPlan { format, window, is_chosen } = self.plan(path, run)?;
+        let returns = motion.cycle.or_else(|| last_return(motion)).filter(|[from, until]| until > from);
+        let cycle = returns.filter(|cycle| !is_chosen && closes(motion, *cycle));
+        // Of several frequencies the fastest one counts: what is between two pictures is not seen, or interpolated.
+        let frequency = motion.drive.or_else(|| motion.cycle.or(cycle).map(|[from, until]| (until - from).recip()));
+        let excerpt = |part: FilmedPart, window: [f64; 2]| {
+            let span = window[1] - window[0];
+            let closes = part == FilmedPart::Cycle || closes(motion, window);
+            let mut speed = self.speed_of(span, frequency);
+            if format == FilmFormat::Svg && self.speed.is_none() {
+                let pace = FilmScene::of(*motion, window, LOOKS, closes).pace();
+                speed = if pace * speed > MAX_PACE { round_below(MAX_PACE / pace) } else { speed };
+            }
+            let pictures = match (format, part) {
+                // However slowly it is shown.
+                (FilmFormat::Svg, FilmedPart::Cycle) => {
+                    self.pictures(format, span, f64::INFINITY, frequency).max(KEYFRAMES_OF_CYCLE)
+                }
+                _ => self.pictures(format, span, speed, frequency),
+            };
+            FilmExcerpt { window, pictures: pictures as usize, part, speed, closes }
+        };
+        let most = format.most_pictures();
+        if is_chosen {
+            let chosen = excerpt(FilmedPart::Chosen, window);
+            return self.admit_pictures(path, format, chosen.pictures as f64).map(|()| chosen);
+        }
+        let fits = |excerpt: &FilmExcerpt, most: f64| excerpt.pictures as f64 <= most;
+        if let Some(cycle) = cycle.map(|cycle| excerpt(FilmedPart::Cycle, cycle)).filter(|cycle| fits(cycle, most)) {
+            return Ok(cycle);
+        }
+        let whole = excerpt(FilmedPart::Whole, window);
+        if fits(&whole, most.min(MAX_FRAMES_BY_DEFAULT)) {
+            return Ok(whole);
+        }
+        let (of_whole, [first, last]) = (whole.pictures as f64, window);
+        let periods = frequency.map_or(0.0, |frequency| frequency * (last - first));
+        let count = (most.min(MAX_FRAMES_BY_DEFAULT) / of_whole * periods).floor();
+        let shown = frequency
+            .filter(|_| count >= 1.0)
+            .map(|frequency| excerpt(FilmedPart::LastPeriods { count, of_whole }, [last - count / frequency, last]));
+        match shown.filter(|shown| fits(shown, most)) {
+            Some(shown) => Ok(shown),
+            None => self.admit_pictures(path, format, of_whole).map(|()| whole),
+        }
+    }
+
+    /// Writes a film to `path`, which ends in .svg, .gif or .mp4, of an [`excerpt`](Self::excerpt) of a motion. `watch` is called before each
+    /// frame with the completed fraction, and may stop it. A file of that name is replaced by a complete film only.
     ///
     /// # Errors
     /// Those of [`check`](Self::check); [`Error::Write`] for no ffmpeg for an MP4, or a full disk; [`Error::Interrupted`] where `watch`
@@ -205,31 +377,36 @@ impl FilmSettings {
         &self,
         path: &Path,
         motion: &FilmedMotion<'_>,
+        excerpt: &FilmExcerpt,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<()> {
-        let run = [motion.times().next(), motion.times().next_back()].map(|time| time.unwrap_or(f64::NAN));
-        let FilmPlan { format, window: [first, last], count, speed } = self.plan(path, run, motion.drive)?;
-        let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
+        let FilmExcerpt { window: [first, last], pictures, speed, closes, .. } = *excerpt;
+        let FilmPlan { format, .. } = self.plan(path, [first, last])?;
+        let scene = FilmScene::of(*motion, [first, last], LOOKS, closes);
         if format == FilmFormat::Svg {
+            let pace = pace_in_words(speed);
+            let [from, until] = [first, last].map(|time| in_sentence(time, digits_of([first, last])));
+            let title = format!("{} from t = {from} s to {until} s, {pace}", motion.name);
             return match watch(0.0) {
-                ControlFlow::Continue(()) => write_file(path, self.svg(motion, [first, last]).map_err(refuse)?),
+                ControlFlow::Continue(()) => {
+                    write_file(path, scene.animated((last - first) / speed, pictures, &pace, &title))
+                }
                 ControlFlow::Break(()) => Err(Error::Interrupted),
             };
         }
         // A film whose last shape is its first one loops without a jump: the picture after the last one would be the first one.
-        let closed = motion.can_be_followed() && closes(motion, [first, last]);
-        let scene = FilmScene::of(*motion, [first, last], LOOKS, closed);
-        let (painter, scene) = (SvgRenderer::new(), if closed { scene.looping() } else { scene });
-        let steps = if closed { count } else { count - 1.0 };
+        let (painter, scene) = (SvgRenderer::new(), if closes { scene.looping() } else { scene });
+        let count = pictures as f64;
+        let steps = if closes { count } else { count - 1.0 };
         let pace = if (speed - 1.0).abs() < 1e-9 { String::new() } else { format!(", {}", pace_in_words(speed)) };
         // Rounded to a hundredth of the window, but not coarser than a hundredth of a second.
         let decimals = (2.0 - (last - first).log10().floor()).clamp(2.0, 9.0) as usize;
         let draw = |n: f64| {
             let time = first + (last - first) * n / steps;
             let picture = scene.picture(time, &format!("{}, t = {time:.decimals$} s{pace}", motion.name));
-            painter.pixels(&picture, self.sharpness).map_err(refuse)
+            painter.pixels(&picture, self.sharpness).map_err(|reason| Error::Write { path: path.to_path_buf(), reason })
         };
-        let mut frames = (0..count as usize).map(|n| n as f64).map(|n| match watch(n / count) {
+        let mut frames = (0..pictures).map(|n| n as f64).map(|n| match watch(n / count) {
             ControlFlow::Continue(()) => draw(n),
             ControlFlow::Break(()) => Err(Error::Interrupted),
         });
@@ -239,49 +416,11 @@ impl FilmSettings {
         })
     }
 
-    /// The last whole cycle of a periodic motion, or all within `window` (s), as an animated SVG.
-    ///
-    /// # Errors
-    /// A motion of too many cycles, in words.
-    fn svg(&self, motion: &FilmedMotion<'_>, window: [f64; 2]) -> std::result::Result<String, String> {
-        let is_chosen = self.window != Self::default().window;
-        let cycle = motion.cycle.or_else(|| last_return(motion));
-        let cycle = cycle.filter(|cycle| !is_chosen && closes(motion, *cycle));
-        let window = cycle.unwrap_or(window);
-        let span = window[1] - window[0];
-        let scene = FilmScene::of(*motion, window, LOOKS, cycle.is_some() || closes(motion, window));
-        let period = cycle.or(motion.cycle).map(|[from, until]| until - from).filter(|period| *period > 0.0);
-        let speed = self.speed.unwrap_or_else(|| {
-            let easy = usual_speed(span, period);
-            if scene.pace() * easy > MAX_PACE { round_below(MAX_PACE / scene.pace()) } else { easy }
-        });
-        let seconds = span / speed;
-        // Of several frequencies the fastest one counts: pictures between two keyframes are interpolated.
-        let [least, most] = KEYFRAMES;
-        let cycles = period.map_or(0.0, |period| span / period).max(motion.drive.map_or(0.0, |drive| span * drive));
-        if cycles * KEYFRAMES_PER_CYCLE > most {
-            let (found, allowed) = (in_sentence(cycles, 3), (most / KEYFRAMES_PER_CYCLE).floor());
-            return Err(format!(
-                "found {found} cycles that do not repeat; allowed in an SVG: {allowed}; --from and --until choose some"
-            ));
-        }
-        let wanted = KEYFRAMES_PER_CYCLE * cycles;
-        let keyframes = if cycle.is_some() {
-            KEYFRAMES_OF_CYCLE.max(wanted.ceil() as usize + 1)
-        } else {
-            (KEYFRAMES_PER_SECOND * seconds).max(wanted + 1.0).clamp(least, most).round() as usize
-        };
-        let pace = pace_in_words(speed);
-        let [from, until] = window.map(|time| in_sentence(time, digits_of(window)));
-        let title = format!("{} from t = {from} s to {until} s, {pace}", motion.name);
-        Ok(scene.animated(seconds, keyframes, &pace, &title))
-    }
-
     fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
         let failed = |error: gif::EncodingError| Error::Write { path: path.to_path_buf(), reason: error.to_string() };
         let mut encoder = None;
         // Delays are whole hundredths of a second; each ends where it should, so that their rounding does not add up.
-        let end = |n: usize| (100.0 * n as f64 / f64::from(self.per_second)).round();
+        let end = |n: usize| (100.0 * n as f64 / self.rate()).round();
         for (n, pixels) in frames.enumerate() {
             let pixels = pixels?;
             let (width, height) = (pixels.width() as u16, pixels.height() as u16);
@@ -289,6 +428,7 @@ impl FilmSettings {
                 let out = BufWriter::new(File::create(file).map_err(|error| write_error(path, &error))?);
                 let mut new = Encoder::new(out, width, height, &[]).map_err(failed)?;
                 new.set_repeat(Repeat::Infinite).map_err(failed)?;
+                new.write_raw_extension(Extension::Comment.into(), &[MARK.as_bytes()]).map_err(failed)?;
                 encoder = Some(new);
             }
             let mut frame = gif::Frame::from_rgba_speed(width, height, &mut pixels.take(), 20);
@@ -313,10 +453,10 @@ impl FilmSettings {
                 let size = format!("{}x{}", pixels.width(), pixels.height());
                 let child = Command::new("ffmpeg")
                     .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgba", "-s", &size])
-                    .args(["-r", &self.per_second.to_string(), "-i", "-"])
+                    .args(["-r", &self.rate().to_string(), "-i", "-"])
                     // Most players require even sides and this pixel format.
                     .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"])
-                    .args(["-movflags", "+faststart", "-f", "mp4"])
+                    .args(["-metadata", &format!("comment={MARK}"), "-movflags", "+faststart", "-f", "mp4"])
                     .arg(file)
                     .stdin(Stdio::piped())
                     .stdout(Stdio::null())
@@ -343,11 +483,21 @@ impl FilmSettings {
     }
 }
 
+/// True if the file at `path` is a film by caudal.
+fn is_marked(path: &Path) -> bool {
+    let mut bytes = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(MAX_BYTES_TO_MARK).read_to_end(&mut bytes));
+    read.is_ok() && bytes.windows(MARK.len()).any(|part| part == MARK.as_bytes())
+}
+
 /// The speed at which a motion of `span` (s) with this `period` (s) is easy to see: few cycles by the duration of each, others by that of all.
 fn usual_speed(span: f64, period: Option<f64>) -> f64 {
     let [least, most] = SECONDS_OF_CYCLE;
     match period.filter(|period| span <= FEW_CYCLES * period * (1.0 + 1e-9)) {
-        Some(period) => period / period.clamp(least, most),
+        Some(period) => {
+            let shown = period.min(span);
+            shown / shown.clamp(least, most)
+        }
         None => easy_speed(span / SECONDS_OF_RUN),
     }
 }
@@ -376,7 +526,7 @@ enum Samples {
     WithLastCycle { times: RecordingTimes, tick: u64, whole: Thinned<Frame>, recent: VecDeque<Frame> },
 }
 
-/// Most frames that a record for an SVG has of the whole run, and of its end.
+/// Most frames that a record has of the whole run, and of its end, for a film that may be of its last cycle.
 const MAX_RECORDED: usize = 2400;
 
 /// Frames of such a record per period of the drive.
@@ -393,22 +543,21 @@ impl FilmRecord {
     /// Those of [`FilmSettings::check`] and of [`Stepper::at`].
     pub fn start(settings: &FilmSettings, path: &Path, scene: &Scene, stepper: &mut Stepper, end: f64) -> Result<Self> {
         let drive = fastest_drive(scene, stepper.model());
-        let FilmPlan { format, window: [first, last], count, .. } =
-            settings.plan(path, [stepper.time(), end], drive)?;
-        let is_chosen = settings.window != FilmSettings::default().window;
+        let FilmPlan { format, window: [first, last], is_chosen } = settings.plan(path, [stepper.time(), end])?;
+        let span = last - first;
         let even = |intervals: u64| Samples::Even { first, last, intervals, next: 0, frames: Vec::new() };
-        let samples = match format {
-            FilmFormat::Svg if is_chosen => even(MAX_RECORDED as u64),
-            FilmFormat::Svg => {
+        let samples = match (is_chosen, format) {
+            (true, FilmFormat::Svg) => even(MAX_RECORDED as u64),
+            // Those of a film that loops; another one has hardly other times.
+            (true, _) => even(settings.pictures(format, span, settings.speed_of(span, drive), drive) as u64),
+            (false, _) => {
                 let spacing = match drive {
                     Some(frequency) => RecordingTimes::Every(1.0 / (RECORDED_PER_PERIOD * frequency), 1),
-                    None => RecordingTimes::sampled(stepper.step_control(), (last - first) / MAX_RECORDED as f64),
+                    None => RecordingTimes::sampled(stepper.step_control(), span / MAX_RECORDED as f64),
                 };
                 let (whole, recent) = (Thinned::new(MAX_RECORDED), VecDeque::new());
                 Samples::WithLastCycle { times: spacing, tick: 0, whole, recent }
             }
-            // Those of a film that loops; another one has hardly other times.
-            FilmFormat::Gif | FilmFormat::Mp4 => even(count as u64),
         };
         let mut record = Self { rod: DrawnRod::of(stepper.model()), samples };
         match &mut record.samples {
@@ -477,10 +626,14 @@ impl FilmRecord {
     }
 }
 
-/// How far the shapes of the rod at two times are apart, wherever it travels: the largest distance of a node, m.
+/// How far the shapes of the rod at two times are apart, the largest distance of a node, m: wherever it travels, unless the camera stays where
+/// it is.
 fn shape_distance(motion: &FilmedMotion<'_>, times: [f64; 2]) -> f64 {
     let [one, other] = times.map(|time| motion.at(time));
-    let travel = one.iter().zip(&other).map(|(a, b)| b - a).sum::<Vector2<f64>>() / one.len().max(1) as f64;
+    let travel = match motion.can_be_followed() {
+        true => one.iter().zip(&other).map(|(a, b)| b - a).sum::<Vector2<f64>>() / one.len().max(1) as f64,
+        false => Vector2::zeros(),
+    };
     one.iter().zip(&other).map(|(a, b)| (b - a - travel).norm()).fold(0.0, f64::max)
 }
 
@@ -546,13 +699,14 @@ mod tests {
         let motion = motion(&[0.0, 1.0], &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1]);
         let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None, drive: None };
         let path = folder.path().join("rod.gif");
-        let settings = FilmSettings { per_second: 5, ..FilmSettings::default() };
-        settings.write(&path, &motion, |_| ControlFlow::Continue(())).unwrap();
+        let settings = FilmSettings { per_second: Some(5), ..FilmSettings::default() };
+        let excerpt = settings.excerpt(&path, &motion).unwrap();
+        settings.write(&path, &motion, &excerpt, |_| ControlFlow::Continue(())).unwrap();
         let whole = std::fs::read(&path).unwrap();
         assert_eq!(whole.last(), Some(&b';'), "a GIF ends with its trailer");
         for stop in [0.0, 0.5] {
             let watch = |part: f64| if part >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            assert_eq!(settings.write(&path, &motion, watch), Err(Error::Interrupted));
+            assert_eq!(settings.write(&path, &motion, &excerpt, watch), Err(Error::Interrupted));
             assert_eq!(std::fs::read(&path).unwrap(), whole);
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -584,11 +738,19 @@ mod tests {
         (times, x, y)
     }
 
-    fn svg_of(length: f64, nodes: usize, periods: f64, cycle: Option<[f64; 2]>) -> std::result::Result<String, String> {
+    /// An SVG film of a motion.
+    fn svg(settings: &FilmSettings, motion: &FilmedMotion<'_>) -> Result<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rod.svg");
+        let excerpt = settings.excerpt(&path, motion)?;
+        settings.write(&path, motion, &excerpt, |_| ControlFlow::Continue(()))?;
+        Ok(std::fs::read_to_string(path).unwrap())
+    }
+
+    fn svg_of(length: f64, nodes: usize, periods: f64, cycle: Option<[f64; 2]>) -> Result<String> {
         let (times, x, y) = wave(length, nodes, 1 + (40.0 * periods) as usize, periods);
         let motion = FilmedMotion { name: "wave", motion: &motion(&times, &x, &y), cycle, drive: None };
-        let window = [times[0], times[times.len() - 1]];
-        FilmSettings::default().svg(&motion, window)
+        svg(&FilmSettings::default(), &motion)
     }
 
     /// The keyframes of the outline.
@@ -605,7 +767,7 @@ mod tests {
                 let frames = keyframes(&svg);
                 assert_eq!(
                     (frames.len(), frames.first()),
-                    (KEYFRAMES_OF_CYCLE, frames.last()),
+                    (KEYFRAMES_OF_CYCLE as usize, frames.last()),
                     "{length} m, {nodes} nodes"
                 );
                 assert!(frames.iter().all(|frame| frame.matches('l').count() == frames[0].matches('l').count()));
@@ -632,16 +794,104 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_that_does_not_repeat_is_shown_as_a_whole_or_refused_with_what_to_do() {
+    fn a_motion_that_does_not_repeat_is_shown_as_a_whole() {
         let svg = svg_of(1.0, 33, 1.3, Some([0.2, 0.8])).unwrap();
         assert!(svg.contains("wave from t = 0 s to 1.3 s"), "{}", &svg[..600]);
-        let refused = svg_of(1.0, 3, 30.3, Some([30.0, 30.3])).unwrap_err();
-        assert_eq!(
-            refused,
-            "found 101 cycles that do not repeat; allowed in an SVG: 25; --from and --until choose some"
-        );
         let refused = FilmSettings::default().check(Path::new("rod.svg"), [0.0, 0.0], None).unwrap_err().to_string();
         assert!(refused.contains("a film needs a run of more than one time"), "{refused}");
+    }
+
+    /// What films of a wave of this duration (s) and frequency (Hz) show, in each format.
+    fn excerpts(settings: FilmSettings, periods: f64, frequency: f64, returns: bool) -> Vec<Result<FilmExcerpt>> {
+        let (mut times, x, y) = wave(1.0, 3, 1 + (8.0 * periods) as usize, periods);
+        times.iter_mut().for_each(|time| *time /= frequency);
+        let end = times[times.len() - 1];
+        let cycle = [end - if returns { 1.0 } else { 0.3 } / frequency, end];
+        let motion = motion(&times, &x, &y);
+        let motion = FilmedMotion { name: "wave", motion: &motion, cycle: Some(cycle), drive: Some(frequency) };
+        ["rod.svg", "rod.gif", "rod.mp4"].map(|path| settings.excerpt(Path::new(path), &motion)).to_vec()
+    }
+
+    #[test]
+    fn all_formats_show_the_last_cycle_of_a_motion_that_repeats_and_otherwise_as_many_periods_as_there_is_room_for() {
+        for (periods, frequency, returns, part) in [
+            (4.0, 1.0, true, "the last cycle, from t = 3 s to 4 s, real time"),
+            (900.0, 30.0, true, "the last cycle, from t = 29.967 s to 30 s, 30 times slower"),
+            (4.5, 1.0, false, "the whole run, from t = 0 s to 4.5 s, real time"),
+            (20.0, 2.0, false, "the whole run, from t = 0 s to 10 s, real time"),
+            (900.0, 30.0, false, "the last "),
+            (900.0, 1.0, false, "the last "),
+        ] {
+            for shown in excerpts(FilmSettings::default(), periods, frequency, returns) {
+                let shown = shown.unwrap();
+                let text = shown.to_string();
+                assert!(text.starts_with(part), "{text}");
+                assert!(shown.pictures as f64 <= MAX_FRAMES_BY_DEFAULT && shown.window[1] == periods / frequency);
+                let is_part = part == "the last ";
+                assert_eq!(
+                    text.ends_with("pictures: choose a part of the run with --from and --until"),
+                    is_part,
+                    "{text}"
+                );
+                let shown_periods = (shown.window[1] - shown.window[0]) * frequency;
+                assert!(!is_part || (20.0..=50.0).contains(&shown_periods), "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_chosen_window_with_too_many_pictures_is_refused_with_what_has_fewer() {
+        let settings = FilmSettings { window: [0.0, 30.0], ..FilmSettings::default() };
+        let found = excerpts(settings, 900.0, 30.0, false);
+        let words = [
+            "found 10801 pictures, 12 per cycle; allowed in an SVG: 301",
+            "found 15000 pictures; allowed in a GIF: 3000",
+        ];
+        let fewer = ["", ", or give a smaller --fps or a larger --speed"];
+        for ((found, words), fewer) in found.iter().zip(words).zip(fewer) {
+            let said = found.as_ref().unwrap_err().to_string();
+            let wanted = format!("{words}; choose a part of the run with --from and --until{fewer}");
+            assert!(said.ends_with(&wanted), "{said}");
+        }
+        assert_eq!(found[2].as_ref().unwrap().pictures, 15000, "an MP4 may be long");
+    }
+
+    #[test]
+    fn a_film_of_any_part_of_a_motion_lasts_as_long_as_one_can_see_it() {
+        for (span, frequency) in [(1e-4, Some(2.0)), (1e-4, None), (0.02, Some(0.1)), (3.0, Some(100.0)), (1e4, None)] {
+            let speed = FilmSettings::default().speed_of(span, frequency);
+            assert!((1.0..1000.0).contains(&(span / speed)), "{span} s at {frequency:?} Hz: {} s", span / speed);
+        }
+    }
+
+    #[test]
+    fn a_film_replaces_an_earlier_film_and_another_file_only_by_force() {
+        let folder = tempfile::tempdir().unwrap();
+        let motion = motion(&[0.0, 1.0], &[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], &[0.0, 0.1, 0.0, 0.0, 0.2, 0.1]);
+        let motion = FilmedMotion { name: "rod", motion: &motion, cycle: None, drive: None };
+        for name in ["rod.svg", "rod.gif"] {
+            let path = folder.path().join(name);
+            let write = |claim: Claim| {
+                let settings = FilmSettings { claim, speed: Some(10.0), ..FilmSettings::default() };
+                let excerpt = settings.excerpt(&path, &motion)?;
+                settings.write(&path, &motion, &excerpt, |_| ControlFlow::Continue(()))
+            };
+            for (there, own) in [("", true), ("<svg>mine</svg>", false)] {
+                std::fs::write(&path, there).unwrap();
+                let found = write(Claim::Own);
+                assert_eq!(found.is_ok(), own, "{name}");
+                if let Err(refused) = found {
+                    let said = refused.to_string();
+                    assert!(
+                        said.contains("there is a file that caudal did not write; choose another name")
+                            && said.ends_with("replace it with --force")
+                    );
+                    assert_eq!(std::fs::read_to_string(&path).unwrap(), there);
+                    write(Claim::Force).unwrap();
+                }
+                write(Claim::Own).unwrap();
+            }
+        }
     }
 
     #[test]
@@ -649,7 +899,7 @@ mod tests {
         for x in [[0.0, 0.5, 1.0, 0.0, 0.5, 1.0], [0.0; 6]] {
             let motion =
                 FilmedMotion { name: "<&>", motion: &motion(&[0.0, 1.0], &x, &[0.0; 6]), cycle: None, drive: None };
-            let svg = FilmSettings::default().svg(&motion, [0.0, 1.0]).unwrap();
+            let svg = svg(&FilmSettings::default(), &motion).unwrap();
             assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains("&lt;&amp;&gt;"), "{svg}");
             assert!(SvgRenderer::new().pixels(&svg, 1.0).is_ok());
         }
@@ -674,26 +924,24 @@ mod tests {
         let path = Path::new("rod.gif");
         for span in [0.01, 0.5, 8.0, 1000.0] {
             for frequency in [0.5, 3.0, 30.0, 240.0] {
-                let (run, drive) = ([0.0, span], Some(frequency));
                 for per_second in [10, 25, 50] {
-                    let settings = FilmSettings { per_second, ..FilmSettings::default() };
-                    let Ok(plan) = settings.plan(path, run, drive) else { continue };
-                    let rate = f64::from(per_second) / (plan.speed * frequency);
+                    let settings = FilmSettings { per_second: Some(per_second), ..FilmSettings::default() };
+                    let rate = f64::from(per_second) / (settings.speed_of(span, Some(frequency)) * frequency);
                     assert!(
                         rate >= LEAST_PER_PERIOD * (1.0 - 1e-9),
                         "{span} s, {frequency} Hz, {per_second}/s: {rate}"
                     );
-                    assert_eq!(settings.warning(path, run, drive), Ok(None));
+                    assert_eq!(settings.warning(path, Some(frequency)), None);
                 }
             }
         }
         let fast = FilmSettings { speed: Some(1.0), ..FilmSettings::default() };
-        let said = fast.warning(path, [0.0, 0.5], Some(30.0)).unwrap().unwrap();
+        let said = fast.warning(path, Some(30.0)).unwrap();
         assert!(
             said.contains("rod.gif has 0.83 pictures per period of the fastest drive") && said.contains("--speed 0.05"),
             "{said}"
         );
-        assert_eq!(fast.warning(path, [0.0, 20.0], Some(2.0)), Ok(None));
+        assert_eq!(fast.warning(path, Some(2.0)), None);
     }
 
     #[test]

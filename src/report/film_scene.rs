@@ -10,6 +10,9 @@ use super::rod_motion::RodMotion;
 use crate::fluid::{Fluid, Layers};
 use crate::number_format::in_sentence;
 
+/// A comment in each film, by which caudal knows it again.
+pub(super) const MARK: &str = "a film by caudal";
+
 /// Width of a picture, and the least and the largest height, px.
 const WIDTH: f64 = 640.0;
 const HEIGHTS: [f64; 2] = [150.0, 400.0];
@@ -257,6 +260,7 @@ impl<'a> FilmScene<'a> {
         let list = |axis: usize| heads.iter().map(|head| tenth(head[axis]).to_string()).collect::<Vec<_>>().join(";");
         let still = bodies.first().cloned().unwrap_or_default();
         let mut svg = self.begin(title, " rx=\"8\"");
+        let _ = writeln!(svg, "<!-- {MARK} -->");
         let pace = self.pace() * (last - first) / seconds;
         let passed = pace * seconds / WIDTH;
         let moves = match passed > AT_REST {

@@ -162,9 +162,11 @@ impl Manifest {
         }
     }
 
-    /// True for a file of the owner, which is no export.
-    fn has_result(&self, name: &str) -> bool {
-        [&self.sources, &self.files, &self.journals].iter().any(|files| files.contains(name)) || name == MANIFEST
+    /// The description of a file of the owner; `None` for exports, and for files that it does not list.
+    fn result(&self, name: &str) -> Option<String> {
+        let lists = [&self.sources, &self.files, &self.journals].iter().any(|files| files.contains(name));
+        let of = || self.owner.as_ref().map_or_else(|| "a result".to_string(), |of| format!("a file of {of}"));
+        (lists || name == MANIFEST).then(of)
     }
 
     fn lists(&self, name: &str) -> bool {
@@ -322,6 +324,12 @@ impl Folder {
         Ok(Manifest::read(path)?.and_then(|manifest| manifest.owner))
     }
 
+    /// The description of the existing file at `path`, if it is a result in its folder.
+    pub fn result_at(path: &Path) -> Option<String> {
+        let (folder, name) = (path.parent()?, path.file_name()?.to_string_lossy());
+        Manifest::read(folder).ok()??.result(&name).filter(|_| path.exists())
+    }
+
     /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
@@ -428,9 +436,7 @@ impl Folder {
         if !path.exists() || empty() {
             return Ok(());
         }
-        if role == Role::Export && self.manifest.has_result(name) {
-            let holds =
-                self.manifest.owner.as_ref().map_or_else(|| "a result".to_string(), |of| format!("a file of {of}"));
+        if let Some(holds) = self.manifest.result(name).filter(|_| role == Role::Export) {
             return Err(Error::Occupied { path, holds, wanted: self.owner.to_string(), kept: true });
         }
         if self.claim == Claim::Force {

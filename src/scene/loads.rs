@@ -112,6 +112,11 @@ impl LoadsTable {
 }
 
 impl Scene {
+    /// True if gravity or a point load acts on the rod.
+    pub(crate) fn has_loads(&self) -> bool {
+        self.loads.as_ref().is_some_and(|loads| loads.gravity_m_s2.is_some() || !loads.point.is_empty())
+    }
+
     /// True if a point load follows the rod.
     pub fn has_followers(&self) -> bool {
         self.loads.iter().flat_map(|loads| &loads.point).any(|load| load.follows)

@@ -41,6 +41,23 @@ const KEYS_BY_CHOICE: [&KeysByChoice; 5] = [
     &DragTable::KEYS_BY_LAW,
 ];
 
+/// The defaults of lists, so that an override may change one entry of a list that a scene does not give.
+const DEFAULT_LISTS: [(&str, &str); 4] = [
+    ("medium.flow_m_s", "[0.0, 0.0]"),
+    ("actuation.envelope", "[1.0, 0.0]"),
+    ("design.bounds", "[1e-2, 1e2]"),
+    ("design.variables", "[\"stiffness\"]"),
+];
+
+/// The default of the list at `path`; empty if it has none.
+fn default_list(path: &str) -> DeArray<'static> {
+    let default = DEFAULT_LISTS.iter().find(|(key, _)| *key == path).map(|(_, list)| DeValue::parse(list));
+    match default.map(|parsed| parsed.map(Spanned::into_inner)) {
+        Some(Ok(DeValue::Array(entries))) => entries,
+        _ => DeArray::new(),
+    }
+}
+
 /// The dotted keys that exclude `key`.
 #[cfg(feature = "report")]
 pub(crate) fn exclusive_keys(key: &str) -> impl Iterator<Item = String> {
@@ -116,8 +133,10 @@ pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>, path: &
                     base.insert(key, list);
                 }
             }
-            (None, (DeValue::Table(over), _)) if are_places(&over) => {
-                apply_to_entries(&mut DeArray::new(), over, &place)?;
+            (None, (DeValue::Table(over), span)) if are_places(&over) => {
+                let mut entries = default_list(&place);
+                apply_to_entries(&mut entries, over, &place)?;
+                base.insert(key, Spanned::new(span, DeValue::Array(entries)));
             }
             (None, (DeValue::Table(over), span)) if !over.contains_key(WHOLE_TABLE) => {
                 let mut own = DeTable::new();

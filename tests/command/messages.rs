@@ -439,7 +439,7 @@ free: rod.nodes=2 ; -rod.length ; medium.viscosity=1
 free: axes.x=[1] ; scene=a
 free: loads.point.0.node=3
 free: rod.nodes=9 ; rod.nodes.x=3
-free: medium.flow_m_s.0=0.1
+free: medium.flow_m_s.2=0.1
 "#;
 
 #[test]
@@ -827,6 +827,8 @@ export SCENE --gif --speed nan --out OUT/film
 export SCENE --gif --from 5 --out OUT/film
 export SCENE --gif --from 0.5 --until 0.4 --out OUT/film
 export SCENE --gif --fps 100000000 --out OUT/film
+export SCENE OUT/film.svg --fps 30
+export SCENE --gif --from 0 --speed 1e-6 --out OUT/film
 export SCENE --vtk --fields other --out OUT/vtk
 export SCENE --vtk --fields time_s,curvature_1_m --out OUT/vtk
 compare

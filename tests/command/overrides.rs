@@ -387,6 +387,68 @@ fn entries_of_lists_are_overridden_by_their_places() {
     assert!(beyond.contains("head.position_m"), "{beyond}");
 }
 
+/// Properties of `table` in a JSON schema whose default is a list with entries, in the schema or in words.
+fn lists_with_defaults(schema: &serde_json::Value, table: &str) -> Vec<String> {
+    let has_default = |property: &serde_json::Value| {
+        let said = property["description"].as_str().unwrap_or_default();
+        property["default"].as_array().is_some_and(|list| !list.is_empty()) || said.contains("By default [")
+    };
+    let properties = schema["properties"].as_object().unwrap();
+    properties.iter().filter(|(_, property)| has_default(property)).map(|(key, _)| format!("{table}.{key}")).collect()
+}
+
+#[test]
+fn an_entry_of_a_list_that_is_not_given_is_overridden_beside_its_defaults() {
+    let cases = [
+        ("actuation.envelope", "[1.0, 0.0]", ["0.5", "0.25"].as_slice()),
+        ("design.bounds", "[0.01, 100.0]", &["0.1", "2.0"]),
+        ("design.variables", "[\"stiffness\"]", &["\"rod.outer_radius_m\""]),
+        ("medium.flow_m_s", "[0.0, 0.0]", &["0.1", "{ amplitude = 0.1, frequency_hz = 1.0 }"]),
+    ];
+    let schema = Scene::schema();
+    let tables = schema["$defs"].as_object().unwrap();
+    let mut known = lists_with_defaults(&caudal::design::DesignTable::schema(), "design");
+    for (table, properties) in [("actuation", "ActuationTable"), ("medium", "MediumTable")] {
+        known.extend(lists_with_defaults(&tables[properties], table));
+    }
+    let others = tables.iter().filter(|(name, _)| !["ActuationTable", "MediumTable"].contains(&name.as_str()));
+    known.extend(
+        others
+            .filter(|(_, table)| table["properties"].is_object())
+            .flat_map(|(name, table)| lists_with_defaults(table, name)),
+    );
+    known.sort();
+    assert_eq!(known, cases.map(|(key, ..)| key), "a list with a default");
+    let text = TAIL.to_string() + "[design]\ngoal = \"distance\"\n";
+    let content = |overrides: &[String]| {
+        let mut document = Document::new("tail.toml", text.as_str());
+        overrides.iter().for_each(|text| document.set(text).unwrap());
+        let read: toml::Table = document.read_as().unwrap();
+        read
+    };
+    for (key, default, entries) in cases {
+        let default: toml::Value = toml::from_str::<toml::Table>(&format!("list = {default}")).unwrap()["list"].clone();
+        for (place, entry) in entries.iter().enumerate() {
+            let mut whole = default.clone();
+            whole[place] = toml::from_str::<toml::Table>(&format!("entry = {entry}")).unwrap()["entry"].clone();
+            let one = content(&[format!("{key}.{place}={entry}")]);
+            assert_eq!(one, content(&[format!("{key}={whole}")]), "{key}.{place}");
+        }
+        // The list as it is by default.
+        if !key.starts_with("design.") {
+            let given = outcome(&[&format!("{key}={default}")]).unwrap().0;
+            assert_eq!(given.fingerprint(), outcome(&[]).unwrap().0.fingerprint(), "{key}");
+            let swept = sweep(&format!("[axes]\n{key}.0 = [0.1, 0.2]\n"), &[]).unwrap();
+            assert_eq!(scenes(&swept).len(), 2);
+        }
+        let beyond = format!("{key}.{}", default.as_array().unwrap().len());
+        let mut document = Document::new("tail.toml", text.as_str());
+        document.set(&format!("{beyond}={}", entries[0])).unwrap();
+        let said = document.scene().unwrap_err().to_string();
+        assert!(said.contains(&format!("{beyond}: found place ")), "{said}");
+    }
+}
+
 /// Keys of a function of time, one or several, change these alone; the function as a whole replaces it.
 #[test]
 fn keys_of_a_function_of_time_leave_the_others() {

@@ -470,6 +470,46 @@ fn a_drive_near_a_frequency_that_the_fluid_damps_is_no_resonance() {
     assert!(thin.contains("the rod resonates"), "{thin}");
 }
 
+/// Measured: growth rates of up to 2e-12 1/s of the undamped column without loads, of rounding alone.
+#[test]
+fn modes_say_where_the_rod_is_what_they_leave_out_and_no_growth_by_rounding() {
+    let folder = tempfile::tempdir().unwrap();
+    let follower = "loads.point=[{ node = -1, follows = true, force_n = [-10.0, 0.0] }]";
+    let gravity = "loads={ gravity_m_s2 = [0.0, -0.1], point = [] }";
+    let none = "loads={ point = [] }";
+    let damped = "rod.damping_time_s=1e-3";
+    for (n, (scene, sets, natural, rest)) in [
+        ("beck-column", &[][..], "in vacuum, without its loads.", Some("In vacuum, at rest under its loads ")),
+        ("beck-column", &[follower], "in vacuum, without its loads.", Some("In vacuum, at rest under its loads ")),
+        ("beck-column", &[gravity], "in vacuum, without its loads.", Some("In vacuum, at rest under its loads ")),
+        ("beck-column", &[none], "in vacuum.", None),
+        ("beck-column", &[none, damped], "in vacuum.", Some("In vacuum, at rest 0 m from straight,")),
+        ("eel", &[], "with the fluid that it accelerates.", Some("In the fluid, with which a free rod goes,")),
+        ("flag", &[], "with the fluid that it accelerates", Some("In the flow of ")),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let out = folder.path().join(n.to_string());
+        let file = format!("models/{scene}.toml");
+        let mut arguments = vec!["study", "modes", &file, "--set", "rod.nodes=9", "--out", out.to_str().unwrap()];
+        sets.iter().for_each(|set| arguments.extend(["--set", set]));
+        let output = caudal(&arguments);
+        let said = String::from_utf8_lossy(&output.stdout);
+        let case = format!("{scene} {sets:?}: {said}{}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() && said.contains(natural), "{case}");
+        let is_told = said.lines().any(|line| line.starts_with("In "));
+        assert!(is_told == rest.is_some() && said.contains(rest.unwrap_or_default()), "{case}");
+        let Ok(table) = std::fs::read_to_string(out.join("damped.csv")) else { continue };
+        let undamped = scene == "beck-column" && !sets.contains(&damped);
+        for row in table.lines().skip(1) {
+            let cells: Vec<f64> = row.split(',').skip(2).map(|cell| cell.parse().unwrap()).collect();
+            assert!(!undamped || cells[1..] == [0.0, 0.0], "{case}{table}");
+            assert!(!row.contains("-0.0,") && !row.ends_with("-0.0"), "{case}{table}");
+        }
+    }
+}
+
 #[test]
 fn a_rod_at_rest_tests_no_step() {
     let asked = StabilityOptions { range: Some([1e5, 1e6]), steps: Some([1e-2, 2e-2]), points: 2, ..SMALL };

@@ -164,7 +164,7 @@ pub fn pictures(
 }
 
 /// Writes a film of the rod of a scene with these positions of the nodes, a row per time; `look` holds pictures per second,
-/// speed, pixels per px, and the first and last time.
+/// speed, pixels per px, the first and last time, and whether another file is replaced.
 #[pyfunction]
 #[pyo3(name = "_film")]
 pub fn write_film(
@@ -173,10 +173,10 @@ pub fn write_film(
     scene: &Bound<'_, Scene>,
     times: Vec<f64>,
     positions: [PyReadonlyArrayDyn<'_, f64>; 2],
-    look: (u32, Option<f64>, f64, [f64; 2]),
+    look: (Option<u32>, Option<f64>, f64, [f64; 2], bool),
 ) -> PyResult<()> {
     let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
-    let (per_second, speed, sharpness, window) = look;
+    let (per_second, speed, sharpness, window, force) = look;
     let Scene { scene, .. } = scene.get();
     let model = scene.model().or_raise(py)?;
     let mut attention = Attention::new();
@@ -187,8 +187,9 @@ pub fn write_film(
         let motion = RodMotion::of_positions(&model, &nodes, times.into_iter().enumerate().map(row));
         let motion =
             FilmedMotion { name: &scene.name, motion: &motion, cycle: None, drive: fastest_drive(scene, &model) };
-        let film = FilmSettings { per_second, speed, sharpness, window };
-        film.write(&path, &motion, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
+        let film = FilmSettings { per_second, speed, sharpness, window, claim: Claim::forced(force) };
+        let excerpt = film.excerpt(&path, &motion)?;
+        film.write(&path, &motion, &excerpt, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {
         Some(failure) => Err(failure),

@@ -50,9 +50,20 @@ def test_a_film_that_is_interrupted_leaves_the_earlier_one(tmp_path):
     timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(KeyboardInterrupt):
-        result.animate(film, speed=1e-4)
+        result.animate(film, speed=2e-3)
     timer.join()
     assert film.read_bytes() == whole
+
+
+def test_a_film_replaces_a_film_and_another_file_only_by_force(tmp_path):
+    result = caudal.run(scene())
+    for name in ("tail.gif", "tail.svg"):
+        (tmp_path / name).write_text("mine")
+        with pytest.raises(caudal.errors.WriteError, match="caudal did not write; choose another name, or replace it with `force=True`"):
+            result.animate(tmp_path / name)
+        assert (tmp_path / name).read_text() == "mine"
+        result.animate(tmp_path / name, force=True)
+        result.animate(tmp_path / name)
 
 
 def test_films_refuse_numbers_that_make_none(tmp_path):

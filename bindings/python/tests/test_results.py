@@ -83,8 +83,12 @@ def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, mon
     assert (tmp_path / "tail.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(caudal.errors.WriteError, match=r"\.svg, \.gif or \.mp4"):
         result.animate(tmp_path / "tail.avi")
-    with pytest.raises(caudal.errors.WriteError, match="allowed: positive numbers"):
+    with pytest.raises(caudal.errors.WriteError, match="allowed: a positive number"):
         result.animate(tmp_path / "tail.gif", speed=-1.0)
+    with pytest.raises(caudal.errors.WriteError, match="found 30 pictures per second"):
+        result.animate(tmp_path / "tail.svg", fps=30)
+    with pytest.raises(caudal.errors.WriteError, match="choose a part of the run with `window=`, or give a smaller `fps=`"):
+        result.animate(tmp_path / "tail.gif", speed=1e-6)
     if shutil.which("ffmpeg"):
         result.animate(tmp_path / "tail.mp4", fps=10, speed=0.1)
         assert b"ftyp" in (tmp_path / "tail.mp4").read_bytes()[:12]

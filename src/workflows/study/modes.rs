@@ -73,8 +73,9 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let (about_rest, damping) = about_rest(scene, count, first.frequency)?;
     let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
     let slack = if scene.has_winches() { ", as if its winches were slack" } else { "" };
+    let unloaded = if scene.has_loads() { ", without its loads" } else { "" };
     findings.answers.push(format!(
-        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}), {with}{slack}.",
+        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}), {with}{unloaded}{slack}.",
         rod.nodes,
         first.frequency / TAU,
         first.axis.name()
@@ -196,8 +197,9 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
             .push(format!("Motions with damping and in flow are computed up to {MAX_NODES_FOR_DAMPING} nodes."));
         return Ok((findings, None));
     }
+    let is_in_fluid = model.forces.iter().any(|force| force.is_of_fluid());
     let flow = model.fluid.flow.norm();
-    let free = model.head.is_none();
+    let (free, loads) = (model.head.is_none(), if scene.has_loads() { " under its loads" } else { "" });
     let mut steady = match SteadyState::of(model) {
         Ok(steady) => steady,
         Err(NoSteadyState { key, problem }) => {
@@ -209,7 +211,7 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
     let modes = steady.eigenmodes()?;
     let fastest = |grows: bool| {
         let some = modes.iter().filter(|mode| mode.grows() || !grows);
-        some.max_by(|a, b| a.growth.total_cmp(&b.growth))
+        some.rev().max_by(|a, b| a.growth.total_cmp(&b.growth)) // of equal ones the slowest
     };
     let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok((findings, None)) };
     let slowest_swing = modes.iter().find(|mode| mode.frequency > 0.0);
@@ -217,11 +219,14 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
     let nearest = modes.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
     let damping = nearest.map(Eigenmode::damping_ratio);
     let bend = in_sentence(bend, 3);
-    let place = match (free, flow > 0.0) {
-        (true, _) => "In the fluid, with which a free rod goes,".to_string(),
-        (false, true) => format!("In the flow of {flow:.4} m/s, at rest {bend} m from straight,"),
-        (false, false) => format!("In the fluid, at rest {bend} m from straight,"),
+    let medium = match is_in_fluid {
+        true if free => "In the fluid, with which a free rod goes".to_string(),
+        true if flow > 0.0 => format!("In the flow of {flow:.4} m/s"),
+        true => "In the fluid".to_string(),
+        false => "In vacuum".to_string(),
     };
+    let rest = if free { String::new() } else { format!(" at rest{loads} {bend} m from straight,") };
+    let place = format!("{medium},{rest}");
     findings.answers.push(if leading.grows() {
         let how = if leading.frequency > 0.0 {
             format!("flutters: a motion of {:.4} Hz", leading.frequency / TAU)
@@ -254,7 +259,7 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
     });
     findings.tables.push(Table {
         file: "damped.csv",
-        title: "Motions in the fluid, with damping",
+        title: "Motions about the rest, with damping",
         columns: ["motion", "kind", "frequency_hz", "growth_rate_1_s", "damping_ratio"].map(str::to_string).to_vec(),
         rows: rows.collect(),
     });
@@ -265,7 +270,7 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
     let series =
         [dots(ModeKind::Bending), dots(ModeKind::Stretching)].into_iter().filter(|series| !series.points.is_empty());
     let chart = Chart {
-        title: format!("{}: motions in the fluid, with damping", scene.name),
+        title: format!("{}: motions about the rest, with damping", scene.name),
         x: "growth rate (1/s)".into(),
         y: "frequency (Hz)".into(),
         scale: Scale::Linear,

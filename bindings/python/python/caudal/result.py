@@ -369,10 +369,11 @@ class Result(Mapping[str, Array]):
         self,
         path: Union[str, os.PathLike[str]],
         *,
-        fps: int = 25,
+        fps: Optional[int] = None,
         speed: Optional[float] = None,
         sharpness: float = 1.0,
         window: tuple[float, float] = (-np.inf, np.inf),
+        force: bool = False,
     ) -> None:
         """Write the moving rod to a file.
 
@@ -381,25 +382,31 @@ class Result(Mapping[str, Array]):
         path : str or os.PathLike
             ``.svg``, an animated picture; ``.gif``; or ``.mp4`` where the program ffmpeg is installed.
         fps : int, optional
-            Pictures per second.
+            Pictures per second of a ``.gif`` or ``.mp4``, by default 25.
         speed : float, optional
             Seconds of the run per second of the film; as ``caudal export`` chooses it by default: a beat takes at least a second.
         sharpness : float, optional
             Pixels per px of a picture that is 640 px wide, 0.05 to 20.
         window : tuple of float, optional
-            First and last time that it shows (s), as far as the run has them.
+            First and last time that it shows (s), as far as the run has them. By default it shows the last cycle of a motion that
+            repeats, and of another one all of it, or as many of its last periods as a film has room for.
+        force : bool, optional
+            Replace a file of that name that caudal did not write, which is refused otherwise.
 
         Raises
         ------
+        caudal.errors.OccupiedError
+            For the name of a result in a folder of ``run(..., out=...)``, which no film replaces.
         caudal.errors.WriteError
-            For another ending, without ffmpeg for an ``.mp4``, and where the file cannot be written. An earlier film is replaced
-            by a complete one only: after Ctrl-C it is as it was.
+            For a file that caudal did not write, another ending, pictures per second of an ``.svg``, too many pictures, no ffmpeg for
+            an ``.mp4``, and where the file cannot be written. An earlier film is replaced by a complete one only: after Ctrl-C it is
+            as it was.
         """
         for name in ("x_m", "y_m"):
             if name not in self:
                 raise ValueError(f"a film needs {name}: run(..., record=[..., 'x_m', 'y_m'])")
         positions = [np.ascontiguousarray(self[name]) for name in ("x_m", "y_m")]
-        _film(path, self.scene, self["time_s"], positions, (fps, speed, sharpness, window))
+        _film(path, self.scene, self["time_s"], positions, (fps, speed, sharpness, window, force))
 
     def to_vtk(self, folder: Union[str, os.PathLike[str]], *, force: bool = False) -> list[str]:
         """Write the run for ParaView and other programs that read VTK.
