@@ -459,7 +459,7 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
         ("[axes]\nrod.length_m = { factor = [0.5, 1.0], keys = [\"rod.length_m\"] }", 3, "unknown key"),
         ("[axes]\nrod.length_m = { values = [1.0], factors = [0.5] }", 3, "found values together with factors"),
         ("[axes]\nstart.ramp_s.factors = [0.5]", 3, "which the base scene does not give"),
-        ("[axes]\nsolver.integrator.factors = [0.5]", 3, "is no number"),
+        ("[axes]\nsolver.integrator.factors = [0.5]", 3, "is not a number"),
         (
             "[set]\nrod.outer_radius_m = [[0.0, 0.01], [1.0, 0.02]]\n[axes]\nrod.outer_radius_m.factors = [0.5]",
             5,

@@ -226,9 +226,10 @@ fn a_winch_is_bought_by_what_its_drum_does() {
 
 #[test]
 fn what_a_winch_cannot_be_told_is_refused_and_what_it_leaves_out_is_said() {
-    for (length, words) in
-        [("-0.1", "a length of -0.1 m"), ("{amplitude=0.002,frequency_hz=2.0}", "use that as the offset of the sinusoid")]
-    {
+    for (length, words) in [
+        ("-0.1", "a length of -0.1 m"),
+        ("{amplitude=0.002,frequency_hz=2.0}", "use that as the offset of the sinusoid"),
+    ] {
         let document = document_of("winches.toml", PAIR, &[&format!("tendons.0.length_m={length}")]);
         let error = document.scene().and_then(|scene| scene.model().map(|_| ())).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("tendons.0.length_m"), "{error}");
