@@ -68,7 +68,7 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let at_end = in_sentence(end, 7);
     let path = vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)];
     let path = chart("path of the centre of mass", "x (m)", "y (m)", Scale::Linear, path);
-    let balance = "put in above, taken below zero (J)";
+    let balance = "supplied above zero, dissipated below (J)";
     let cycle = period.is_some_and(|period| record.frames().first().is_some_and(|frame| end - period >= frame.time));
     let since_time = period.filter(|_| cycle).map_or(f64::NEG_INFINITY, |period| end - period);
     let powers = powers(record, since_time);
@@ -178,7 +178,7 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
         ),
         (!powers.is_empty()).then(|| {
             let caption = format!("Power over {since}: above zero what puts energy in, below zero what takes it, in the colours of the balance.");
-            let power = chart(&format!("power over {since}"), "time (s)", "put in above, taken below zero (W)", Scale::Linear, powers);
+            let power = chart(&format!("power over {since}"), "time (s)", "supplied above zero, dissipated below (W)", Scale::Linear, powers);
             Figure::of_chart("power.svg", caption, &power)
         }),
         Some(Figure::of_chart(

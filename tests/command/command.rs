@@ -515,7 +515,7 @@ fn natural_frequencies_are_said_to_be_in_vacuum_or_in_the_fluid() {
     let out = folder.path().join("out");
     for (scene, with, head) in [
         ("models/glycerol.toml", "in vacuum", "free"),
-        ("models/fish.toml", "with the fluid that it accelerates", "free"),
+        ("models/fish.toml", "with added mass", "free"),
         ("models/cantilever.toml", "in vacuum", "held at its head"),
     ] {
         let output = caudal(&["study", "modes", scene, "--out", out.to_str().unwrap(), "--force"]);

@@ -484,8 +484,8 @@ fn modes_say_where_the_rod_is_what_they_leave_out_and_no_growth_by_rounding() {
         ("beck-column", &[gravity], "in vacuum, without its loads.", Some("In vacuum, at rest under its loads ")),
         ("beck-column", &[none], "in vacuum.", None),
         ("beck-column", &[none, damped], "in vacuum.", Some("In vacuum, at rest 0 m from straight,")),
-        ("eel", &[], "with the fluid that it accelerates.", Some("In the fluid, with which a free rod goes,")),
-        ("flag", &[], "with the fluid that it accelerates", Some("In the flow of ")),
+        ("eel", &[], "with added mass.", Some("In the fluid, with which a free rod goes,")),
+        ("flag", &[], "with added mass", Some("In the flow of ")),
     ]
     .into_iter()
     .enumerate()

@@ -119,7 +119,7 @@ impl Equations {
             return Ok(());
         }
         let problem = format!(
-            "the mesh of {} nodes is too fine for derivatives: iterative refinement leaves a relative error of {:.1e}, above {LARGEST_REST:e}; allowed:              fewer nodes, or shorter steps",
+            "the mesh of {} nodes is too fine for derivatives: iterative refinement leaves a relative error of {:.1e}, above {LARGEST_REST:e}; allowed: fewer nodes, or shorter steps",
             self.masses.len(),
             progress.last
         );

@@ -71,7 +71,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     };
     let Some(first) = found.first() else { return Ok(findings) };
     let (about_rest, damping) = about_rest(scene, count, first.frequency)?;
-    let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
+    let with = if wet { "with added mass" } else { "in vacuum" };
     let slack = if scene.has_winches() { ", as if its winches were slack" } else { "" };
     let unloaded = if scene.has_loads() { ", without its loads" } else { "" };
     findings.answers.push(format!(

@@ -58,7 +58,7 @@ impl<'a> FluidReport<'a> {
 
     pub fn findings(&self) -> Findings {
         let rows = self.rows();
-        let mut findings = Findings { subject: "laws of the fluid", ..Findings::default() };
+        let mut findings = Findings { subject: "fluid laws", ..Findings::default() };
         self.words(&rows, &mut findings);
         findings.tables = vec![self.table(&rows), self.left_out()];
         self.charts(&rows, &mut findings);
@@ -72,7 +72,7 @@ impl<'a> FluidReport<'a> {
         findings.numbers.insert("reynolds_number".into(), json!(reynolds));
         let Some(reference) = rows.iter().find(|row| row.is_reference) else {
             say(format!(
-                "Re_d = {}: no law that holds there runs to the end of this scene; nothing is compared.",
+                "Re_d = {}: no law that is valid there runs to the end of this scene; nothing is compared.",
                 two_digits(reynolds)
             ));
             return;
@@ -82,20 +82,20 @@ impl<'a> FluidReport<'a> {
         let uncertain = reference.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         say(match uncertain {
             Some([of_motion, of_power]) => format!(
-                "Re_d = {} by the scene's own motion. The highest law that holds is {name}; by what is published it is itself good to ±{} in {motion} and ±{} in power ({}).",
+                "Re_d = {} by the scene's own motion. The most accurate valid law is {name}; its published uncertainty is ±{} in {motion} and ±{} in power ({}).",
                 two_digits(reynolds),
                 percent(of_motion),
                 percent(of_power),
                 reference.model.law.published.source
             ),
             None => format!(
-                "Re_d = {} by the scene's own motion. No law with a published uncertainty holds there; differences are from the scene's own, {name}.",
+                "Re_d = {} by the scene's own motion. No law with a published uncertainty is valid there; differences are relative to the scene's own, {name}.",
                 two_digits(reynolds)
             ),
         });
         for (law, reason) in &self.models.missing {
             findings.answers.push(format!(
-                "{law} holds there too, and knows how distant parts of the rod act on each other, but is not compared: {reason}."
+                "{law} is valid there too, and includes the interaction of distant parts of the rod, but is not compared: {reason}."
             ));
         }
         for (key, of) in [("uncertainty_motion", 0), ("uncertainty_power", 1)] {
@@ -116,7 +116,7 @@ impl<'a> FluidReport<'a> {
                 None => format!(
                     "{}{own} fails{range}: {}",
                     row.model,
-                    row.swim.run.failure.as_ref().map_or("no number came out", |(_, _, reason)| reason)
+                    row.swim.run.failure.as_ref().map_or("the result is not a number", |(_, _, reason)| reason)
                 ),
             });
         }
@@ -151,19 +151,19 @@ impl<'a> FluidReport<'a> {
         let taken = rows.iter().filter(|row| row.model.holds).filter(within).min_by(order).unwrap_or(reference);
         let motion = self.motion();
         let water = if keeps_water {
-            " The water's inertia may decide whether the rod is stable, which a motion from rest need not show: laws without it are left out."
+            " Added mass may decide whether the rod is stable, which a motion from rest need not show: laws without it are not considered."
         } else {
             ""
         };
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
-                "Verdict: {} is good to {} in {motion} and {} in power here, within a quarter of what {} itself is uncertain by; {}.{water}",
+                "Verdict: {} is sufficient here: it differs by {} in {motion} and {} in power, within a quarter of the published uncertainty of {}; {}.{water}",
                 taken.model,
                 percent(of_motion.abs()),
                 percent(of_power.abs()),
                 reference.model,
                 match self.models.missing.first() {
-                    None => "more than that this scene does not need".to_string(),
+                    None => "this scene needs no more accurate law".to_string(),
                     Some((law, _)) => format!("whether it needs {law} is not known"),
                 }
             ),
@@ -175,11 +175,10 @@ impl<'a> FluidReport<'a> {
                 let excess =
                     |both: &[f64; 2]| both.iter().zip(limits).map(|(x, limit)| x.abs() / limit).fold(0.0, f64::max);
                 let nearest = nearest.min_by(|a, b| excess(&a.1).total_cmp(&excess(&b.1)));
-                let none =
-                    if keeps_water { "no other law with the water's inertia holds" } else { "no other law holds" };
+                let none = if keeps_water { "no other law with added mass is valid" } else { "no other law is valid" };
                 let why = nearest.map_or(none.to_string(), |(row, [of_motion, of_power])| {
                     format!(
-                        "the nearest below, {}, is off by {} in {motion} and {} in power",
+                        "the closest simpler law, {}, differs by {} in {motion} and {} in power",
                         row.model,
                         percent(of_motion.abs()),
                         percent(of_power.abs())
@@ -243,7 +242,7 @@ impl<'a> FluidReport<'a> {
     fn left_out(&self) -> Table {
         Table {
             file: "left-out.csv",
-            title: "Laws that cannot hold here",
+            title: "Laws that are not valid here",
             columns: ["law", "reason"].map(str::to_string).to_vec(),
             rows: self.models.refused.iter().map(|(law, reason)| vec![json!(law), json!(reason)]).collect(),
         }

@@ -60,7 +60,7 @@ impl FluidReport<'_> {
                 series,
             );
             let caption = format!(
-                "Difference of the {what} from {} against the time that the run takes, one dot per law; {} itself stands at what it is uncertain by. Dots below the level differ by less than that.",
+                "Difference of the {what} from {} against the processor time of the run, one dot per law; {} itself is shown at its published uncertainty. Dots below the line differ by less than that.",
                 reference.model, reference.model
             );
             findings.figures.extend(chart.figure(format!("{what}-time.svg"), caption));
@@ -96,26 +96,26 @@ impl FluidReport<'_> {
         };
         figure(
             "along-body",
-            "Force along the way",
-            "place on the rod, from head to tip",
-            "mean force per length ahead (N/m)",
-            "Which cause pushes the rod ahead where, and which brakes it: mean of a period; a force on the tip alone is spread over its half cell",
+            "Force along the path",
+            "position along the rod, from head to tip",
+            "mean forward force per length (N/m)",
+            "Where each force drives or brakes the rod: mean over a period. A force on the tip alone is distributed over its half cell",
             &|part| at(&part.along),
         );
         figure(
             "across-body",
-            "Force across the way",
-            "place on the rod, from head to tip",
+            "Force across the path",
+            "position along the rod, from head to tip",
             "rms force per length (N/m)",
-            "How strongly every cause acts across the way in which the head looks: root mean square of a period",
+            "Each force across the direction of the head: root mean square over a period",
             &|part| at(&part.across),
         );
         figure(
             "over-cycle",
             "Force over a period",
             "phase of the period",
-            "force on the rod ahead (N)",
-            "Which cause pushes the whole rod ahead when, over the last period",
+            "forward force on the rod (N)",
+            "When each force drives the whole rod forward, over the last period",
             &|part| part.cycle.iter().enumerate().map(|(i, y)| ((i as f64 + 0.5) / PHASES as f64, *y)).collect(),
         );
     }
