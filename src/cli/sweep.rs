@@ -187,12 +187,19 @@ fn run(common: &SweepSource, arguments: &SweepArguments) -> Result<ExitCode> {
 
 /// Writes table, figures and report, and reports failed cases.
 fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
-    let WrittenSweep { kept, failed } = results.write(folder)?;
+    let WrittenSweep { kept, failed, unsettled } = results.write(folder)?;
     for (index, ending) in failed.iter().take(3) {
         print_error(&format!("case {index}: {ending}"));
     }
     if !failed.is_empty() {
         print_error(&format!("{} cases failed; their rows in table.csv give the reasons", failed.len()));
+    }
+    if unsettled > 0 {
+        let (cases, are) = if unsettled == 1 { ("case", "is") } else { ("cases", "are") };
+        print_unless_quiet(&format!(
+            "note: {unsettled} {cases} {are} not periodic yet (cycles_periodic of table.csv): their means over cycles may change with a longer \
+             solver.duration_s"
+        ));
     }
     let whole = print_kept(&kept, folder.path());
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })

@@ -673,7 +673,7 @@ impl Cases {
             && order.len() <= MAX_NAMED_LINES
         {
             let other = &self.axes[place + usize::from(place >= axis)];
-            let name = other.name.rsplit('.').next().unwrap_or(&other.name);
+            let name = last_key(&other.name);
             let named = |key: &Vec<usize>| {
                 Series::new(format!("{name} {}", other.labels[key[place]]), joined[key].clone(), Mark::Dotted)
             };
@@ -844,6 +844,11 @@ impl Cases {
         })
     }
 
+    /// How many cases are not periodic yet.
+    pub fn unsettled(&self) -> usize {
+        self.unsettled.len()
+    }
+
     /// Endings of the cases that did not reach their end.
     pub fn into_endings(self) -> BTreeMap<usize, String> {
         self.endings
@@ -915,6 +920,14 @@ impl FileNames {
     }
 }
 
+/// The last key of a path of keys, with the number of an entry.
+fn last_key(path: &str) -> &str {
+    let begin = |end: usize| path[..end].rfind('.').map_or(0, |dot| dot + 1);
+    let last = begin(path.len());
+    let is_entry = last > 0 && path[last..].bytes().all(|digit| digit.is_ascii_digit());
+    &path[if is_entry { begin(last - 1) } else { last }..]
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
@@ -955,6 +968,15 @@ mod tests {
 
     fn captions(cases: &Cases) -> Vec<(String, String)> {
         cases.figures().0.into_iter().map(|figure| (figure.file, figure.caption)).collect()
+    }
+
+    #[test]
+    fn a_line_is_named_by_its_last_key_and_the_number_of_its_entry() {
+        for (path, name) in
+            [("medium.flow_m_s.0", "flow_m_s.0"), ("rod.nodes", "nodes"), ("nodes", "nodes"), ("0", "0")]
+        {
+            assert_eq!(last_key(path), name, "{path}");
+        }
     }
 
     #[test]

@@ -34,6 +34,9 @@ const COLOUR_COUNT: usize = 64;
 const LOG_SCALE_RANGE: f64 = 100.0;
 /// Left end of the legend, px.
 const LEGEND_LEFT: f64 = 20.0;
+/// The marks of the largest and of the least value: a dot and a diamond.
+const LARGEST_MARK: usize = 0;
+const LEAST_MARK: usize = 2;
 /// Half the size of the stroke on a cell whose motion is not periodic yet, px at most.
 const UNSETTLED_MARK: f64 = 6.0;
 /// Width of the colour scale without its labels, px.
@@ -246,16 +249,13 @@ impl HeatMap {
             svg.line(&stroke, Colour::INK, 1.5, "");
         }
         let mut left = LEGEND_LEFT;
-        for (what, cell, [ring, core]) in
-            [(most, largest, [Colour::PAPER, Colour::INK]), (fewest, least, [Colour::INK, Colour::PAPER])]
-        {
+        for (what, cell, mark) in [(most, largest, LARGEST_MARK), (fewest, least, LEAST_MARK)] {
             let Some((i, j, value, case)) = cell else { continue };
             let text = format!("{what}: {} (case {case})", significant(*value, 4));
             let middle = 36.0 + 0.7 * LINE;
             for at in [at(*i, *j), (left + 6.0, middle - 4.5)] {
-                svg.dot(at, 6.0, ring);
-                svg.dot(at, 4.5, core);
-                svg.dot(at, 2.0, ring);
+                svg.mark(mark, at, 6.0, Colour::PAPER);
+                svg.mark(mark, at, 4.0, Colour::INK);
             }
             svg.text((left + 17.0, middle), &text, LABEL, Anchor::Start, Colour::INK);
             left += 45.0 + width(&text, LABEL);
@@ -367,6 +367,7 @@ mod tests {
         assert!(signed[COLOUR_COUNT / 2..].windows(2).all(|pair| pair[0] > pair[1]));
         let scale = ColourScale::of([-1.0, 3.0].into_iter());
         assert_eq!(scale.shade(0.0), COLOUR_COUNT / 2, "zero is in the middle");
+        assert_eq!([-3.0, 3.0].map(|value| scale.shade(value)), [0, COLOUR_COUNT - 1], "all colours are used");
     }
 
     #[test]

@@ -143,6 +143,23 @@ fn drag_shortens_the_steps_of_an_explicit_method_as_is_said() {
 }
 
 #[test]
+fn the_material_shortens_the_steps_of_an_explicit_method_as_is_said() {
+    for ratio in [0.1, 1.0, 10.0] {
+        let plain = scene(&[]);
+        let highest = Modes::of(&rod(&plain)).unwrap().highest();
+        // A damping ratio of τω/2.
+        let scene = scene(&[&format!("rod.damping_time_s={:e}", ratio / highest)]);
+        let model = scene.model().unwrap();
+        let damping = model.rod.damping.clone();
+        let said = Modes::of_model(model).unwrap().explicit_steps(damping.as_ref()).unwrap().largest;
+        // x'' + τω² x' + ω² x = 0 by v ← v − h(ω² x + τω² v), x ← x + h v: its eigenvalue of −1.
+        let formula = ((ratio * ratio + 4.0).sqrt() - ratio) / highest;
+        println!("{ratio}: said {said:e}, formula {formula:e}");
+        assert!((said / formula - 1.0).abs() < 1e-6, "{said:e} for {formula:e}");
+    }
+}
+
+#[test]
 fn steps_that_drag_would_lengthen_are_not_said_to_be_stable() {
     // γ > ½ and 2β < γ: damping lets a mode take longer steps, and the fastest one of a tapered rod does not have the tip's.
     let method = (Method::named("newmark").unwrap().build)(&[0.25, 0.6]);

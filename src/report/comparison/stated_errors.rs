@@ -157,3 +157,29 @@ fn constant_flow(run: &RecordedRun) -> Option<[f64; 2]> {
         Some(_) => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_error_of_a_load_is_relative_to_its_mean_or_to_a_part_of_its_largest_value() {
+        let errors = StatedErrors {
+            measures: vec![(ErrorMeasure::Force, 0.1), (ErrorMeasure::Moment, 0.2)],
+            held: true,
+            largest: [50.0, 4.0],
+            ..StatedErrors::default()
+        };
+        // Of the full model's value: 0.1/(1 − 0.1) and 0.2/(1 − 0.2).
+        for (key, value, error) in [
+            ("cycle_thrust_n", -9.0, 1.0),
+            ("mean_head_force_n.x", 18.0, 2.0),
+            ("cycle_thrust_n", 0.0, 50.0 * MIN_MEAN_FRACTION / 9.0),
+            ("cycle_head_moment_n_m", 8.0, 2.0),
+            ("mean_head_moment_n_m", 0.0, MIN_MEAN_FRACTION),
+        ] {
+            let found = errors.of_result(key, value, false).unwrap_or(f64::NAN);
+            assert!((found - error).abs() < 1e-12, "{key} = {value}: {found} for {error}");
+        }
+    }
+}

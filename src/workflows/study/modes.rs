@@ -174,7 +174,13 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     };
     let caption = "The shapes of the lowest modes of bending along the rod, with their frequencies.";
     findings.figures.extend(shapes.figure("shapes.svg", caption));
-    let caption = "The natural frequencies, beside that of the drive and what the time step resolves.";
+    let levels = [
+        drive.map(|_| "the frequency of the drive"),
+        step.map(|_| "the highest frequency that the time step resolves"),
+    ];
+    let levels: Vec<_> = levels.into_iter().flatten().collect();
+    let levels = if levels.is_empty() { String::new() } else { format!(", {}", levels.join(" and ")) };
+    let caption = format!("The natural frequencies{levels}.");
     findings.figures.extend(frequencies.figure("frequencies.svg", caption));
     findings.append(about_rest);
     if rod.nodes <= MAX_NODES_FOR_MATRICES {
@@ -231,17 +237,17 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
         let how = if leading.frequency > 0.0 {
             format!("flutters: a motion of {:.4} Hz", leading.frequency / TAU)
         } else {
-            "diverges: a motion that does not swing".to_string()
+            "diverges: a motion that does not oscillate".to_string()
         };
         format!("{place} the rod {how} grows by {} 1/s.", in_sentence(leading.growth, 5))
     } else {
         match slowest_swing {
             Some(slowest) => format!(
-                "{place} the slowest motion that swings has {:.6} Hz and damping ratio {:.4}; nothing grows.",
+                "{place} the slowest vibration has {:.6} Hz and, at vanishing amplitude, damping ratio {:.4}; no motion grows.",
                 slowest.frequency / TAU,
                 slowest.damping_ratio()
             ),
-            None => format!("{place} nothing swings and nothing grows."),
+            None => format!("{place} no motion oscillates, and none grows."),
         }
     });
     findings.numbers.insert("largest_growth_rate_1_s".into(), json!(leading.growth));
@@ -276,7 +282,7 @@ fn about_rest(scene: &Scene, count: usize, natural: f64) -> Result<(Findings, Op
         scale: Scale::Linear,
         series: series.collect(),
     };
-    let caption = "The slowest motions about the rest: those right of zero grow.";
+    let caption = "The slowest motions about the rest: those with a positive growth rate grow.";
     findings.figures.extend(chart.figure("damped.svg", caption));
     Ok((findings, damping))
 }

@@ -209,7 +209,8 @@ impl<'a> SweepResults<'a> {
             results.put_file(file, Ok(svg));
         }
         results.put_file(PAGE, page);
-        Ok(WrittenSweep { kept: results.finish(), failed: cases.into_endings() })
+        let unsettled = cases.unsettled();
+        Ok(WrittenSweep { kept: results.finish(), failed: cases.into_endings(), unsettled })
     }
 
     /// The paths of the centres of mass: one row per case and time.
@@ -246,6 +247,8 @@ pub struct WrittenSweep {
     pub kept: WrittenFiles,
     /// Endings of the cases that did not reach their end.
     pub failed: BTreeMap<usize, String>,
+    /// How many cases are not periodic yet.
+    pub unsettled: usize,
 }
 
 /// The part of a [`CaseResult`] that a table needs.
