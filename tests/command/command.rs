@@ -576,6 +576,67 @@ fn a_film_that_cannot_be_made_is_refused_before_the_run() {
 
 #[cfg(feature = "pictures")]
 #[test]
+fn what_can_be_refused_of_a_film_is_refused_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    assert!(
+        caudal(&["export", "models/baseline.toml", "--set", "solver.duration_s=0.2", "--gif", "--out", out])
+            .status
+            .success()
+    );
+    let film = std::fs::read(folder.path().join("baseline.gif")).unwrap();
+    let here = folder.path().join("baseline.gif");
+    for (what, words) in [
+        (&["--gif", "--out", out][..], "baseline.gif"),
+        (&[here.to_str().unwrap()], "baseline.gif"),
+        (&["--mp4", "--out", out], "it needs the program ffmpeg, which is not installed; a .gif needs none"),
+        (&["--gif", "--speed", "1e-5", "--out", out], "allowed in a GIF: 3000"),
+    ] {
+        // This run would take hours.
+        let all = [&["export", "models/baseline.toml", "--set", "solver.duration_s=1e8"], what].concat();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
+        let refused = command.current_dir(env!("CARGO_MANIFEST_DIR")).args(all).env("PATH", "").output().unwrap();
+        let said = text(&refused.stderr);
+        assert!(refused.status.code() == Some(2) && said.contains(words), "{what:?}: {said}");
+        assert!(said.lines().count() == 1 && text(&refused.stdout).is_empty(), "{what:?}: {said}");
+        assert_eq!(files(folder.path()), ["baseline.gif", "manifest.json"]);
+        assert!(std::fs::read(&here).unwrap() == film);
+    }
+}
+
+/// A clamped rod whose wave grows until the rod folds over.
+#[cfg(feature = "pictures")]
+#[test]
+fn a_run_that_fails_says_why_before_its_films_which_show_what_was_simulated() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("fast.toml");
+    let text_of_scene = "name = \"fast\"\n[rod]\nnodes = 5\nlength_m = 0.3\nouter_radius_m = 0.004\ninner_radius_m = 0.0\n\
+        youngs_modulus_pa = 2e6\ndensity_kg_m3 = 1100.0\n[start]\nkind = \"shaped\"\n[medium]\nviscosity_pa_s = 1.0\n\
+        density_kg_m3 = 1260.0\n[drag]\nlaw = \"stokes-like\"\nratio = 2.0\n[head]\nkind = \"driven\"\n\
+        position_m = [0.0, { amplitude = 0.02, frequency_hz = 33.0 }]\nangle_rad = { amplitude = 0.4, frequency_hz = 33.0 }\n\
+        [solver]\nintegrator = \"newmark\"\ntime_step_s = 5e-4\nduration_s = 2.9\n";
+    std::fs::write(&scene, text_of_scene).unwrap();
+    let [scene, out, film] =
+        [&scene, folder.path(), &folder.path().join("part.gif")].map(|path| path.to_str().unwrap());
+    // The run fails at 1.77 s.
+    for (more, made) in [(&["--from", "1.8", "--until", "2"][..], false), (&["--from", "1.7"], true), (&[], true)] {
+        let output = caudal(&[&["export", scene, film, "--gif", "--out", out, "--force"], more].concat());
+        let said = text(&output.stderr);
+        let lines: Vec<&str> = said.lines().collect();
+        assert!(output.status.code() == Some(1) && lines[0].contains("t = 1.7"), "{more:?}: {said}");
+        assert!(
+            lines[1..].iter().all(|line| line.contains("allowed: a part of the run, 0 to 1.7")),
+            "{more:?}: {said}"
+        );
+        assert_eq!(lines.len(), if made { 1 } else { 3 }, "{more:?}: {said}");
+        for name in ["part.gif", "fast.gif"] {
+            assert_eq!(folder.path().join(name).exists(), made, "{more:?}: {name}, {said}");
+        }
+    }
+}
+
+#[cfg(feature = "pictures")]
+#[test]
 fn the_delays_of_a_gif_do_not_add_up_their_rounding() {
     let folder = tempfile::tempdir().unwrap();
     let all = [
