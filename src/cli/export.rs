@@ -226,6 +226,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     }
     let cycle = stepper.cycles().whole(f64::INFINITY).last().map(|cycle| [cycle.from, cycle.until]);
     let simulated = [run[0], stepper.time()];
+    let mut is_any_written = arguments.vtk;
     for (path, record) in films.into_iter().zip(records).filter(|_| !is_interrupted) {
         let motion = record.finish(&stepper);
         let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle, drive };
@@ -250,7 +251,10 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             drawn.map(|()| excerpt)
         };
         match make() {
-            Ok(excerpt) => print_unless_quiet(&format!("{} was written: {excerpt}", path.display())),
+            Ok(excerpt) => {
+                is_any_written = true;
+                print_unless_quiet(&format!("{} was written: {excerpt}", path.display()));
+            }
             Err(Error::Interrupted) => {
                 let kept = if path.exists() { "; the earlier one is kept" } else { "" };
                 print_error(&format!("interrupted: {} was not written{kept}", path.display()));
@@ -263,7 +267,7 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
             }
         }
     }
-    if matches!(outcome.ending, Ending::Failed(_)) {
+    if matches!(outcome.ending, Ending::Failed(_)) && is_any_written {
         print_unless_quiet("what was computed until then is there");
     }
     Ok(if is_interrupted { ExitCode::from(exit::INTERRUPTED) } else { whole })

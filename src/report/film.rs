@@ -980,7 +980,6 @@ mod tests {
             (10.5, swing, Some(1.0 / 2.117), Some([10.5 - 2.117, 10.5]), Some(2.117)),
             (10.0, two, Some(2f64.sqrt()), None, None),
             (11.7, two, Some(2f64.sqrt()), None, None),
-            (12.7, two, Some(2f64.sqrt()), Some([11.7, 12.7]), None),
         ] {
             let times: Vec<f64> = (0..=2000).map(|n| end * f64::from(n) / 2000.0).collect();
             let x = [0.0, 0.5, 1.0].repeat(times.len());
