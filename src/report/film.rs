@@ -710,14 +710,21 @@ fn closes(motion: &FilmedMotion<'_>, [from, until]: [f64; 2]) -> bool {
     shape_distance(motion, [from, until]) <= CLOSED * most // never of what is not finite
 }
 
+/// The times (s) of a motion before its last one, from the end, each with the time to the next one.
+fn spacings(motion: &FilmedMotion<'_>) -> impl Iterator<Item = (f64, f64)> {
+    motion.times().rev().zip(motion.times().rev().skip(1)).map(|(time, before)| (before, time - before))
+}
+
+/// The time between two frames at the end of a motion, s; the very last one may be nearer.
+fn spacing_at_end(motion: &FilmedMotion<'_>) -> f64 {
+    spacings(motion).take(3).map(|(_, spacing)| spacing).fold(0.0, f64::max)
+}
+
 /// The time (s) since which the frames of a motion show it as it is: there are enough per period of its drive (Hz), or as many as at its end.
 fn densely_recorded_since(motion: &FilmedMotion<'_>, drive: Option<f64>) -> f64 {
-    let spacings =
-        || motion.times().rev().zip(motion.times().rev().skip(1)).map(|(time, before)| (before, time - before));
-    let at_end = spacings().take(3).map(|(_, spacing)| spacing).fold(0.0, f64::max); // the last frame may be off the grid
     let enough = drive.map_or(0.0, |frequency| 1.0 / (LEAST_PER_PERIOD * frequency));
-    let most = at_end.max(enough) * (1.0 + SPACING_TOLERANCE);
-    let dense = spacings().take_while(|(_, spacing)| *spacing <= most).last();
+    let most = spacing_at_end(motion).max(enough) * (1.0 + SPACING_TOLERANCE);
+    let dense = spacings(motion).take_while(|(_, spacing)| *spacing <= most).last();
     dense.map_or(f64::INFINITY, |(since, _)| since)
 }
 
@@ -725,8 +732,7 @@ fn densely_recorded_since(motion: &FilmedMotion<'_>, drive: Option<f64>) -> f64 
 /// flutter or a spin. A swing has each shape twice per cycle, with opposite velocities.
 fn last_return(motion: &FilmedMotion<'_>) -> Option<[f64; 2]> {
     let (begin, end) = (motion.times().next()?, motion.times().next_back()?);
-    let spacing =
-        motion.times().rev().zip(motion.times().rev().skip(1)).take(3).map(|(a, b)| a - b).fold(0.0, f64::max);
+    let spacing = spacing_at_end(motion);
     let since = densely_recorded_since(motion, None).max(0.5 * (begin + end)) + spacing;
     let last_step = change_of_shape(motion, [end - spacing, end]);
     let distances = |time: f64| {

@@ -584,6 +584,10 @@ fn what_can_be_refused_of_a_film_is_refused_before_the_run() {
             .status
             .success()
     );
+    // A scene of the same name in another file.
+    let elsewhere = tempfile::tempdir().unwrap();
+    let other = elsewhere.path().join("other.toml");
+    std::fs::copy("models/baseline.toml", &other).unwrap();
     let film = std::fs::read(folder.path().join("baseline.gif")).unwrap();
     let here = folder.path().join("baseline.gif");
     for (what, words) in [
@@ -593,7 +597,7 @@ fn what_can_be_refused_of_a_film_is_refused_before_the_run() {
         (&["--gif", "--speed", "1e-5", "--out", out], "allowed in a GIF: 3000"),
     ] {
         // This run would take hours.
-        let all = [&["export", "models/baseline.toml", "--set", "solver.duration_s=1e8"], what].concat();
+        let all = [&["export", other.to_str().unwrap(), "--set", "solver.duration_s=1e8"], what].concat();
         let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
         let refused = command.current_dir(env!("CARGO_MANIFEST_DIR")).args(all).env("PATH", "").output().unwrap();
         let said = text(&refused.stderr);
