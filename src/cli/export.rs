@@ -162,8 +162,14 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     // A run that ended before its duration is repeated up to there.
     let run = [stepper.time(), end.unwrap_or(scene.solver.duration_s.get())];
     let drive = fastest_drive(&scene, stepper.model());
+    let owner = || Owner::of("export", &scene);
+    let claim = Claim::forced(arguments.force);
+    let place_of = |path: &Path| path.parent().unwrap_or(&own).to_path_buf();
+    // A folder of results lists its films; other folders get no list.
+    let is_listed = |path: &PathBuf| arguments.film.as_ref() != Some(path) || place_of(path).join(MANIFEST).exists();
     for path in &films {
-        if let Err(error) = film.check(path, run, drive) {
+        let listed = || if is_listed(path) { Folder::admit_export(path, owner(), claim) } else { Ok(()) };
+        if let Err(error) = film.check(path, run, drive).and_then(|()| listed()) {
             return Ok(refuse(&error));
         }
         if let Some(warning) = film.warning(path, drive) {
@@ -179,7 +185,6 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     if folder.is_none() && !arguments.formats().is_empty() {
         whole = arguments.convert(&own)?;
     }
-    let owner = || Owner::of("export", &scene);
     let fields = match &arguments.fields {
         None => vtk::fields(&stepper),
         named => vtk::POSITIONS.map(str::to_string).into_iter().chain(named.iter().flatten().cloned()).collect(),
@@ -210,50 +215,62 @@ pub fn export(arguments: &ExportArguments) -> Result<ExitCode> {
     if let Some(mut trajectory) = trajectory {
         trajectory.finish(&stepper);
         let out = arguments.out.clone().unwrap_or_else(|| own.join(VTK_FOLDER));
-        let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
+        let mut held = Folder::export(&out, owner(), claim)?;
         let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
         whole = print_written(&kept, &out, &format!("{}.pvd", scene.name));
     }
+    // The reason of a failure stands before what is said of the films of what was simulated.
+    if let Ending::Failed(error) = &outcome.ending {
+        print_error(&error.to_string());
+        whole = ExitCode::from(exit::FAILED);
+    }
     let cycle = stepper.cycles().whole(f64::INFINITY).last().map(|cycle| [cycle.from, cycle.until]);
+    let simulated = [run[0], stepper.time()];
+    let mut is_any_written = arguments.vtk;
     for (path, record) in films.into_iter().zip(records).filter(|_| !is_interrupted) {
         let motion = record.finish(&stepper);
         let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle, drive };
-        let (place, name) = (path.parent().unwrap_or(&own), path.file_name().unwrap_or_default().to_string_lossy());
-        // A folder of results lists its films; other folders get no list.
-        let is_listed = arguments.film.as_ref() != Some(&path) || place.join(MANIFEST).exists();
-        let mut held = is_listed.then(|| Folder::export(place, owner(), Claim::forced(arguments.force))).transpose()?;
-        if let Some(held) = &mut held {
-            held.exports().admit(&name)?;
-            held.let_others();
+        let make = || {
+            film.check(&path, simulated, drive)?; // what is chosen may be after the end of a run that failed
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let folder = is_listed(&path).then(|| Folder::export(&place_of(&path), owner(), claim));
+            let mut held = folder.transpose()?;
+            if let Some(held) = &mut held {
+                held.exports().admit(&name)?;
+                held.let_others();
+            }
+            let excerpt = film.excerpt(&path, &motion)?;
+            let pictures = excerpt.pictures as f64;
+            let progress = Progress::of(Unit::Exactly("pictures"), pictures);
+            let drawn = film.write(&path, &motion, &excerpt, |part| {
+                progress.set((part * pictures).round());
+                raised()
+            });
+            drop(progress);
+            let _ = held.as_mut().map(Folder::relock); // its list is removed with it if no film was written
+            drawn.map(|()| excerpt)
+        };
+        match make() {
+            Ok(excerpt) => {
+                is_any_written = true;
+                print_unless_quiet(&format!("{} was written: {excerpt}", path.display()));
+            }
+            Err(Error::Interrupted) => {
+                let kept = if path.exists() { "; the earlier one is kept" } else { "" };
+                print_error(&format!("interrupted: {} was not written{kept}", path.display()));
+                return Ok(ExitCode::from(exit::INTERRUPTED));
+            }
+            // The other films are made.
+            Err(error) => {
+                print_error(&error.to_string());
+                whole = ExitCode::from(exit::FAILED);
+            }
         }
-        let excerpt = film.excerpt(&path, &motion)?;
-        let pictures = excerpt.pictures as f64;
-        let progress = Progress::of(Unit::Exactly("pictures"), pictures);
-        let drawn = film.write(&path, &motion, &excerpt, |part| {
-            progress.set((part * pictures).round());
-            raised()
-        });
-        drop(progress);
-        let _ = held.as_mut().map(Folder::relock); // its list is removed with it if no film was written
-        drop(held);
-        if drawn == Err(Error::Interrupted) {
-            let kept = if path.exists() { "; the earlier one is kept" } else { "" };
-            print_error(&format!("interrupted: {} was not written{kept}", path.display()));
-            return Ok(ExitCode::from(exit::INTERRUPTED));
-        }
-        drawn?;
-        print_unless_quiet(&format!("{} was written: {excerpt}", path.display()));
     }
-    Ok(match outcome.ending {
-        Ending::Complete => whole,
-        Ending::Interrupted if !is_interrupted => whole,
-        Ending::Interrupted => ExitCode::from(exit::INTERRUPTED),
-        Ending::Failed(error) => {
-            print_error(&error.to_string());
-            print_unless_quiet("what was computed until then is there");
-            ExitCode::from(exit::FAILED)
-        }
-    })
+    if matches!(outcome.ending, Ending::Failed(_)) && is_any_written {
+        print_unless_quiet("what was computed until then is there");
+    }
+    Ok(if is_interrupted { ExitCode::from(exit::INTERRUPTED) } else { whole })
 }
 
 /// What the summary of a run says of it.

@@ -1,6 +1,5 @@
 //! Films of a moving rod: animated SVG, GIF, or MP4 by ffmpeg.
 
-use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::VecDeque;
 use std::fmt;
@@ -158,6 +157,16 @@ enum FilmedPart {
     },
 }
 
+impl FilmedPart {
+    /// The duration (s) of last periods of this frequency (Hz), which does not have the rounding of their first and last time.
+    fn span(self, frequency: f64) -> Option<f64> {
+        match self {
+            Self::LastPeriods { count, .. } => Some(count / frequency),
+            Self::Chosen | Self::Cycle | Self::Whole => None,
+        }
+    }
+}
+
 impl fmt::Display for FilmExcerpt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [from, until] = self.window.map(|time| in_sentence(time, digits_of(self.window)));
@@ -187,15 +196,20 @@ impl FilmSettings {
     ///
     /// # Errors
     /// [`Error::Write`] for an extension other than .svg, .gif and .mp4, a run of one time, a window outside the run, a
-    /// sharpness that is out of range, rates that are not positive or too large, frames per second of an SVG, and a file that caudal did
-    /// not write, unless the claim is forced; [`Error::Occupied`] for a result.
+    /// sharpness that is out of range, rates that are not positive or too large, frames per second of an SVG, too many pictures, an MP4
+    /// without ffmpeg, and a file that caudal did not write, unless the claim is forced; [`Error::Occupied`] for a result.
     pub fn check(&self, path: &Path, run: [f64; 2], drive: Option<f64>) -> Result<()> {
-        let plan = self.plan(path, run)?;
-        let span = plan.window[1] - plan.window[0];
-        // Without a choice it shows at least a period.
-        let shown = if plan.is_chosen { Some(span) } else { drive.map(|frequency| span.min(frequency.recip())) };
-        let Some(shown) = shown else { return Ok(()) };
-        self.admit_pictures(path, plan.format, self.pictures(plan.format, shown, self.speed_of(shown, drive), drive))
+        let FilmPlan { format, window: [first, last], is_chosen } = self.plan(path, run)?;
+        if format == FilmFormat::Mp4 {
+            find_ffmpeg(path)?;
+        }
+        let span = last - first;
+        let shown = match (is_chosen, drive) {
+            (true, _) => span,
+            (false, Some(frequency)) => self.part(format, span, drive, f64::INFINITY).span(frequency).unwrap_or(span),
+            (false, None) => return Ok(()), // it may have a cycle
+        };
+        self.admit_pictures(path, format, self.pictures_of(format, shown, drive))
     }
 
     /// What is to be said of such a film: that it has too few pictures per period of the drive.
@@ -235,12 +249,32 @@ impl FilmSettings {
         self.speed.unwrap_or_else(easy)
     }
 
-    /// The number of pictures of a film of this span (s) at this speed.
+    /// The part of a motion of this `span` (s) and frequency (Hz) that is shown if none is chosen and the motion has no cycle: all of it,
+    /// or as many of its last periods as there is room for, at least one and at most so many as are densely recorded.
+    fn part(&self, format: FilmFormat, span: f64, frequency: Option<f64>, recorded: f64) -> FilmedPart {
+        let of_whole = self.pictures_of(format, span, frequency);
+        let most = format.most_pictures().min(MAX_FRAMES_BY_DEFAULT);
+        match frequency.map(|frequency| periods_in(span, frequency)).filter(|periods| *periods >= 1.0) {
+            Some(periods) if of_whole > most => {
+                let count = (most / of_whole * periods).min(recorded).floor().max(1.0);
+                FilmedPart::LastPeriods { count, of_whole }
+            }
+            _ => FilmedPart::Whole,
+        }
+    }
+
+    /// The number of pictures of a film of this span (s) of a motion with this frequency (Hz).
+    fn pictures_of(&self, format: FilmFormat, span: f64, frequency: Option<f64>) -> f64 {
+        self.pictures(format, span, self.speed_of(span, frequency), frequency)
+    }
+
+    /// The same at this speed.
     fn pictures(&self, format: FilmFormat, span: f64, speed: f64, frequency: Option<f64>) -> f64 {
         match format {
             FilmFormat::Svg => {
                 let [least, most] = KEYFRAMES;
-                let wanted = KEYFRAMES_PER_CYCLE * frequency.map_or(0.0, |frequency| span * frequency) + 1.0;
+                let periods = frequency.map_or(0.0, |frequency| periods_in(span, frequency));
+                let wanted = KEYFRAMES_PER_CYCLE * periods + 1.0;
                 wanted.ceil().max((KEYFRAMES_PER_SECOND * span / speed).clamp(least, most).round())
             }
             FilmFormat::Gif | FilmFormat::Mp4 => (span / speed * self.rate()).round().max(2.0),
@@ -314,19 +348,22 @@ impl FilmSettings {
     }
 
     /// What a film of `motion` that is written to `path` shows of it: what is chosen; otherwise the last cycle, if the motion repeats; otherwise
-    /// all of it, or its last periods.
+    /// all of it, or its last periods. Of a cycle or of last periods all is densely recorded.
     ///
     /// # Errors
     /// Those of [`check`](Self::check).
     pub fn excerpt(&self, path: &Path, motion: &FilmedMotion<'_>) -> Result<FilmExcerpt> {
         let run = [motion.times().next(), motion.times().next_back()].map(|time| time.unwrap_or(f64::NAN));
         let FilmPlan { format, window, is_chosen } = self.plan(path, run)?;
-        let returns = motion.cycle.or_else(|| last_return(motion)).filter(|[from, until]| until > from);
-        let cycle = returns.filter(|cycle| !is_chosen && closes(motion, *cycle));
+        // The cycle of a drive is known, and a motion of incommensurable drives has none.
+        let returns = if motion.drive.is_none() { motion.cycle.or_else(|| last_return(motion)) } else { motion.cycle };
+        let dense = densely_recorded_since(motion, motion.drive);
+        let is_dense = |[from, until]: &[f64; 2]| until > from && *from >= dense - SAME_TIME * (until - from);
+        let cycle = returns.filter(is_dense).filter(|cycle| !is_chosen && closes(motion, *cycle));
         // Of several frequencies the fastest one counts: what is between two pictures is not seen, or interpolated.
         let frequency = motion.drive.or_else(|| motion.cycle.or(cycle).map(|[from, until]| (until - from).recip()));
         let excerpt = |part: FilmedPart, window: [f64; 2]| {
-            let span = window[1] - window[0];
+            let span = frequency.and_then(|frequency| part.span(frequency)).unwrap_or(window[1] - window[0]);
             let closes = part == FilmedPart::Cycle || closes(motion, window);
             let mut speed = self.speed_of(span, frequency);
             if format == FilmFormat::Svg && self.speed.is_none() {
@@ -347,24 +384,16 @@ impl FilmSettings {
             let chosen = excerpt(FilmedPart::Chosen, window);
             return self.admit_pictures(path, format, chosen.pictures as f64).map(|()| chosen);
         }
-        let fits = |excerpt: &FilmExcerpt, most: f64| excerpt.pictures as f64 <= most;
-        if let Some(cycle) = cycle.map(|cycle| excerpt(FilmedPart::Cycle, cycle)).filter(|cycle| fits(cycle, most)) {
+        let cycle = cycle.map(|cycle| excerpt(FilmedPart::Cycle, cycle));
+        if let Some(cycle) = cycle.filter(|cycle| cycle.pictures as f64 <= most) {
             return Ok(cycle);
         }
-        let whole = excerpt(FilmedPart::Whole, window);
-        if fits(&whole, most.min(MAX_FRAMES_BY_DEFAULT)) {
-            return Ok(whole);
-        }
-        let (of_whole, [first, last]) = (whole.pictures as f64, window);
-        let periods = frequency.map_or(0.0, |frequency| frequency * (last - first));
-        let count = (most.min(MAX_FRAMES_BY_DEFAULT) / of_whole * periods).floor();
-        let shown = frequency
-            .filter(|_| count >= 1.0)
-            .map(|frequency| excerpt(FilmedPart::LastPeriods { count, of_whole }, [last - count / frequency, last]));
-        match shown.filter(|shown| fits(shown, most)) {
-            Some(shown) => Ok(shown),
-            None => self.admit_pictures(path, format, of_whole).map(|()| whole),
-        }
+        let [first, last] = window;
+        let recorded = frequency.map_or(0.0, |frequency| periods_in(last - dense, frequency));
+        let part = self.part(format, last - first, frequency, recorded);
+        let from = frequency.and_then(|frequency| part.span(frequency)).map_or(first, |span| last - span);
+        let shown = excerpt(part, [from, last]);
+        self.admit_pictures(path, format, shown.pictures as f64).map(|()| shown)
     }
 
     /// Writes a film to `path`, which ends in .svg, .gif or .mp4, of an [`excerpt`](Self::excerpt) of a motion. `watch` is called before each
@@ -441,7 +470,6 @@ impl FilmSettings {
     }
 
     fn mp4(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
-        let refuse = |reason: Cow<'_, str>| Error::Write { path: path.to_path_buf(), reason: reason.into_owned() };
         let mut ffmpeg: Option<Child> = None;
         for pixels in frames {
             let pixels = pixels.inspect_err(|_| {
@@ -462,11 +490,7 @@ impl FilmSettings {
                     .stdout(Stdio::null())
                     .stderr(Stdio::piped())
                     .spawn();
-                let missing = "it needs the program ffmpeg, which is not installed; a .gif needs none";
-                ffmpeg = Some(child.map_err(|error| match error.kind() {
-                    std::io::ErrorKind::NotFound => refuse(missing.into()),
-                    _ => refuse(format!("ffmpeg: {error}").into()),
-                })?);
+                ffmpeg = Some(child.map_err(|error| no_ffmpeg(path, &error))?);
             }
             let input = ffmpeg.as_mut().and_then(|ffmpeg| ffmpeg.stdin.as_mut());
             // ffmpeg prints its error at the end.
@@ -478,9 +502,36 @@ impl FilmSettings {
         let end = ffmpeg.wait_with_output().map_err(|error| write_error(path, &error))?;
         match end.status.success() {
             true => Ok(()),
-            false => Err(refuse(format!("ffmpeg: {}", String::from_utf8_lossy(&end.stderr).trim()).into())),
+            false => {
+                let reason = format!("ffmpeg: {}", String::from_utf8_lossy(&end.stderr).trim());
+                Err(Error::Write { path: path.to_path_buf(), reason })
+            }
         }
     }
+}
+
+/// Refuses an MP4 at `path` if there is no program ffmpeg.
+fn find_ffmpeg(path: &Path) -> Result<()> {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    ffmpeg.status().map(drop).map_err(|error| no_ffmpeg(path, &error))
+}
+
+/// The error of an MP4 at `path` for which ffmpeg did not start.
+fn no_ffmpeg(path: &Path, error: &std::io::Error) -> Error {
+    let reason = match error.kind() {
+        std::io::ErrorKind::NotFound => {
+            "it needs the program ffmpeg, which is not installed; a .gif needs none".to_string()
+        }
+        _ => format!("ffmpeg: {error}"),
+    };
+    Error::Write { path: path.to_path_buf(), reason }
+}
+
+/// The number of periods of this frequency (Hz) in a span (s), whole where only rounding makes the difference.
+fn periods_in(span: f64, frequency: f64) -> f64 {
+    let periods = span * frequency;
+    if (periods - periods.round()).abs() <= PERIOD_TOLERANCE { periods.round() } else { periods }
 }
 
 /// True if the file at `path` is a film by caudal.
@@ -534,6 +585,12 @@ const RECORDED_PER_PERIOD: f64 = 48.0;
 
 /// Two times closer than this part of an interval are equal.
 const SAME_TIME: f64 = 1e-9;
+
+/// Numbers of periods that differ by less are equal.
+const PERIOD_TOLERANCE: f64 = 1e-6;
+
+/// Relative rounding of the time between two frames.
+const SPACING_TOLERANCE: f64 = 1e-3;
 
 impl FilmRecord {
     /// Starts with the current state of a run of `scene` until time `end` (s), for a film with these `settings` that is to be written to
@@ -626,15 +683,24 @@ impl FilmRecord {
     }
 }
 
-/// How far the shapes of the rod at two times are apart, the largest distance of a node, m: wherever it travels, unless the camera stays where
-/// it is.
-fn shape_distance(motion: &FilmedMotion<'_>, times: [f64; 2]) -> f64 {
+/// How each node moves from one time to another, m: wherever the rod travels, unless the camera stays where it is.
+fn change_of_shape(motion: &FilmedMotion<'_>, times: [f64; 2]) -> Vec<Vector2<f64>> {
     let [one, other] = times.map(|time| motion.at(time));
     let travel = match motion.can_be_followed() {
         true => one.iter().zip(&other).map(|(a, b)| b - a).sum::<Vector2<f64>>() / one.len().max(1) as f64,
         false => Vector2::zeros(),
     };
-    one.iter().zip(&other).map(|(a, b)| (b - a - travel).norm()).fold(0.0, f64::max)
+    one.iter().zip(&other).map(|(a, b)| b - a - travel).collect()
+}
+
+/// The largest of these, m.
+fn largest(changes: impl IntoIterator<Item = Vector2<f64>>) -> f64 {
+    changes.into_iter().map(|change| change.norm()).fold(0.0, f64::max)
+}
+
+/// How far the shapes of the rod at two times are apart, the largest distance of a node, m.
+fn shape_distance(motion: &FilmedMotion<'_>, times: [f64; 2]) -> f64 {
+    largest(change_of_shape(motion, times))
 }
 
 /// True if the rod has the same shape at both ends of the window (s), measured by how it changes in between.
@@ -644,17 +710,46 @@ fn closes(motion: &FilmedMotion<'_>, [from, until]: [f64; 2]) -> bool {
     shape_distance(motion, [from, until]) <= CLOSED * most // never of what is not finite
 }
 
-/// The last time (s) of a motion without a drive at which the rod had its last shape, and its last time: a cycle of a flutter or a spin.
+/// The times (s) of a motion before its last one, from the end, each with the time to the next one.
+fn spacings(motion: &FilmedMotion<'_>) -> impl Iterator<Item = (f64, f64)> {
+    motion.times().rev().zip(motion.times().rev().skip(1)).map(|(time, before)| (before, time - before))
+}
+
+/// The time between two frames at the end of a motion, s; the very last one may be nearer.
+fn spacing_at_end(motion: &FilmedMotion<'_>) -> f64 {
+    spacings(motion).take(3).map(|(_, spacing)| spacing).fold(0.0, f64::max)
+}
+
+/// The time (s) since which the frames of a motion show it as it is: there are enough per period of its drive (Hz), or as many as at its end.
+fn densely_recorded_since(motion: &FilmedMotion<'_>, drive: Option<f64>) -> f64 {
+    let enough = drive.map_or(0.0, |frequency| 1.0 / (LEAST_PER_PERIOD * frequency));
+    let most = spacing_at_end(motion).max(enough) * (1.0 + SPACING_TOLERANCE);
+    let dense = spacings(motion).take_while(|(_, spacing)| *spacing <= most).last();
+    dense.map_or(f64::INFINITY, |(since, _)| since)
+}
+
+/// The last time (s) of a motion without a drive at which the rod had its last shape and its last velocities, and its last time: a cycle of a
+/// flutter or a spin. A swing has each shape twice per cycle, with opposite velocities.
 fn last_return(motion: &FilmedMotion<'_>) -> Option<[f64; 2]> {
     let (begin, end) = (motion.times().next()?, motion.times().next_back()?);
-    let earlier = motion.times().rev().filter(|time| *time >= 0.5 * (begin + end));
-    let earlier: Vec<_> = earlier.take(MAX_ROWS_BACK).map(|time| (time, shape_distance(motion, [time, end]))).collect();
-    let most = earlier.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
-    let left = earlier.iter().position(|(_, distance)| *distance > 0.5 * most)?;
-    let back = left + earlier[left..].iter().position(|(_, distance)| *distance < CLOSED * most)?;
+    let spacing = spacing_at_end(motion);
+    let since = densely_recorded_since(motion, None).max(0.5 * (begin + end)) + spacing;
+    let last_step = change_of_shape(motion, [end - spacing, end]);
+    let distances = |time: f64| {
+        let step = change_of_shape(motion, [time - spacing, time]);
+        let change = largest(step.iter().zip(&last_step).map(|(step, last)| last - step));
+        [shape_distance(motion, [time, end]), change]
+    };
+    let earlier = motion.times().rev().take_while(|time| *time >= since).take(MAX_ROWS_BACK);
+    let earlier: Vec<(f64, [f64; 2])> = earlier.map(|time| (time, distances(time))).collect();
+    let most = earlier.iter().fold([0.0, 0.0], |most, (_, distances)| [0, 1].map(|i| f64::max(most[i], distances[i])));
+    // Relative to the largest one, in the shape or in the velocities.
+    let apart = |distances: &[f64; 2]| f64::max(distances[0] / most[0], distances[1] / most[1]);
+    let left = earlier.iter().position(|(_, distances)| apart(distances) > 0.5)?;
+    let back = left + earlier[left..].iter().position(|(_, distances)| apart(distances) < CLOSED)?;
     // The closest of the rows nearby.
-    let near = earlier[back..].iter().take_while(|(_, distance)| *distance < CLOSED * most);
-    near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(time, _)| [*time, end])
+    let near = earlier[back..].iter().take_while(|(_, distances)| apart(distances) < CLOSED);
+    near.min_by(|a, b| apart(&a.1).total_cmp(&apart(&b.1))).map(|(time, _)| [*time, end])
 }
 
 /// A speed of 1, 2 or 5 times a power of ten near `best`; 1 if that is not far from it.
@@ -854,6 +949,90 @@ mod tests {
             assert!(said.ends_with(&wanted), "{said}");
         }
         assert_eq!(found[2].as_ref().unwrap().pictures, 15000, "an MP4 may be long");
+    }
+
+    #[test]
+    fn last_periods_fill_an_svg_whatever_the_rounding_of_their_times() {
+        let mut settings = Vec::new();
+        for duration in [20.0, 30.0, 50.0, 100.0, 1e5] {
+            for frequency in [0.7, 1.1, 2.0, 2.4, 3.0, 7.3, 33.0] {
+                let all = FilmSettings::default();
+                let FilmedPart::LastPeriods { count, .. } = all.part(FilmFormat::Svg, duration, Some(frequency), 1e9)
+                else {
+                    assert!(duration * frequency <= 25.0, "{duration} s at {frequency} Hz");
+                    continue;
+                };
+                let pictures = |span: f64| all.pictures_of(FilmFormat::Svg, span, Some(frequency));
+                let window = duration - (duration - count / frequency);
+                settings.push((count, pictures(count / frequency), pictures(window)));
+            }
+        }
+        // Where the whole has hardly more than 25 periods, 24 have room.
+        assert!(settings.iter().all(|found| found.0 >= 24.0 && found.1 <= 301.0 && found.2 <= 301.0), "{settings:?}");
+    }
+
+    #[test]
+    fn the_last_cycle_is_that_of_the_drive_or_one_in_which_the_velocities_come_back_too() {
+        let tau = std::f64::consts::TAU;
+        let swing = |t: f64| (tau * t / 2.117).sin();
+        let two = |t: f64| (tau * t).sin() + 0.9 * (tau * 2f64.sqrt() * t).sin();
+        type Of<'a> = &'a dyn Fn(f64) -> f64;
+        let [swing, two]: [Of<'_>; 2] = [&swing, &two];
+        for (end, of, drive, cycle, part) in [
+            (10.0, swing, None, None, Some(2.117)),
+            (10.2, swing, None, None, Some(2.117)),
+            (10.5, swing, None, None, Some(2.117)),
+            (10.5, swing, Some(1.0 / 2.117), None, None),
+            (10.5, swing, Some(1.0 / 2.117), Some([10.5 - 2.117, 10.5]), Some(2.117)),
+            (10.0, two, Some(2f64.sqrt()), None, None),
+            (11.7, two, Some(2f64.sqrt()), None, None),
+        ] {
+            let times: Vec<f64> = (0..=2000).map(|n| end * f64::from(n) / 2000.0).collect();
+            let x = [0.0, 0.5, 1.0].repeat(times.len());
+            let y: Vec<f64> = times.iter().flat_map(|t| [0.0, 0.1, 0.3].map(|part| part * of(*t))).collect();
+            let motion = FilmedMotion { name: "rod", motion: &motion(&times, &x, &y), cycle, drive };
+            for path in ["rod.svg", "rod.gif"] {
+                let shown = FilmSettings::default().excerpt(Path::new(path), &motion).unwrap();
+                let case = format!("{end} s, {drive:?}, {path}: {shown}");
+                assert_eq!(shown.part == FilmedPart::Cycle, part.is_some(), "{case}");
+                let span = shown.window[1] - shown.window[0];
+                assert!((span - part.unwrap_or(end)).abs() < 0.02, "{case}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_cycle_is_shown_only_where_its_frames_are_dense() {
+        // A slow motion and a fast one, of which only the last 5 s are recorded densely.
+        let early = (0..950).map(|n| 0.1 * f64::from(n)).filter(|time| *time < 95.0);
+        let times: Vec<f64> = early.chain((0..=2400).map(|n| 95.0 + 5.0 * f64::from(n) / 2400.0)).collect();
+        let tau = std::f64::consts::TAU;
+        let of = |t: f64| (0.1 * tau * t).sin() + 0.1 * (10.0 * tau * t).sin();
+        let x = [0.0, 0.5, 1.0].repeat(times.len());
+        let y: Vec<f64> = times.iter().flat_map(|t| [0.0, 0.1, 0.3].map(|part| part * of(*t))).collect();
+        let motion = motion(&times, &x, &y);
+        for (cycle, drive) in [(Some([90.0, 100.0]), Some(10.0)), (None, None), (Some([90.0, 100.0]), None)] {
+            let motion = FilmedMotion { name: "rod", motion: &motion, cycle, drive };
+            for path in ["rod.gif", "rod.mp4"] {
+                let shown = FilmSettings::default().excerpt(Path::new(path), &motion).unwrap();
+                assert!(shown.part != FilmedPart::Cycle, "{drive:?}, {path}: {shown}");
+                assert!(shown.pictures <= 600 && (drive.is_none() || shown.window[0] >= 95.0), "{path}: {shown}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_slow_film_shows_the_last_period_where_that_has_room_and_is_otherwise_refused_before_the_run() {
+        for (speed, count) in [(0.02, Some(1.0)), (0.05, Some(1.0)), (0.1, Some(2.0)), (1e-3, None)] {
+            let settings = FilmSettings { speed: Some(speed), ..FilmSettings::default() };
+            let checked = settings.check(Path::new("rod.gif"), [0.0, 8.0], Some(1.0));
+            let shown = excerpts(settings, 8.0, 1.0, false).remove(1);
+            assert_eq!(checked.is_ok(), shown.is_ok(), "{speed}: {checked:?}, {shown:?}");
+            let found = shown.ok().map(|shown| (shown.part, shown.window));
+            let window = count.map(|count| [8.0 - count, 8.0]);
+            assert_eq!(found.map(|(_, window)| window), window, "{speed}");
+            assert!(found.is_none_or(|(part, _)| matches!(part, FilmedPart::LastPeriods { .. })), "{speed}");
+        }
     }
 
     #[test]

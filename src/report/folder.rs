@@ -330,6 +330,18 @@ impl Folder {
         Manifest::read(folder).ok()??.result(&name).filter(|_| path.exists())
     }
 
+    /// Refuses the path of a file that no export of `owner` may replace, without a claim to its folder.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`]; [`Error::Read`] for a list of files that cannot be read.
+    pub fn admit_export(path: &Path, owner: Owner, claim: Claim) -> Result<()> {
+        let [Some(folder), Some(name)] = [path.parent(), path.file_name().map(Path::new)] else { return Ok(()) };
+        let (manifest, made) = (Manifest::default(), CreatedFolders::default());
+        let mut folder = Self { path: folder.to_path_buf(), lock: None, owner, claim, manifest, new: false, made };
+        folder.read()?;
+        folder.admit_in(Role::Export, &name.to_string_lossy())
+    }
+
     /// Its path.
     pub fn path(&self) -> &Path {
         &self.path

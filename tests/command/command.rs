@@ -576,6 +576,92 @@ fn a_film_that_cannot_be_made_is_refused_before_the_run() {
 
 #[cfg(feature = "pictures")]
 #[test]
+fn what_can_be_refused_of_a_film_is_refused_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    assert!(
+        caudal(&["export", "models/baseline.toml", "--set", "solver.duration_s=0.2", "--gif", "--out", out])
+            .status
+            .success()
+    );
+    // A scene of the same name in another file.
+    let elsewhere = tempfile::tempdir().unwrap();
+    let other = elsewhere.path().join("other.toml");
+    std::fs::copy("models/baseline.toml", &other).unwrap();
+    let film = std::fs::read(folder.path().join("baseline.gif")).unwrap();
+    let here = folder.path().join("baseline.gif");
+    for (what, words) in [
+        (&["--gif", "--out", out][..], "baseline.gif"),
+        (&[here.to_str().unwrap()], "baseline.gif"),
+        (&["--mp4", "--out", out], "it needs the program ffmpeg, which is not installed; a .gif needs none"),
+        (&["--gif", "--speed", "1e-5", "--out", out], "allowed in a GIF: 3000"),
+    ] {
+        // This run would take hours.
+        let all = [&["export", other.to_str().unwrap(), "--set", "solver.duration_s=1e8"], what].concat();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
+        let refused = command.current_dir(env!("CARGO_MANIFEST_DIR")).args(all).env("PATH", "").output().unwrap();
+        let said = text(&refused.stderr);
+        assert!(refused.status.code() == Some(2) && said.contains(words), "{what:?}: {said}");
+        assert!(said.lines().count() == 1 && text(&refused.stdout).is_empty(), "{what:?}: {said}");
+        assert_eq!(files(folder.path()), ["baseline.gif", "manifest.json"]);
+        assert!(std::fs::read(&here).unwrap() == film);
+    }
+}
+
+/// A soft rod that folds over at 1.77 s.
+#[cfg(feature = "pictures")]
+const FOLDING: &str = r#"
+name = "fast"
+[rod]
+nodes = 5
+length_m = 0.3
+outer_radius_m = 0.004
+inner_radius_m = 0.0
+youngs_modulus_pa = 2e6
+density_kg_m3 = 1100.0
+[start]
+kind = "shaped"
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1260.0
+[drag]
+law = "stokes-like"
+ratio = 2.0
+[head]
+kind = "driven"
+position_m = [0.0, { amplitude = 0.02, frequency_hz = 33.0 }]
+angle_rad = { amplitude = 0.4, frequency_hz = 33.0 }
+[solver]
+integrator = "newmark"
+time_step_s = 5e-4
+duration_s = 2.9
+"#;
+
+#[cfg(feature = "pictures")]
+#[test]
+fn a_run_that_fails_says_why_before_its_films_which_show_what_was_simulated() {
+    let folder = tempfile::tempdir().unwrap();
+    let [scene, film] = ["fast.toml", "part.gif"].map(|name| folder.path().join(name));
+    std::fs::write(&scene, FOLDING).unwrap();
+    let [scene, out, film] = [&scene, folder.path(), &film].map(|path: &Path| path.to_str().unwrap());
+    for (more, made) in [(&["--from", "1.8", "--until", "2"][..], false), (&["--from", "1.7"], true), (&[], true)] {
+        let output = caudal(&[&["export", scene, film, "--gif", "--out", out, "--force"], more].concat());
+        let said = text(&output.stderr);
+        let lines: Vec<&str> = said.lines().collect();
+        assert!(output.status.code() == Some(1) && lines[0].contains("t = 1.7"), "{more:?}: {said}");
+        assert!(
+            lines[1..].iter().all(|line| line.contains("allowed: a part of the run, 0 to 1.7")),
+            "{more:?}: {said}"
+        );
+        assert_eq!(lines.len(), if made { 1 } else { 3 }, "{more:?}: {said}");
+        for name in ["part.gif", "fast.gif"] {
+            assert_eq!(folder.path().join(name).exists(), made, "{more:?}: {name}, {said}");
+        }
+    }
+}
+
+#[cfg(feature = "pictures")]
+#[test]
 fn the_delays_of_a_gif_do_not_add_up_their_rounding() {
     let folder = tempfile::tempdir().unwrap();
     let all = [

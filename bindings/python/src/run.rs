@@ -163,8 +163,8 @@ pub fn pictures(
     py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, claim)?.complete()).or_raise(py)
 }
 
-/// Writes a film of the rod of a scene with these positions of the nodes, a row per time; `look` holds pictures per second,
-/// speed, pixels per px, the first and last time, and whether another file is replaced.
+/// Writes a film of the rod of a scene with these positions of the nodes, a row per time; `cycle` is the last whole cycle of the run, if
+/// it has cycles; `look` holds pictures per second, speed, pixels per px, the first and last time, and whether another file is replaced.
 #[pyfunction]
 #[pyo3(name = "_film")]
 pub fn write_film(
@@ -173,6 +173,7 @@ pub fn write_film(
     scene: &Bound<'_, Scene>,
     times: Vec<f64>,
     positions: [PyReadonlyArrayDyn<'_, f64>; 2],
+    cycle: Option<[f64; 2]>,
     look: (Option<u32>, Option<f64>, f64, [f64; 2], bool),
 ) -> PyResult<()> {
     let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
@@ -185,8 +186,8 @@ pub fn write_film(
         let count = nodes.len();
         let row = |(n, time): (usize, f64)| (time, move |place: usize| [x, y].map(|all| all[n * count + place]));
         let motion = RodMotion::of_positions(&model, &nodes, times.into_iter().enumerate().map(row));
-        let motion =
-            FilmedMotion { name: &scene.name, motion: &motion, cycle: None, drive: fastest_drive(scene, &model) };
+        let drive = fastest_drive(scene, &model);
+        let motion = FilmedMotion { name: &scene.name, motion: &motion, cycle, drive };
         let film = FilmSettings { per_second, speed, sharpness, window, claim: Claim::forced(force) };
         let excerpt = film.excerpt(&path, &motion)?;
         film.write(&path, &motion, &excerpt, |_| attention.poll(|_| Ok(ControlFlow::Continue(()))))

@@ -62,6 +62,23 @@ def test_vtk_files_hold_what_was_recorded(result, tmp_path, command):
     assert caught.value.returncode == 2 and "--set" in caught.value.stderr
 
 
+@pytest.mark.parametrize("duration", [3.0, 3.1, 3.3])
+def test_a_film_shows_the_last_whole_cycle_of_the_run(duration, tmp_path):
+    head = {"kind": "driven", "position_m": [0.0, 0.0], "angle_rad": {"amplitude": 0.3, "frequency_hz": 1.0}}
+    rod = {"nodes": 9, "length_m": 0.3, "outer_radius_m": 0.01, "youngs_modulus_pa": 2e9, "density_kg_m3": 1100.0}
+    scene = {
+        "name": "pitch",
+        "rod": rod | {"inner_radius_m": 0.0},
+        "start": {"kind": "shaped"},
+        "medium": {"viscosity_pa_s": 1e-2, "density_kg_m3": 1000.0},
+        "drag": {"law": "cross-flow"},
+        "head": head,
+        "solver": {"time_step_s": 5e-3, "duration_s": duration},
+    }
+    caudal.run(scene).animate(tmp_path / "pitch.svg")
+    assert "pitch from t = 2 s to 3 s" in (tmp_path / "pitch.svg").read_text()
+
+
 def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, monkeypatch, command):
     image = pytest.importorskip("PIL.Image")
     result.animate(tmp_path / "tail.gif", fps=20, speed=0.1)

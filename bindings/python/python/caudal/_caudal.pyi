@@ -233,6 +233,7 @@ def _film(
     scene: Scene,
     times: npt.NDArray[np.float64],
     positions: list[npt.NDArray[np.float64]],
+    cycle: Optional[tuple[float, float]],
     look: tuple[Optional[int], Optional[float], float, tuple[float, float], bool],
 ) -> None: ...
 def _toml(value: Any) -> str: ...

@@ -406,7 +406,9 @@ class Result(Mapping[str, Array]):
             if name not in self:
                 raise ValueError(f"a film needs {name}: run(..., record=[..., 'x_m', 'y_m'])")
         positions = [np.ascontiguousarray(self[name]) for name in ("x_m", "y_m")]
-        _film(path, self.scene, self["time_s"], positions, (fps, speed, sharpness, window, force))
+        count, begin, until = (self.summary[key] for key in ("cycles_used", "cycles_from_s", "cycles_until_s"))
+        cycle = (until - (until - begin) / count, until) if count else None
+        _film(path, self.scene, self["time_s"], positions, cycle, (fps, speed, sharpness, window, force))
 
     def to_vtk(self, folder: Union[str, os.PathLike[str]], *, force: bool = False) -> list[str]:
         """Write the run for ParaView and other programs that read VTK.
