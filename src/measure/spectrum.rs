@@ -52,7 +52,7 @@ pub enum Purpose {
     /// The choice of steps, and estimates.
     Steps,
     /// The choice of pictures of a motion that ends at time `until` (s). A table counts up to this time, at the spacing of its closest
-    /// rows, and one that rests before this time is transient. The lines of a torque are those of the angle.
+    /// rows. One that rests or slows down before this time is transient, but not one that rests only before it moves. The lines of a torque are those of the angle.
     Pictures {
         /// The end of the motion, s.
         until: f64,
@@ -258,14 +258,23 @@ impl Spectrum {
                 };
                 let (end_of_rows, last) = (last, last.min(until));
                 let Some(mut moments) = Moments::of(rows, [first, last], |_| 1.0, velocity) else { return };
-                let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
-                let mut quarters =
-                    (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
+                let size_of = |span| Moments::of(rows, span, |_| 1.0, velocity).map_or(0.0, |m| m.size());
+                let is_steady = |[from, to]: [f64; 2], size: f64| {
+                    let quarter = |k: u32| [k, k + 1].map(|k| from + 0.25 * f64::from(k) * (to - from));
+                    !(0..4).any(|k| (size_of(quarter(k)) - size).abs() > STATIONARY_TOLERANCE * size)
+                };
                 let size = moments.size();
-                let is_transient = quarters.any(|quarter| (quarter - size).abs() > STATIONARY_TOLERANCE * size);
-                // After its rows a table rests.
-                let rests = moments.frequency() * (until - end_of_rows) > 1.0;
-                let is_transient = is_transient || rests;
+                let is_transient = match self.purpose {
+                    Purpose::Steps => !is_steady([first, last], size),
+                    // After its rows a table rests.
+                    Purpose::Pictures { .. } if moments.frequency() * (until - end_of_rows) > 1.0 => true,
+                    Purpose::Pictures { .. } => {
+                        let end = [last - 0.25 * (last - first), last];
+                        let at_end = size_of(end);
+                        let is_steady_at_end = at_end >= (1.0 - STATIONARY_TOLERANCE) * size && is_steady(end, at_end);
+                        !is_steady_at_end && !is_steady([first, last], size)
+                    }
+                };
                 self.is_transient |= is_transient;
                 // An incomplete period at the end gets less weight.
                 if !is_transient && moments.frequency() * (last - first) >= WINDOWED {
@@ -529,6 +538,12 @@ mod tests {
             ("one jump", table(60.0, |t| (0.9..=1.1).contains(&t), jump), 60.0, None),
             ("a sinusoid", table(60.0, |_| true, steady), 60.0, Some(2.0)),
             ("a sinusoid that ends before the run", table(20.0, |_| true, steady), 60.0, None),
+            (
+                "a sinusoid after a rest",
+                table(60.0, |_| true, |t| if t < 31.0 { 0.0 } else { steady(t) }),
+                60.0,
+                Some(2.0),
+            ),
             ("a run that ends before its table", table(60.0, |_| true, steady), 20.0, Some(2.0)),
         ] {
             let found = fastest_of_angle(angle, until);

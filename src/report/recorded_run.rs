@@ -304,23 +304,25 @@ fn scene_of(folder: &Path, summary: &Map<String, Value>) -> Option<Document> {
 /// The scene of a `document` if its tables are those of the run with this summary; otherwise says that in `missing`.
 fn unchanged(document: &Document, summary: &Map<String, Value>, missing: &mut Vec<String>) -> Option<Scene> {
     let text = |key: &str| summary.get(key).and_then(Value::as_str);
-    let lacks = "its film has no medium and no body";
-    let scene = match document.scene() {
-        Ok(scene) => scene,
+    let reason = match document.scene() {
+        Ok(scene) => {
+            let is_same = |fingerprint| fingerprint == scene.fingerprint_text();
+            if scene.tables().is_empty() || text("scene_fingerprint").is_none_or(is_same) {
+                return Some(scene);
+            }
+            match text("caudal_version").filter(|version| *version != env!("CARGO_PKG_VERSION")) {
+                None => "a table of its scene has changed since the run".to_string(),
+                Some(version) => {
+                    format!("version {version} made it, so its tables cannot be compared with those of today")
+                }
+            }
+        }
         Err(error) => {
-            missing.push(format!("its scene cannot be read any more: {error}; {lacks}"));
-            return None;
+            let error = error.to_string();
+            format!("its scene cannot be read any more: {}", error.lines().next().unwrap_or_default())
         }
     };
-    let is_same = |fingerprint| fingerprint == scene.fingerprint_text();
-    if scene.tables().is_empty() || text("scene_fingerprint").is_none_or(is_same) {
-        return Some(scene);
-    }
-    let version = text("caudal_version").filter(|version| *version != env!("CARGO_PKG_VERSION"));
-    missing.push(match version {
-        None => format!("a table of its scene has changed since the run: {lacks}; run the scene again"),
-        Some(version) => format!("whether the tables of its scene are those of the run is unknown, since it is of version {version}: {lacks}; run the scene again"),
-    });
+    missing.push(format!("{reason}; its film has no medium and no body. Run the scene again"));
     None
 }
 
