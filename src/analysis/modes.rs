@@ -457,8 +457,10 @@ fn mode(
         }
     }
     let largest = shape.iter().fold(0.0, |max: f64, x| if x.abs() > max.abs() { *x } else { max });
-    shape.iter_mut().for_each(|x| *x /= largest);
-    Mode { axis, frequency, shape, arc: arc / largest }
+    // The sum with zero makes 0 of −0.
+    let normalised = |x: f64| x / largest + 0.0;
+    shape.iter_mut().for_each(|x| *x = normalised(*x));
+    Mode { axis, frequency, shape, arc: normalised(arc) }
 }
 
 /// Number of nodes to either side to which M, and therefore its root L, couples a node.

@@ -43,6 +43,31 @@ const WINDOWED: f64 = 4.0;
 /// The largest number of samples of a table for its Fourier transform, a power of two.
 const TIMES: usize = 1 << 14;
 
+/// The largest number of samples of a table for the choice of pictures, a power of two.
+const TIMES_OF_PICTURES: usize = 1 << 17;
+
+/// What a spectrum is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Purpose {
+    /// The choice of steps, and estimates.
+    Steps,
+    /// The choice of pictures of a motion that ends at time `until` (s). A table counts up to this time, at the spacing of its closest
+    /// rows. One that rests or slows down before this time is transient, but not one that rests only before it moves. The lines of a torque are those of the angle.
+    Pictures {
+        /// The end of the motion, s.
+        until: f64,
+    },
+}
+
+/// How a signal moves the rod.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Position,
+    Velocity,
+    /// A torque, whose angle is proportional to 1/ω².
+    Torque,
+}
+
 /// A frequency at which something moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpectralLine {
@@ -50,6 +75,8 @@ pub struct SpectralLine {
     pub frequency: f64,
     /// Root mean square of the velocity that it gives the rod against the fluid, m/s.
     pub speed: f64,
+    /// True if it is of a non-stationary table.
+    pub is_transient: bool,
 }
 
 impl SpectralLine {
@@ -60,8 +87,9 @@ impl SpectralLine {
 }
 
 /// The lines of all drives of a rod.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {
+    purpose: Purpose,
     lines: Vec<SpectralLine>,
     /// True if a non-stationary table drives the rod.
     pub is_transient: bool,
@@ -78,17 +106,30 @@ impl Spectrum {
         tendons: &[Tendon],
         hinge: Option<&Hinge>,
     ) -> Self {
-        let mut spectrum = Self::default();
+        Self::with_purpose(Purpose::Steps, rod, actuation, head, flow, tendons, hinge)
+    }
+
+    /// The same for a purpose.
+    pub fn with_purpose(
+        purpose: Purpose,
+        rod: &Rod,
+        actuation: Option<(&dyn Actuation, Drive)>,
+        head: Option<&HeadMotion>,
+        flow: Option<&[Signal; 2]>,
+        tendons: &[Tendon],
+        hinge: Option<&Hinge>,
+    ) -> Self {
+        let mut spectrum = Self { purpose, lines: Vec::new(), is_transient: false };
         if let Some((actuation, drive)) = actuation {
             spectrum.add_actuation(rod, actuation, drive);
         }
         // A turning head moves each point of the rod by its distance from the head, L/√3 in the mean square.
         let arms = [1.0, 1.0, rod.length / 3f64.sqrt()];
         for (signal, arm) in head.into_iter().flatten().zip(arms) {
-            spectrum.add_signal(signal, arm, true);
+            spectrum.add_signal(signal, arm, Kind::Position);
         }
         for signal in flow.into_iter().flatten() {
-            spectrum.add_signal(signal, 1.0, false);
+            spectrum.add_signal(signal, 1.0, Kind::Velocity);
         }
         for tendon in tendons {
             // A tension T bends an unloaded rod by T d/EI, which moves it by half of that times the square of the distance, L²/√5
@@ -98,28 +139,33 @@ impl Spectrum {
             let arm = tendon.offset.abs() * length * length / (2.0 * 5f64.sqrt() * rod.joint_stiffness(middle));
             // A cable of stiffness k that is shortened by a winch moves the tip by at most that amount.
             let arm = tendon.winch().map_or(arm, |winch| (arm * winch.stiffness).min(length / tendon.offset.abs()));
-            spectrum.add_signal(tendon.signal(), arm, true);
+            spectrum.add_signal(tendon.signal(), arm, Kind::Position);
         }
         if let Some(Hinge { torque, inertia, .. }) = hinge {
-            // A torque T turns the rigid rod by T/(Iω²).
+            // A torque T turns the rigid rod by T/(Iω²). For steps, a table of it counts as one of ω = 1 rad/s.
             let whole = inertia + rod.inertia_about_head();
             let omega = match torque {
                 Signal::Sinusoid { frequency, .. } if *frequency != 0.0 => TAU * frequency,
                 _ => 1.0,
             };
-            spectrum.add_signal(torque, arms[2] / (whole * omega * omega), true);
+            spectrum.add_signal(torque, arms[2] / (whole * omega * omega), Kind::Torque);
         }
         spectrum
     }
 
     /// The spectrum of a model.
     pub fn of_model(model: &Model) -> Self {
+        Self::of_model_for(Purpose::Steps, model)
+    }
+
+    /// The spectrum of a model for a purpose.
+    pub fn of_model_for(purpose: Purpose, model: &Model) -> Self {
         let Model { rod, head, flow, tendons, hinge, .. } = model;
         let hinge = hinge.as_ref();
         let driven = model.with_curvature_wave(|actuation, drive| {
-            Self::of(rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons, hinge)
+            Self::with_purpose(purpose, rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons, hinge)
         });
-        driven.unwrap_or_else(|| Self::of(rod, None, head.as_ref(), flow.as_ref(), tendons, hinge))
+        driven.unwrap_or_else(|| Self::with_purpose(purpose, rod, None, head.as_ref(), flow.as_ref(), tendons, hinge))
     }
 
     /// The frequencies, each with its speed.
@@ -136,6 +182,13 @@ impl Spectrum {
     /// one that moves it most.
     pub fn fastest_of_amplitude(&self, least: f64) -> Option<f64> {
         self.of_amplitude(least.min(self.largest_amplitude())).reduce(f64::max)
+    }
+
+    /// The same without transient lines, which are over before the end; `None` if only those move the rod so far.
+    pub fn fastest_steady_of_amplitude(&self, least: f64) -> Option<f64> {
+        let least = least.min(self.largest_amplitude());
+        let steady = self.lines.iter().filter(|line| !line.is_transient && line.amplitude() >= least);
+        steady.map(|line| line.frequency).reduce(f64::max)
     }
 
     /// The frequencies (Hz) of the lines of at least this amplitude (m, root mean square).
@@ -162,10 +215,10 @@ impl Spectrum {
         self.lines.iter().copied().reduce(stronger).map(|line| line.frequency)
     }
 
-    fn add(&mut self, frequency: f64, speed: f64) {
+    fn add(&mut self, frequency: f64, speed: f64, is_transient: bool) {
         let frequency = frequency.abs();
         if frequency > 0.0 && frequency.is_finite() {
-            self.lines.push(SpectralLine { frequency, speed });
+            self.lines.push(SpectralLine { frequency, speed, is_transient });
         }
     }
 
@@ -178,18 +231,20 @@ impl Spectrum {
         let speed = shape_speed(rod, actuation, drive);
         for harmonic in &harmonics {
             let part = if all > 0.0 { rate(harmonic) / all } else { 0.0 };
-            self.add(harmonic.0 * drive.frequency, part * speed);
+            self.add(harmonic.0 * drive.frequency, part * speed, false);
         }
     }
 
-    /// Adds a signal: a position, whose rate moves the rod, or a velocity, acting over a distance `arm` (m, or 1).
-    fn add_signal(&mut self, signal: &Signal, arm: f64, is_position: bool) {
+    /// Adds a signal of a kind, acting over a distance `arm` (m, or 1).
+    fn add_signal(&mut self, signal: &Signal, arm: f64, kind: Kind) {
+        // The rate of a position or torque moves the rod.
+        let is_position = kind != Kind::Velocity;
         match signal {
             Signal::Constant(_) => {}
             Signal::Sinusoid { amplitude, frequency, .. } => {
                 let rate = if is_position { TAU * frequency.abs() } else { 1.0 };
                 if *amplitude != 0.0 {
-                    self.add(*frequency, FRAC_1_SQRT_2 * arm * rate * amplitude.abs());
+                    self.add(*frequency, FRAC_1_SQRT_2 * arm * rate * amplitude.abs(), false);
                 }
             }
             Signal::Table(rows) => {
@@ -197,12 +252,29 @@ impl Spectrum {
                     if is_position { [rate, acceleration] } else { [row, rate] }
                 };
                 let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.time));
+                let (until, density) = match self.purpose {
+                    Purpose::Steps => (last, Density::Mean),
+                    Purpose::Pictures { until } => (until, Density::Closest),
+                };
+                let (end_of_rows, last) = (last, last.min(until));
                 let Some(mut moments) = Moments::of(rows, [first, last], |_| 1.0, velocity) else { return };
-                let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
-                let mut quarters =
-                    (0..4).map(|k| Moments::of(rows, quarter(k), |_| 1.0, velocity).map_or(0.0, |m| m.size()));
+                let size_of = |span| Moments::of(rows, span, |_| 1.0, velocity).map_or(0.0, |m| m.size());
+                let is_steady = |[from, to]: [f64; 2], size: f64| {
+                    let quarter = |k: u32| [k, k + 1].map(|k| from + 0.25 * f64::from(k) * (to - from));
+                    !(0..4).any(|k| (size_of(quarter(k)) - size).abs() > STATIONARY_TOLERANCE * size)
+                };
                 let size = moments.size();
-                let is_transient = quarters.any(|quarter| (quarter - size).abs() > STATIONARY_TOLERANCE * size);
+                let is_transient = match self.purpose {
+                    Purpose::Steps => !is_steady([first, last], size),
+                    // After its rows a table rests.
+                    Purpose::Pictures { .. } if moments.frequency() * (until - end_of_rows) > 1.0 => true,
+                    Purpose::Pictures { .. } => {
+                        let end = [last - 0.25 * (last - first), last];
+                        let at_end = size_of(end);
+                        let is_steady_at_end = at_end >= (1.0 - STATIONARY_TOLERANCE) * size && is_steady(end, at_end);
+                        !is_steady_at_end && !is_steady([first, last], size)
+                    }
+                };
                 self.is_transient |= is_transient;
                 // An incomplete period at the end gets less weight.
                 if !is_transient && moments.frequency() * (last - first) >= WINDOWED {
@@ -211,13 +283,20 @@ impl Spectrum {
                 }
                 // A burst may lie at an end of the table.
                 let weight = if is_transient { taper } else { window };
-                let lines = lines(rows, [first, last], weight, velocity);
+                let lines = lines(rows, [first, last], density, weight, velocity);
+                let own = match (kind, self.purpose) {
+                    (Kind::Torque, Purpose::Pictures { .. }) => |frequency: f64| (TAU * frequency).powi(-2),
+                    _ => |_| 1.0,
+                };
                 if lines.len() > 1 {
                     let all: f64 = lines.iter().map(|line| line.speed * line.speed).sum();
                     let scale = arm * moments.speed() / all.sqrt();
-                    lines.iter().for_each(|line| self.add(line.frequency, scale * line.speed));
+                    for SpectralLine { frequency, speed, .. } in lines {
+                        self.add(frequency, scale * speed * own(frequency), is_transient);
+                    }
                 } else {
-                    self.add(moments.frequency(), arm * moments.speed());
+                    let frequency = moments.frequency();
+                    self.add(frequency, arm * moments.speed() * own(frequency), is_transient);
                 }
             }
         }
@@ -289,15 +368,44 @@ fn taper(part: f64) -> f64 {
     0.5 - 0.5 * (PI * rise).cos()
 }
 
+/// The rows of a table that decide which frequencies it contains.
+#[derive(Debug, Clone, Copy)]
+enum Density {
+    /// So many rows, evenly spaced.
+    Mean,
+    /// The two closest rows: rests may have rows that are far apart.
+    Closest,
+}
+
+impl Density {
+    /// The number of samples of a table within a time, and the highest frequency (Hz) that is resolved.
+    fn samples(self, rows: &[Row], [from, to]: [f64; 2]) -> (usize, f64) {
+        match self {
+            Self::Mean => {
+                let count = (2 * rows.len()).next_power_of_two().clamp(64, TIMES);
+                (count, 0.5 * (rows.len() - 1) as f64 / (to - from))
+            }
+            Self::Closest => {
+                let within = rows.windows(2).filter(|pair| pair[0].time < to);
+                let closest = within.map(|pair| pair[1].time - pair[0].time).fold(to - from, f64::min);
+                let gaps = ((to - from) / closest).min(TIMES_OF_PICTURES as f64);
+                let count = (2.0 * gaps + 2.0) as usize;
+                (count.next_power_of_two().clamp(64, TIMES_OF_PICTURES), 0.5 / closest)
+            }
+        }
+    }
+}
+
 /// The lines of the velocity that `velocity` computes from value, rate and second rate of a table, by its Fourier transform with
 /// the `weight` of each fraction of its span; only the ratios of their speeds are meaningful.
 fn lines(
     rows: &[Row],
     [from, to]: [f64; 2],
+    density: Density,
     weight: impl Fn(f64) -> f64,
     velocity: impl Fn(f64, f64, f64) -> [f64; 2],
 ) -> Vec<SpectralLine> {
-    let count = (2 * rows.len()).next_power_of_two().clamp(64, TIMES);
+    let (count, fastest) = density.samples(rows, [from, to]);
     let mut row = 0;
     let sample = |i: usize| {
         let time = from + (to - from) * (i as f64 + 0.5) / count as f64;
@@ -326,12 +434,12 @@ fn lines(
             .fold([0.0; 2], |[size, moment], k| [size + squares[k], moment + squares[k] * (k as f64).powi(2)]);
         start = end;
         if size > 0.0 {
-            lines.push(SpectralLine { frequency: (moment / size).sqrt() / (to - from), speed: size.sqrt() });
+            let frequency = (moment / size).sqrt() / (to - from);
+            lines.push(SpectralLine { frequency, speed: size.sqrt(), is_transient: false });
         }
     }
     let most = lines.iter().map(|line: &SpectralLine| line.speed).fold(0.0, f64::max);
     // Frequencies above one per two rows come only from the kinks between rows.
-    let fastest = 0.5 * (rows.len() - 1) as f64 / (to - from);
     lines.retain(|line| line.speed >= RESOLVED * most && line.frequency <= fastest);
     lines
 }

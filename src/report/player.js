@@ -2,7 +2,7 @@
 // A rod is { series: its colour, points: packed x, y of the nodes at all times, relative to com, joints, and where they are known name,
 // half_widths, body: semi-axes of a body around the first point, head, tendons }. Call start once, play for every motion.
 let stage_view = null;
-let motion = null, playing = true, now = 0, last = null, world = null, near = null;
+let motion = null, playing = true, now = 0, clock_digits = 3, last = null, world = null, near = null;
 // The picture is drawn in units of the window's size, not in metres: browsers do not draw shapes of a few micrometres.
 const WINDOW = 1000;
 let unit = 1, origin = [0, 0];
@@ -51,6 +51,18 @@ function unpack(wanted) {
   }
   return wanted;
 }
+// Screens draw so many pictures per second, of which a period (s) of the fastest drive needs as many as in sampling.rs.
+const SCREEN_RATE = 60, LEAST_PER_PERIOD = 12;
+// The speeds of the list at which the beat looks as it is, or the lowest one.
+function usual_speeds(period) {
+  const all = [...part("speed").options].map((option) => Number(option.value)), most = period * SCREEN_RATE / LEAST_PER_PERIOD * (1 + 1e-6);
+  return all.filter((speed) => speed <= Math.max(most, Math.min(...all)));
+}
+// The digits after the point of a clock that tells frames apart, with at least four for the length of the window.
+function clock_digits_of(times) {
+  const span = times[times.length - 1] - times[0], spacing = span / Math.max(times.length - 1, 1);
+  return span > 0 ? Math.min(12, Math.max(0, 3 - Math.floor(Math.log10(span)), Math.ceil(-Math.log10(spacing)))) : 3;
+}
 function play(wanted) {
   motion = unpack(wanted);
   fields = {};
@@ -66,13 +78,14 @@ function play(wanted) {
     }
   });
   world = framed(world); near = framed(near);
-  // To follow is worth while where the rod comes far; and a run is shown in about ten seconds.
+  // To follow is worth while where the rod comes far. A run is shown in about ten seconds, but with enough pictures per period.
   part("follow").checked = world.size > 2.5 * near.size;
   const [first, end] = [motion.times[0], motion.times[motion.times.length - 1]];
-  const speeds = [...part("speed").options].map((option) => Number(option.value));
+  const speeds = usual_speeds(motion.period ?? Infinity);
   const apart = (speed) => Math.abs(Math.log(speed * 10 / Math.max(end - first, 1e-12)));
-  const usual = end - first > 2 && end - first < 40 ? 1 : speeds.reduce((a, b) => apart(b) < apart(a) ? b : a);
+  const usual = end - first > 2 && end - first < 40 && speeds.includes(1) ? 1 : speeds.reduce((a, b) => apart(b) < apart(a) ? b : a);
   part("speed").value = String(usual);
+  clock_digits = clock_digits_of(motion.times);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
   part("beside").replaceChildren(...motion.beside.map((other) => {
@@ -97,9 +110,9 @@ function play(wanted) {
 // What the address asks for, as "t" of #t=1.5&colour=moment.
 function asked(name) { return new URLSearchParams(location.hash.slice(1)).get(name); }
 function within_run(time) { return time === null || !Number.isFinite(Number(time)) ? null : Math.min(Math.max(Number(time), motion.times[0]), motion.times[motion.times.length - 1]); }
-// The address of what is seen; where a page has no address of its own, as in a notebook, there is none.
+// The address of the frame that is seen, with two more digits than the clock; where a page has no address of its own, as in a notebook, there is none.
 function address() {
-  try { history.replaceState(null, "", "#t=" + Number(now.toPrecision(6)) + (part("colour").value === "body" ? "" : "&colour=" + part("colour").value)); } catch { /* it has none */ }
+  try { history.replaceState(null, "", "#t=" + Number(motion.times[at(now)].toFixed(clock_digits + 2)) + (part("colour").value === "body" ? "" : "&colour=" + part("colour").value)); } catch { /* it has none */ }
 }
 
 // Quantities along the rod that colour it, each with its unit and its values in a frame.
@@ -304,8 +317,7 @@ function show(k) {
   place_body(part("body"), motion.body, frame);
   part("head").setAttribute("cx", at_x(frame[0])); part("head").setAttribute("cy", at_y(frame[1]));
   part("com").setAttribute("cx", at_x(com[0])); part("com").setAttribute("cy", at_y(com[1]));
-  const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));
-  part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(digits) + " s";
+  part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(clock_digits) + " s";
   part("stage").dataset.frame = k;
   document.dispatchEvent(new CustomEvent("shown", { detail: motion.times[k] }));
 }

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use csv::{Reader, StringRecord};
 use serde_json::{Map, Value};
@@ -14,7 +15,7 @@ use super::run_record::{Envelope, MAX_SAMPLES, Thinned};
 use super::sampling::fastest_drive;
 use crate::error::{Error, Result};
 use crate::model::Model;
-use crate::scene::Document;
+use crate::scene::{Document, Scene};
 use crate::wording::Phrase;
 
 /// Most rows of a node table that are kept of the window of a film; at least half as many are.
@@ -105,6 +106,9 @@ pub struct RecordedRun {
     /// Descriptions of what is missing in the folder.
     pub missing: Vec<String>,
     nodes: NodeTable,
+    /// Its scene as it was read, if its files are still those of the run, and its model.
+    simulated: Option<Scene>,
+    model: OnceLock<Option<Model>>,
 }
 
 fn unreadable(path: &Path, reason: impl Into<String>) -> Error {
@@ -131,6 +135,7 @@ impl RecordedRun {
         };
         let name = entry("name");
         let scene = scene_of(path, &summary);
+        let simulated = scene.as_ref().and_then(|document| unchanged(document, &summary, &mut missing));
         if scene.is_none() {
             missing.push(format!(
                 "its scene is not known: neither report.html has it, nor is {} the scene of the run any more",
@@ -144,7 +149,17 @@ impl RecordedRun {
             missing.push("its table of nodes has no row (record.nodes_from_s): it is not in the film".to_string());
             nodes = NodeTable::None;
         }
-        Ok(Self { path: Some(path.to_path_buf()), name, summary, scene, curves, missing, nodes })
+        Ok(Self {
+            path: Some(path.to_path_buf()),
+            name,
+            summary,
+            scene,
+            curves,
+            missing,
+            nodes,
+            simulated,
+            model: OnceLock::new(),
+        })
     }
 
     /// A run in memory, with `columns` by name that have one value per recorded time, of which `time_s` is the first.
@@ -176,7 +191,9 @@ impl RecordedRun {
                 NodeTable::None
             }
         };
-        Ok(Self { path: None, name, summary, scene: Some(scene), curves: curves.finish(), missing, nodes })
+        let simulated = unchanged(&scene, &summary, &mut missing);
+        let (scene, curves, model) = (Some(scene), curves.finish(), OnceLock::new());
+        Ok(Self { path: None, name, summary, scene, curves, missing, nodes, simulated, model })
     }
 
     /// A number of the summary.
@@ -219,12 +236,12 @@ impl RecordedRun {
 
     /// Frequency (Hz) of the fastest drive of its scene; `None` without one, and if the scene is not known.
     pub fn fastest_drive(&self) -> Option<f64> {
-        fastest_drive(&self.scene.as_ref()?.scene().ok()?, &self.model()?)
+        fastest_drive(self.simulated.as_ref()?, self.model()?)
     }
 
-    /// The model of its scene; `None` if the scene is not known.
-    pub fn model(&self) -> Option<Model> {
-        self.scene.as_ref()?.scene().ok()?.model().ok()
+    /// The model of its scene; `None` if the scene is not known, or its files have changed.
+    pub fn model(&self) -> Option<&Model> {
+        self.model.get_or_init(|| self.simulated.as_ref()?.model().ok()).as_ref()
     }
 
     /// The rod of its [`motion`](Self::motion), without its looks if its scene is not known.
@@ -234,7 +251,7 @@ impl RecordedRun {
     pub fn rod(&self) -> Result<DrawnRod> {
         let nodes = self.nodes.nodes()?;
         let shown = drawn_nodes(nodes.len(), MAX_POINTS).into_iter().map(|place| nodes[place]).collect();
-        Ok(DrawnRod::at(self.model().as_ref(), shown))
+        Ok(DrawnRod::at(self.model(), shown))
     }
 }
 
@@ -282,6 +299,31 @@ fn scene_of(folder: &Path, summary: &Map<String, Value>) -> Option<Document> {
         let fingerprint = document.scene().ok()?.fingerprint_text();
         (summary.get("scene_fingerprint")?.as_str()? == fingerprint).then_some(document)
     })
+}
+
+/// The scene of a `document` if its tables are those of the run with this summary; otherwise says that in `missing`.
+fn unchanged(document: &Document, summary: &Map<String, Value>, missing: &mut Vec<String>) -> Option<Scene> {
+    let text = |key: &str| summary.get(key).and_then(Value::as_str);
+    let reason = match document.scene() {
+        Ok(scene) => {
+            let is_same = |fingerprint| fingerprint == scene.fingerprint_text();
+            if scene.tables().is_empty() || text("scene_fingerprint").is_none_or(is_same) {
+                return Some(scene);
+            }
+            match text("caudal_version").filter(|version| *version != env!("CARGO_PKG_VERSION")) {
+                None => "a table of its scene has changed since the run".to_string(),
+                Some(version) => {
+                    format!("version {version} made it, so its tables cannot be compared with those of today")
+                }
+            }
+        }
+        Err(error) => {
+            let error = error.to_string();
+            format!("its scene cannot be read any more: {}", error.lines().next().unwrap_or_default())
+        }
+    };
+    missing.push(format!("{reason}; its film has no medium and no body. Run the scene again"));
+    None
 }
 
 /// The overrides of the run in a folder, as its page shows them; none without a page.

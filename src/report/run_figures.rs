@@ -1,11 +1,14 @@
 //! The figures of a run: its shapes and paths, speed, power and energy balance, and the force and moment on a held head.
 
+use std::fmt::Write;
+
 use nalgebra::Vector2;
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
 use super::frame::{Frame, Medium};
 use super::heat_map::{HeatMapAxis, Raster};
 use super::run_record::RunRecord;
+use super::sampling::{LEAST_PER_PERIOD, is_too_coarse, last_periods_in_words};
 use crate::number_format::in_sentence;
 
 /// Number of earlier shapes in the background.
@@ -281,11 +284,19 @@ const MAX_KYMOGRAPH_CELLS: [usize; 2] = [40, 96];
 /// A rod whose turning angles are below this, rad, is straight up to rounding.
 const STRAIGHT: f64 = 1e-9;
 
-/// The curvature over arc length and time, in the last two periods before the end, or in the whole run if the period is unknown.
+/// The curvature over arc length and time, in the last two periods before the end, or in the whole run if the period is unknown. If
+/// that had too few times per period of the fastest drive, it is of the last periods of this drive.
 fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
     let frames = record.frames();
     let end = frames.last()?.time;
-    let recent = record.frames_since(frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since)));
+    let mut from = frames[0].time.max(end - KYMOGRAPH_PERIODS * (end - since));
+    // One time less, since both ends of the window are drawn.
+    let most = (MAX_KYMOGRAPH_CELLS[1] - 1) as f64 / LEAST_PER_PERIOD;
+    let fast = record.drive().filter(|frequency| (end - from) * frequency > most);
+    if let Some(frequency) = fast {
+        from = end - most.floor() / frequency;
+    }
+    let recent = record.frames_since(from);
     let arcs = &record.rod().arc_lengths;
     let inner = 1..arcs.len().saturating_sub(1);
     if recent.len() < LEAST_SAMPLES || inner.len() < 2 {
@@ -321,8 +332,22 @@ fn kymograph(name: &str, record: &RunRecord, since: f64) -> Option<Figure> {
         value: "curvature (1/m)".to_string(),
         cells: (0..times.len()).flat_map(cells).collect(),
     };
-    let caption = "The curvature over arc length and time: bands that rise are waves that travel towards the tip, at the speed of their \
-                   slope; upright ones are standing waves.";
+    let mut caption = "The curvature over arc length and time: bands that rise are waves that travel towards the tip, at the speed of \
+                       their slope; upright ones are standing waves."
+        .to_string();
+    let span = end - recent[0].time;
+    let rate = record.drive().map(|frequency| (times.len() - 1) as f64 / (frequency * span));
+    if let Some(rate) = rate.filter(|rate| is_too_coarse(*rate)) {
+        let _ = write!(
+            caption,
+            " With {} times per period of the fastest drive, fewer than {LEAST_PER_PERIOD}, waves may look slower than they are, or go \
+             backwards.",
+            in_sentence(rate, 2)
+        );
+    } else if fast.is_some() {
+        let what = if since.is_finite() { "two periods" } else { "the whole run" };
+        let _ = write!(caption, " {}", last_periods_in_words([recent[0].time, end], what));
+    }
     Some(Figure::new("curvature.svg", caption, map.svg()))
 }
 
@@ -485,10 +510,15 @@ mod tests {
 
     /// The record of two seconds of a scene.
     fn recorded(text: &str) -> RunRecord {
+        recorded_for(text, 200)
+    }
+
+    /// The record of so many steps of 0.01 s of a scene.
+    fn recorded_for(text: &str, steps: usize) -> RunRecord {
         let scene = Document::new("waves", text).scene().unwrap();
         let mut stepper = Stepper::of(&scene).unwrap();
         let mut record = RunRecord::start(&scene, &stepper);
-        for _ in 0..200 {
+        for _ in 0..steps {
             stepper.do_step(0.01).unwrap();
             record.pass(&mut stepper).unwrap();
         }
@@ -504,6 +534,42 @@ mod tests {
         drag = { law = "cox" }
         solver = { model = "shape", time_step_s = 0.01, duration_s = 2.0 }
     "#;
+
+    #[test]
+    fn a_long_run_that_is_interrupted_has_the_figures_of_one_that_ends_there() {
+        let files = |duration: &str, steps: usize| -> Vec<String> {
+            let text = WAVE.replace("duration_s = 2.0", &format!("duration_s = {duration}"));
+            all("wave", &recorded_for(&text, steps), Some(0.5)).into_iter().map(|figure| figure.file).collect()
+        };
+        let ended = files("60.0", 6000);
+        assert!(["power.svg", "amplitude.svg", "phase.svg"].iter().all(|file| ended.iter().any(|own| own == file)));
+        for duration in ["61.0", "100.0", "2000.0"] {
+            assert_eq!(files(duration, 6000), ended, "interrupted at 60 s of {duration} s");
+        }
+    }
+
+    #[test]
+    fn a_kymograph_has_twelve_times_per_period_of_the_fastest_drive_or_says_that_it_has_not() {
+        // With a head that is fast beside a slow wave, in steps of 0.01 s.
+        for (frequency, shortened, coarse) in [("0.15", false, false), ("5.0", true, false), ("20.0", true, true)] {
+            let head = format!(
+                "head = {{ kind = \"driven\", angle_rad = {{ amplitude = 0.1, frequency_hz = {frequency} }} }}\n        solver"
+            );
+            let text = WAVE
+                .replace("frequency_hz = 2.0", "frequency_hz = 0.1")
+                .replace("duration_s = 2.0", "duration_s = 60.0");
+            let text = text.replace("model = \"shape\", ", "").replace("solver", &head);
+            let record = recorded_for(&text, 6000);
+            let figure = kymograph("both", &record, 40.0).unwrap();
+            assert_eq!(
+                figure.caption.contains("Shown are the last periods"),
+                shortened && !coarse,
+                "{}",
+                figure.caption
+            );
+            assert_eq!(figure.caption.contains("times per period of the fastest drive"), coarse, "{}", figure.caption);
+        }
+    }
 
     #[test]
     fn the_phase_of_a_wave_rises_by_a_turn_per_wavelength() {

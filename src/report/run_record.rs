@@ -1,11 +1,12 @@
 //! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
 
 use std::cell::OnceCell;
+use std::collections::VecDeque;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use super::frame::Frame;
 use super::rod_motion::{DrawnRod, RodMotion};
-use super::sampling::{FrameRecord, fastest_drive, tick};
+use super::sampling::{FrameRecord, fastest_change, fastest_drive, is_too_coarse, tick};
 use crate::error::Result;
 use crate::integrator::StepControl;
 use crate::scene::Scene;
@@ -212,6 +213,8 @@ pub struct RunRecord {
     /// Frames for figures of the whole run, and those of the animation.
     frames: Thinned<Frame>,
     motion: FrameRecord,
+    /// The samples at the frames of the animation, but for that at the end.
+    at_frames: VecDeque<Vec<f64>>,
     /// Frames and samples of the last periods before the end, since those of a long run are too far apart.
     last: Vec<(Frame, Vec<f64>)>,
     last_times: Option<RecordingTimes>,
@@ -235,7 +238,7 @@ impl RunRecord {
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
         let drive = fastest_drive(scene, stepper.model());
-        let tick = tick(duration, drive, stepper.step_control(), SAMPLES_PER_RUN);
+        let tick = tick(duration, fastest_change(scene, stepper.model()), stepper.step_control(), SAMPLES_PER_RUN);
         let times = RecordingTimes::sampled(stepper.step_control(), tick);
         // The last periods before the end, if they are only a part of the run.
         let last_times = drive.and_then(|frequency| {
@@ -258,6 +261,7 @@ impl RunRecord {
             samples: Thinned::new(MAX_SAMPLES),
             frames: Thinned::new(*FRAMES.end()),
             motion: FrameRecord::start(duration, drive, &FRAMES, tick),
+            at_frames: VecDeque::new(),
             rod: DrawnRod::of(stepper.model()),
             step: 0,
         };
@@ -300,7 +304,12 @@ impl RunRecord {
         let made = OnceCell::new();
         let frame = || made.get_or_init(|| Frame::with_loads(view, self.rod.nodes())).clone();
         self.frames.offer(self.step, frame);
-        self.motion.offer(self.step, frame);
+        if self.motion.offer(self.step, frame) {
+            self.at_frames.push_back(sample(&self.columns, view));
+            if self.at_frames.len() > self.motion.frames().len() {
+                self.at_frames.pop_front();
+            }
+        }
     }
 
     /// Records the final state, unless it was recorded.
@@ -338,41 +347,67 @@ impl RunRecord {
         self.motion.motion(self.rod.clone())
     }
 
-    /// True if the frames and samples of the last periods reach back to `since` (s).
-    fn has_last_since(&self, since: f64) -> bool {
-        self.last.first().is_some_and(|(first, _)| first.time <= since)
+    /// Where the frames or samples from `since` (s) on are, of which those of the whole run begin at two `times` (s).
+    fn source(&self, since: f64, times: [Option<f64>; 2]) -> Source {
+        if self.last.first().is_some_and(|(first, _)| first.time <= since) {
+            return Source::LastPeriods;
+        }
+        // A run that ended before its time has none of the last periods, but those of its animation.
+        let is_coarse = self
+            .motion
+            .drive()
+            .zip(times[0].zip(times[1]))
+            .is_some_and(|(frequency, (first, second))| is_too_coarse(1.0 / (frequency * (second - first))));
+        let reaches_back = self.motion.frames().front().is_some_and(|first| first.time <= since);
+        if is_coarse && reaches_back { Source::Animation } else { Source::WholeRun }
     }
 
-    /// The frames from `since` (s) on, closely spaced if `since` is within the last periods.
+    /// The frames from `since` (s) on, closely spaced if `since` is within the last periods or the animation.
     pub fn frames_since(&self, since: f64) -> Vec<&Frame> {
-        match self.has_last_since(since) {
-            true => {
+        let within = |frame: &&Frame| frame.time >= since;
+        match self.source(since, [0, 1].map(|i| self.frames.kept.get(i).map(|frame| frame.time))) {
+            Source::LastPeriods => {
                 let end = self
                     .frames
                     .kept
                     .last()
                     .filter(|frame| self.last.last().is_some_and(|(last, _)| last.time < frame.time));
-                self.last.iter().map(|(frame, _)| frame).chain(end).filter(|frame| frame.time >= since).collect()
+                self.last.iter().map(|(frame, _)| frame).chain(end).filter(within).collect()
             }
-            false => self.frames.kept.iter().filter(|frame| frame.time >= since).collect(),
+            Source::Animation => self.motion.frames().iter().filter(within).collect(),
+            Source::WholeRun => self.frames.kept.iter().filter(within).collect(),
         }
     }
 
-    /// The curve of variable `y` against time from `since` (s) on, with closely spaced samples if `since` is within the last periods.
+    /// The curve of variable `y` against time from `since` (s) on, with samples as close as the frames.
     pub fn curve_since(&self, since: f64, y: &str) -> Vec<(f64, f64)> {
         let Some(y) = self.columns.iter().position(|variable| variable.name == y) else { return Vec::new() };
         let within = |sample: &&Vec<f64>| sample[0] >= since;
         let point = |sample: &Vec<f64>| (sample[0], sample[y]);
-        match self.has_last_since(since) {
-            true => self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect(),
-            false => self.samples.kept.iter().filter(within).map(point).collect(),
+        match self.source(since, [0, 1].map(|i| self.samples.kept.get(i).map(|sample| sample[0]))) {
+            Source::LastPeriods => self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect(),
+            Source::Animation => self.at_frames.iter().filter(within).map(point).collect(),
+            Source::WholeRun => self.samples.kept.iter().filter(within).map(point).collect(),
         }
+    }
+
+    /// Frequency (Hz) of the fastest drive that is seen, if there is one.
+    pub fn drive(&self) -> Option<f64> {
+        self.motion.drive()
     }
 
     /// The frames in order of time; never empty.
     pub fn frames(&self) -> &[Frame] {
         &self.frames.kept
     }
+}
+
+/// Where frames and samples of a part of a run come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    LastPeriods,
+    Animation,
+    WholeRun,
 }
 
 fn sample(columns: &[&Variable], view: &View<'_>) -> Vec<f64> {

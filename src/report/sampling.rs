@@ -10,7 +10,7 @@ use crate::integrator::StepControl;
 use crate::model::Model;
 use crate::number_format::in_sentence;
 use crate::scene::Scene;
-use crate::spectrum::Spectrum;
+use crate::spectrum::{Purpose, Spectrum};
 
 /// Pictures per period of the fastest drive that are wanted.
 pub const PER_PERIOD: f64 = 24.0;
@@ -25,12 +25,22 @@ const MAX_NODES_FOR_SPECTRUM: usize = 201;
 /// of 1000 px, and some 2.5 px at the end of one that turns about the other.
 const SEEN: f64 = 1e-3;
 
-/// Frequency (Hz) of the fastest drive of a scene with this `model` that is seen; `None` if nothing drives the rod periodically.
+/// Frequency (Hz) of the fastest drive of a scene with this `model` that is seen; `None` if nothing drives the rod periodically until the
+/// end. After a transient, such as a jump or a burst, the last periods are a rest, so all of its run is shown.
 pub fn fastest_drive(scene: &Scene, model: &Model) -> Option<f64> {
+    spectrum(scene, model).fastest_steady_of_amplitude(SEEN * model.rod.length)
+}
+
+/// The same along with transients, whose curves are to be recorded, too.
+pub fn fastest_change(scene: &Scene, model: &Model) -> Option<f64> {
+    spectrum(scene, model).fastest_of_amplitude(SEEN * model.rod.length)
+}
+
+fn spectrum(scene: &Scene, model: &Model) -> Spectrum {
+    let purpose = Purpose::Pictures { until: scene.solver.duration_s.get() };
     // The phases of a fine mesh would take too many whole states, so the scene's spectrum is computed on a coarse rod.
     let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
-    let spectrum = if is_fine { scene.spectrum() } else { Spectrum::of_model(model) };
-    spectrum.fastest_of_amplitude(SEEN * model.rod.length)
+    if is_fine { scene.spectrum_for(purpose) } else { Spectrum::of_model_for(purpose, model) }
 }
 
 /// The times at which a motion is sampled, as multiples of a spacing.
@@ -156,16 +166,27 @@ impl FrameRecord {
         Self { frames: VecDeque::new(), most, every, drive, last, is_of_last_periods: false }
     }
 
-    /// Keeps the frame of tick number `tick`, unless it is skipped.
-    pub fn offer(&mut self, tick: u64, frame: impl FnOnce() -> Frame) {
+    /// Keeps the frame of tick number `tick`, unless it is skipped; true if it was kept.
+    pub fn offer(&mut self, tick: u64, frame: impl FnOnce() -> Frame) -> bool {
         if !tick.is_multiple_of(self.every) {
-            return;
+            return false;
         }
         if self.last.is_some() && self.frames.len() == self.most {
             self.frames.pop_front();
             self.is_of_last_periods = true;
         }
         self.frames.push_back(frame());
+        true
+    }
+
+    /// The frames that are kept, in order of time.
+    pub fn frames(&self) -> &VecDeque<Frame> {
+        &self.frames
+    }
+
+    /// Frequency (Hz) of the fastest drive, if there is one.
+    pub fn drive(&self) -> Option<f64> {
+        self.drive
     }
 
     /// Adds the final frame at time `end` (s), unless it is there.

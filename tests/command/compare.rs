@@ -506,6 +506,35 @@ fn a_film_shows_the_medium_that_all_runs_have_in_common() {
 }
 
 #[test]
+fn a_table_that_changed_after_the_runs_gives_a_note_and_no_flow_to_their_film() {
+    let folder = place();
+    let flow = |speed: f64, frequency: f64| {
+        let row = |k: i32| {
+            let (time, omega) = (1e-2 * f64::from(k), std::f64::consts::TAU * frequency);
+            format!("{time},{},{}\n", speed * (omega * time).sin(), speed * omega * (omega * time).cos())
+        };
+        let text = "time_s,value,rate\n".to_string() + &(0..=60).map(row).collect::<String>();
+        std::fs::write(folder.path().join("flow.csv"), text).unwrap();
+    };
+    flow(0.05, 5.0);
+    let scene = std::fs::read_to_string(folder.path().join("eel.toml")).unwrap();
+    let scene = scene.replace("[medium]\n", "[medium]\nflow_m_s = [{ table = \"flow.csv\" }, 0.0]\n");
+    std::fs::write(folder.path().join("eel.toml"), scene).unwrap();
+    ["a", "b"].iter().for_each(|name| run(folder.path(), name, &[]));
+    // The table of the runs, another one, that of the runs again, and none.
+    for (table, notes) in [(Some((0.05, 5.0)), 0), (Some((5.0, 7.0)), 2), (Some((0.05, 5.0)), 0), (None, 2)] {
+        match table {
+            Some((speed, frequency)) => flow(speed, frequency),
+            None => std::fs::remove_file(folder.path().join("flow.csv")).unwrap(),
+        }
+        let printed = done(folder.path(), &["compare", "a", "b", "--out", "both", "--force"]);
+        let film = film(&folder.path().join("both/report.html"));
+        assert_eq!(film["flow"].is_object(), notes == 0, "{table:?}: {}", film["flow"]);
+        assert_eq!(printed.matches("a table of its scene has changed since the run").count(), notes, "{printed}");
+    }
+}
+
+#[test]
 fn the_page_plays_eight_rods_in_a_browser_and_fits_a_telephone() {
     let folder = place();
     let names = ["a", "b", "c", "d", "e", "f", "g", "h"];

@@ -371,6 +371,48 @@ fn an_address_with_a_time_shows_that_moment() {
 }
 
 #[test]
+fn the_player_shows_twelve_pictures_per_period_on_a_screen_and_its_clock_and_address_tell_frames_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "models/servo-tail.toml", "--set", "solver.duration_s=1.0", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let Some(browser) = chromium() else { return };
+    let source = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    // The motion over windows of such lengths (s) from such times (s) on, with such periods (s) of the fastest drive.
+    let script = r##"<script>
+        const own = motion, results = [];
+        const moved = (from, span, period) => ({ ...own, period, times: own.times.map((t) => from + span * t) });
+        for (const span of [1, 3, 30, 300]) for (const period of [undefined, 1, 0.2, 1 / 33, 1 / 200, 1e-3]) {
+          play(moved(0, span, period));
+          const speed = Number(part("speed").value);
+          if (!(60 * period / speed >= 12 - 1e-9 || period === undefined)) results.push("speed " + speed + " at " + span + " s, " + period + " s");
+          if (speed === 0.001 && period !== 1e-3) results.push("slow " + speed + " at " + span + " s, " + period + " s");
+          if (span === 3 && speed !== 1 && !(period < 0.2)) results.push("not in time at a period of " + period + " s");
+        }
+        // A browser takes some 200 addresses in half a minute.
+        for (const [from, span] of [[0, 1], [0, 15], [0, 2000], [1995.1, 4.9], [1990, 10], [1e5, 1e-3]]) {
+          play(moved(from, span, 0.1));
+          for (let k = 0; k + 1 < motion.times.length; k += 29) {
+            halt(motion.times[k + 1]); const next = part("clock").textContent;
+            halt(motion.times[k]);
+            if (part("clock").textContent === next) results.push("clock " + next);
+            if (at(within_run(asked("t"))) !== k) results.push("address " + location.hash + " of " + motion.times[k]);
+          }
+        }
+        document.body.dataset.wrong = results.slice(0, 9).join("; ");
+    </script></body>"##;
+    let page = folder.path().join("speeds.html");
+    std::fs::write(&page, source.replace("</body>", script)).unwrap();
+    let page = browse(&browser, &page, 3000, &["--dump-dom".to_string()]);
+    let body = page.split('<').find(|element| element.starts_with("body")).unwrap();
+    assert_eq!(body.split("data-wrong=\"").nth(1).and_then(|rest| rest.split('"').next()), Some(""), "{body}");
+}
+
+#[test]
 fn a_click_in_a_map_plays_its_case_beside_another_and_one_on_a_dot_gives_its_keys() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("map.toml");

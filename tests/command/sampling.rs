@@ -129,6 +129,61 @@ fn designs_and_studies_play_at_least_twelve_frames_per_period_or_the_last_period
     }
 }
 
+/// A fish that turns a little, by another angle under each law.
+const FISH: &str = r#"
+name = "fish"
+[rod]
+nodes = 9
+length_m = 0.3
+section = "ellipse"
+outer_radius_m = [[0.0, 0.006], [0.3, 0.012], [0.85, 0.005], [1.0, 0.004]]
+depth_m = [[0.0, 0.02], [0.35, 0.07], [0.85, 0.02], [1.0, 0.08]]
+youngs_modulus_pa = 5e6
+density_kg_m3 = 1000.0
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 6.0
+frequency_hz = 2.0
+wavelength_m = 0.4
+envelope = [0.1, 0.9]
+[medium]
+viscosity_pa_s = 1e-3
+density_kg_m3 = 1000.0
+[drag]
+law = "cross-flow"
+[reactive]
+[solver]
+time_step_s = 1e-2
+duration_s = 30.0
+"#;
+
+#[test]
+fn the_rods_of_a_study_of_fluids_are_in_the_middle_of_their_lanes_at_the_first_time_that_is_shown() {
+    let folder = place();
+    std::fs::write(folder.path().join("fish.toml"), FISH).unwrap();
+    for duration in [2.0, 30.0] {
+        done(folder.path(), &format!("study fluid fish.toml --set solver.duration_s={duration} --out out --force"));
+        let motion = data(&folder.path().join("out/report.html"), "motion");
+        assert_eq!(rate(&motion, 2.0).1[0] > 0.0, duration > 10.0, "{duration} s: the last periods");
+        // The mean height of the nodes at the first time, relative to the first rod's centre of mass.
+        let frames = times(&motion).len();
+        let height = |rod: &Value| -> f64 {
+            let bytes = STANDARD.decode(rod["points"].as_str().unwrap()).unwrap();
+            let all: Vec<f32> =
+                bytes.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
+            let first = &all[..all.len() / frames];
+            first.chunks_exact(2).map(|point| f64::from(point[1])).sum::<f64>() * 2.0 / first.len() as f64
+        };
+        let heights: Vec<f64> =
+            std::iter::once(&motion).chain(motion["beside"].as_array().unwrap()).map(height).collect();
+        assert!(heights.len() > 1, "{heights:?}");
+        // A lane is as wide as the widest motion in it: 0.07 to 0.4 m were measured.
+        for lane in heights.windows(2).map(|pair| pair[0] - pair[1]) {
+            assert!((0.05..0.5).contains(&lane), "{duration} s: a lane of {lane} m");
+        }
+    }
+}
+
 #[test]
 fn a_page_of_a_motion_in_long_steps_says_that_the_beat_may_look_slower_than_it_is() {
     let folder = place();

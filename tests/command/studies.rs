@@ -318,6 +318,8 @@ fn the_command_writes_a_page_numbers_tables_and_figures_and_no_journal() {
         names.sort();
         assert_eq!(names, wanted);
     }
+    let shapes = std::fs::read_to_string(folder.path().join("modes/shapes.csv")).unwrap();
+    assert!(shapes.lines().count() > 2 && !shapes.split([',', '\n']).any(|cell| cell == "-0.0"), "{shapes}");
 }
 
 #[test]

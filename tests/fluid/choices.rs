@@ -2,15 +2,16 @@
 
 use crate::common;
 
+use std::f64::consts::{PI, TAU};
 use std::ops::ControlFlow;
 
 use caudal::assessment::Assessment;
 use caudal::fluid::validity::oscillating;
-use caudal::head::Signal;
+use caudal::head::{HeadMotion, Hinge, Row, Signal};
 use caudal::reduced::MotionAndPower;
 use caudal::report::Summary;
 use caudal::scene::Scene;
-use caudal::spectrum::Spectrum;
+use caudal::spectrum::{Purpose, Spectrum};
 use caudal::stepper::Stepper;
 use caudal::verification::Verification;
 use common::scene_of;
@@ -155,6 +156,79 @@ fn a_table_that_rests_or_goes_evenly_for_a_quarter_is_transient_at_any_size() {
         for size in (0..=20).map(|power| 3.6e-7 * 10.0_f64.powf(0.15 * f64::from(power))) {
             assert!(spectrum_of(table(size), &[]).is_transient, "{size:e} m, at rest from {begin} s on");
         }
+    }
+}
+
+/// A table with rows where `is_row` says so, of every 2.5 ms up to `until` (s).
+fn table_of_rows(until: f64, is_row: impl Fn(f64) -> bool, value: impl Fn(f64) -> f64) -> Signal {
+    let count = (until / 2.5e-3).round() as u32;
+    let all = (0..=count).map(|k| 2.5e-3 * f64::from(k));
+    let times: Vec<f64> = all.filter(|time| *time == 0.0 || is_row(*time) || (until - time).abs() < 1e-9).collect();
+    let rate = |time: f64| (value(time + 1e-6) - value(time - 1e-6)) / 2e-6;
+    Signal::Table(times.into_iter().map(|time| Row { time, value: value(time), rate: rate(time) }).collect())
+}
+
+/// The fastest steady frequency (Hz) of the pictures until a time (s) of a rod of 0.3 m with a driven head or a hinge.
+fn fastest_in_pictures(until: f64, head: Option<&HeadMotion>, hinge: Option<&Hinge>) -> Option<f64> {
+    let rod = scene_of(TAIL, &["rod.length_m=0.3"]).model().unwrap().rod;
+    let spectrum = Spectrum::with_purpose(Purpose::Pictures { until }, &rod, None, head, None, &[], hinge);
+    spectrum.fastest_steady_of_amplitude(1e-3 * rod.length)
+}
+
+#[test]
+fn what_is_over_before_the_end_chooses_no_pictures_and_how_far_rows_are_apart_in_rests_does_not_matter() {
+    // 0.4 rad at 10 Hz that swell and fade within a second.
+    let burst = |since: f64| match (0.0..=1.0).contains(&since) {
+        true => 0.4 * (PI * since).sin().powi(2) * (10.0 * TAU * since).sin(),
+        false => 0.0,
+    };
+    let repeated = |every: f64| move |time: f64| burst((time - 0.3 * every).rem_euclid(every));
+    let in_burst = |every: f64| move |time: f64| (time - 0.3 * every).rem_euclid(every) <= 1.001;
+    let jump = |time: f64| if time < 1.0 { 0.0 } else { 0.2 };
+    let steady = |time: f64| 0.1 * (2.0 * TAU * time).sin();
+    for (name, angle, until, expected) in [
+        ("one burst, rows all over", table_of_rows(200.0, |_| true, |time| burst(time - 5.0)), 200.0, None),
+        (
+            "one burst, rests without rows",
+            table_of_rows(200.0, |t| (5.0..=6.0).contains(&t), |t| burst(t - 5.0)),
+            200.0,
+            None,
+        ),
+        ("a burst every 25 s, rows all over", table_of_rows(200.0, |_| true, repeated(25.0)), 200.0, Some(10.0)),
+        (
+            "a burst every 25 s, rests without rows",
+            table_of_rows(200.0, in_burst(25.0), repeated(25.0)),
+            200.0,
+            Some(10.0),
+        ),
+        ("one jump", table_of_rows(60.0, |t| (0.9..=1.1).contains(&t), jump), 60.0, None),
+        ("a sinusoid", table_of_rows(60.0, |_| true, steady), 60.0, Some(2.0)),
+        ("a sinusoid that ends before the run", table_of_rows(20.0, |_| true, steady), 60.0, None),
+        (
+            "a sinusoid after a rest",
+            table_of_rows(60.0, |_| true, |t| if t < 31.0 { 0.0 } else { steady(t) }),
+            60.0,
+            Some(2.0),
+        ),
+        ("a run that ends before its table", table_of_rows(60.0, |_| true, steady), 20.0, Some(2.0)),
+    ] {
+        let found = fastest_in_pictures(until, Some(&[Signal::Constant(0.0), Signal::Constant(0.0), angle]), None);
+        println!("{name}: {found:?}");
+        assert_eq!(found.is_some(), expected.is_some(), "{name}: {found:?}");
+        // The side bands of a swelling of a second, and the jump of a velocity, broaden a line: by 0.37 at most.
+        let off = found.zip(expected).map_or(0.0, |(found, expected)| (found / expected - 1.0).abs());
+        assert!(off < 0.4, "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn a_line_of_a_torque_turns_the_rod_by_its_own_frequency_in_a_table_as_in_a_sinusoid() {
+    for (ripple, expected) in [(0.0, 2.0), (3e-4, 2.0), (0.5, 40.0)] {
+        let torque = |time: f64| 0.01 * (2.0 * TAU * time).sin() + ripple * (40.0 * TAU * time).sin();
+        let torque = table_of_rows(10.0, |_| true, torque);
+        let hinge = Hinge { torque, stiffness: 0.0, damping: 0.0, inertia: 1e-5, largest_torque: None };
+        let found = fastest_in_pictures(10.0, None, Some(&hinge)).unwrap();
+        assert!((found / expected - 1.0).abs() < 0.02, "a ripple of {ripple} N m: {found} Hz");
     }
 }
 

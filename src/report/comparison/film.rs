@@ -78,7 +78,7 @@ pub fn film(runs: &[RecordedRun], labels: &[String], colours: &[usize]) -> Resul
         )
     });
     let note = of_last_periods.into_iter().chain(too_coarse).collect::<Vec<_>>().join(" ");
-    let models: Option<Vec<Model>> = shown.iter().map(|i| runs[*i].model()).collect();
+    let models: Option<Vec<&Model>> = shown.iter().map(|i| runs[*i].model()).collect();
     // The medium that all of them are in.
     let medium = |time: f64| -> Option<Medium> {
         let mut media = models.iter().flatten().map(|model| Medium::at(model, time));

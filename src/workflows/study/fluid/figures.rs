@@ -139,10 +139,11 @@ impl FluidReport<'_> {
             false => 0.0,
         };
         // In lanes they start at the same place, also where they are shown from a later time on.
-        let start = first.com[0];
+        let start = first.com;
         for (i, motion) in motions.iter_mut().enumerate() {
             motion.frames.truncate(count);
-            let by = if in_lanes { [start - motion.frames[0].com[0], -(i as f64 * lane)] } else { [0.0; 2] };
+            let own = motion.frames[0].com;
+            let by = if in_lanes { [start[0] - own[0], start[1] - own[1] - i as f64 * lane] } else { [0.0; 2] };
             for frame in &mut motion.frames {
                 for place in frame.points.iter_mut().chain([&mut frame.com]) {
                     *place = [place[0] + by[0], place[1] + by[1]];
