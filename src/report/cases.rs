@@ -1002,7 +1002,7 @@ mod tests {
     fn the_page_counts_one_case_as_one_and_says_why_one_is_not_played() {
         let cases = one_axis();
         let page = cases.page(&[], &[]).unwrap();
-        assert!(page.contains("One case did not reach its end. Its row says why"), "{page}");
+        assert!(page.contains("One case did not reach its end. Its row gives the reason"), "{page}");
         assert!(!page.contains("by chance") && page.contains("A case that failed before it moved cannot be played."));
         // A quantity that is zero in all cases has no column.
         assert!(page.contains("Strouhal number") && !page.contains("\"efficiency of the whole run\""));
