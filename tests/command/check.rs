@@ -371,6 +371,6 @@ fn the_loads_of_the_first_cycles_are_those_of_a_run_of_them() {
             stepper.do_step(scene.typical_step()).unwrap();
         }
         let joint = stepper.metrics().totals.max_couple;
-        assert!(said.ends_with(ends) && said.contains(&format!("a joint {joint:.4e} N m")), "{said}, {joint:e}");
+        assert!(said.ends_with(ends) && said.contains(&format!("joint {joint:.4e} N m")), "{said}, {joint:e}");
     }
 }

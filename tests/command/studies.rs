@@ -69,7 +69,7 @@ fn errors_that_a_reference_cannot_measure_are_hollow_and_nothing_is_said_of_them
     // The reference takes half of the finest step, so that the smallest tolerance is far better.
     let floor = 2.0 * findings.numbers["reference_5_nodes"]["tip_error"].as_f64().unwrap();
     assert!(floor > 1e-4, "{floor:e}");
-    let unknown = findings.answers.iter().filter(|answer| answer.starts_with("For 0.01 %"));
+    let unknown = findings.answers.iter().filter(|answer| answer.starts_with("For an error of 0.01 %"));
     assert!(
         unknown.clone().count() == 2 && unknown.clone().all(|answer| answer.contains("unknown")),
         "{:?}",
