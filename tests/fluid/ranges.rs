@@ -72,7 +72,7 @@ fn every_law_s_own_range_is_judged_by_check_and_by_the_run_s_own_motion() {
             "cox is outside its range: Reynolds number of the depth is",
             "\"cross-flow\"",
         ),
-        (&["rod.outer_radius_m=0.025"], "length over radius is 8 (allowed: of at least 10)", ""),
+        (&["rod.outer_radius_m=0.025"], "length over radius is 8 (allowed: at least 10)", ""),
         (&["rod.outer_radius_m=0.008", "drag.law=lighthill"], "wavelength over radius is 25 ", ""),
         (&["drag.law=gray-hancock", "medium.viscosity_pa_s=1e-3"], "gray-hancock is outside", ""),
         (&["drag.law=spheroid", "medium.viscosity_pa_s=1e-3"], "spheroid is outside", ""),
