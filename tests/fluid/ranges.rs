@@ -86,7 +86,7 @@ fn every_law_s_own_range_is_judged_by_check_and_by_the_run_s_own_motion() {
         (
             &["drag.law=cross-flow", "reactive.shedding=1.0"],
             "reactive and wake are outside their range: fD²/ν is 0.016",
-            "of at least 100",
+            "at least 100",
         ),
         (&["drag={ law = \"wall\", height_m = 0.1 }"], "wall is outside", "height over length is 0.5 "),
         (
