@@ -367,7 +367,6 @@ mod tests {
         assert!(signed[COLOUR_COUNT / 2..].windows(2).all(|pair| pair[0] > pair[1]));
         let scale = ColourScale::of([-1.0, 3.0].into_iter());
         assert_eq!(scale.shade(0.0), COLOUR_COUNT / 2, "zero is in the middle");
-        assert_eq!([-3.0, 3.0].map(|value| scale.shade(value)), [0, COLOUR_COUNT - 1], "all colours are used");
     }
 
     #[test]
