@@ -127,7 +127,7 @@ int main(int count, char **arguments) {
     caudal_free(tail);
     const char *still[] = {"drag.law=auto", "head.kind=clamped"};
     fine &= caudal_load(arguments[1], still, 2, &tail) == CAUDAL_OK;
-    fine &= is("note of a rod at rest", strstr(caudal_note(tail), "nothing of the scene moves this rod") != NULL, 1);
+    fine &= is("note of a rod at rest", strstr(caudal_note(tail), "nothing in the scene moves this rod") != NULL, 1);
     fine &= is("that note again", caudal_note(tail)[0], '\0');
     caudal_free(tail);
     fine &= step_is_linearised(arguments[1]);
