@@ -113,6 +113,7 @@ impl LoadsTable {
 
 impl Scene {
     /// True if gravity or a point load acts on the rod.
+    #[cfg(feature = "report")]
     pub(crate) fn has_loads(&self) -> bool {
         self.loads.as_ref().is_some_and(|loads| loads.gravity_m_s2.is_some() || !loads.point.is_empty())
     }
