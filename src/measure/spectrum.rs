@@ -48,7 +48,7 @@ const TIMES_OF_PICTURES: usize = 1 << 17;
 
 /// What a spectrum is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Purpose {
+pub enum SpectrumPurpose {
     /// The choice of steps, and estimates.
     Steps,
     /// The choice of pictures of a motion that ends at time `until` (s). A table counts up to this time, at the spacing of its closest
@@ -61,7 +61,7 @@ pub enum Purpose {
 
 /// How a signal moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum SignalKind {
     Position,
     Velocity,
     /// A torque, whose angle is proportional to 1/ω².
@@ -89,7 +89,7 @@ impl SpectralLine {
 /// The lines of all drives of a rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {
-    purpose: Purpose,
+    purpose: SpectrumPurpose,
     lines: Vec<SpectralLine>,
     /// True if a non-stationary table drives the rod.
     pub is_transient: bool,
@@ -97,21 +97,9 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// The spectrum of an actuation of `rod` by natural curvature with its drive, of the motion of its head, of a flow that
-    /// changes in time, of tendons, and of the torque of a hinge.
+    /// changes in time, of tendons, and of the torque of a hinge, for a `purpose`.
     pub fn of(
-        rod: &Rod,
-        actuation: Option<(&dyn Actuation, Drive)>,
-        head: Option<&HeadMotion>,
-        flow: Option<&[Signal; 2]>,
-        tendons: &[Tendon],
-        hinge: Option<&Hinge>,
-    ) -> Self {
-        Self::with_purpose(Purpose::Steps, rod, actuation, head, flow, tendons, hinge)
-    }
-
-    /// The same for a purpose.
-    pub fn with_purpose(
-        purpose: Purpose,
+        purpose: SpectrumPurpose,
         rod: &Rod,
         actuation: Option<(&dyn Actuation, Drive)>,
         head: Option<&HeadMotion>,
@@ -126,10 +114,10 @@ impl Spectrum {
         // A turning head moves each point of the rod by its distance from the head, L/√3 in the mean square.
         let arms = [1.0, 1.0, rod.length / 3f64.sqrt()];
         for (signal, arm) in head.into_iter().flatten().zip(arms) {
-            spectrum.add_signal(signal, arm, Kind::Position);
+            spectrum.add_signal(signal, arm, SignalKind::Position);
         }
         for signal in flow.into_iter().flatten() {
-            spectrum.add_signal(signal, 1.0, Kind::Velocity);
+            spectrum.add_signal(signal, 1.0, SignalKind::Velocity);
         }
         for tendon in tendons {
             // A tension T bends an unloaded rod by T d/EI, which moves it by half of that times the square of the distance, L²/√5
@@ -139,7 +127,7 @@ impl Spectrum {
             let arm = tendon.offset.abs() * length * length / (2.0 * 5f64.sqrt() * rod.joint_stiffness(middle));
             // A cable of stiffness k that is shortened by a winch moves the tip by at most that amount.
             let arm = tendon.winch().map_or(arm, |winch| (arm * winch.stiffness).min(length / tendon.offset.abs()));
-            spectrum.add_signal(tendon.signal(), arm, Kind::Position);
+            spectrum.add_signal(tendon.signal(), arm, SignalKind::Position);
         }
         if let Some(Hinge { torque, inertia, .. }) = hinge {
             // A torque T turns the rigid rod by T/(Iω²). For steps, a table of it counts as one of ω = 1 rad/s.
@@ -148,24 +136,24 @@ impl Spectrum {
                 Signal::Sinusoid { frequency, .. } if *frequency != 0.0 => TAU * frequency,
                 _ => 1.0,
             };
-            spectrum.add_signal(torque, arms[2] / (whole * omega * omega), Kind::Torque);
+            spectrum.add_signal(torque, arms[2] / (whole * omega * omega), SignalKind::Torque);
         }
         spectrum
     }
 
     /// The spectrum of a model.
     pub fn of_model(model: &Model) -> Self {
-        Self::of_model_for(Purpose::Steps, model)
+        Self::of_model_for(SpectrumPurpose::Steps, model)
     }
 
     /// The spectrum of a model for a purpose.
-    pub fn of_model_for(purpose: Purpose, model: &Model) -> Self {
+    pub fn of_model_for(purpose: SpectrumPurpose, model: &Model) -> Self {
         let Model { rod, head, flow, tendons, hinge, .. } = model;
         let hinge = hinge.as_ref();
         let driven = model.with_curvature_wave(|actuation, drive| {
-            Self::with_purpose(purpose, rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons, hinge)
+            Self::of(purpose, rod, Some((actuation, drive)), head.as_ref(), flow.as_ref(), tendons, hinge)
         });
-        driven.unwrap_or_else(|| Self::with_purpose(purpose, rod, None, head.as_ref(), flow.as_ref(), tendons, hinge))
+        driven.unwrap_or_else(|| Self::of(purpose, rod, None, head.as_ref(), flow.as_ref(), tendons, hinge))
     }
 
     /// The frequencies, each with its speed.
@@ -236,9 +224,9 @@ impl Spectrum {
     }
 
     /// Adds a signal of a kind, acting over a distance `arm` (m, or 1).
-    fn add_signal(&mut self, signal: &Signal, arm: f64, kind: Kind) {
+    fn add_signal(&mut self, signal: &Signal, arm: f64, kind: SignalKind) {
         // The rate of a position or torque moves the rod.
-        let is_position = kind != Kind::Velocity;
+        let is_position = kind != SignalKind::Velocity;
         match signal {
             Signal::Constant(_) => {}
             Signal::Sinusoid { amplitude, frequency, .. } => {
@@ -252,9 +240,9 @@ impl Spectrum {
                     if is_position { [rate, acceleration] } else { [row, rate] }
                 };
                 let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.time));
-                let (until, density) = match self.purpose {
-                    Purpose::Steps => (last, Density::Mean),
-                    Purpose::Pictures { until } => (until, Density::Closest),
+                let (until, spacing) = match self.purpose {
+                    SpectrumPurpose::Steps => (last, RowSpacing::Mean),
+                    SpectrumPurpose::Pictures { until } => (until, RowSpacing::Closest),
                 };
                 let (end_of_rows, last) = (last, last.min(until));
                 let Some(mut moments) = Moments::of(rows, [first, last], |_| 1.0, velocity) else { return };
@@ -265,10 +253,10 @@ impl Spectrum {
                 };
                 let size = moments.size();
                 let is_transient = match self.purpose {
-                    Purpose::Steps => !is_steady([first, last], size),
+                    SpectrumPurpose::Steps => !is_steady([first, last], size),
                     // After its rows a table rests.
-                    Purpose::Pictures { .. } if moments.frequency() * (until - end_of_rows) > 1.0 => true,
-                    Purpose::Pictures { .. } => {
+                    SpectrumPurpose::Pictures { .. } if moments.frequency() * (until - end_of_rows) > 1.0 => true,
+                    SpectrumPurpose::Pictures { .. } => {
                         let end = [last - 0.25 * (last - first), last];
                         let at_end = size_of(end);
                         let is_steady_at_end = at_end >= (1.0 - STATIONARY_TOLERANCE) * size && is_steady(end, at_end);
@@ -283,9 +271,11 @@ impl Spectrum {
                 }
                 // A burst may lie at an end of the table.
                 let weight = if is_transient { taper } else { window };
-                let lines = lines(rows, [first, last], density, weight, velocity);
+                let lines = lines(rows, [first, last], spacing, weight, velocity);
                 let own = match (kind, self.purpose) {
-                    (Kind::Torque, Purpose::Pictures { .. }) => |frequency: f64| (TAU * frequency).powi(-2),
+                    (SignalKind::Torque, SpectrumPurpose::Pictures { .. }) => {
+                        |frequency: f64| (TAU * frequency).powi(-2)
+                    }
                     _ => |_| 1.0,
                 };
                 if lines.len() > 1 {
@@ -370,14 +360,14 @@ fn taper(part: f64) -> f64 {
 
 /// The rows of a table that decide which frequencies it contains.
 #[derive(Debug, Clone, Copy)]
-enum Density {
+enum RowSpacing {
     /// So many rows, evenly spaced.
     Mean,
     /// The two closest rows: rests may have rows that are far apart.
     Closest,
 }
 
-impl Density {
+impl RowSpacing {
     /// The number of samples of a table within a time, and the highest frequency (Hz) that is resolved.
     fn samples(self, rows: &[Row], [from, to]: [f64; 2]) -> (usize, f64) {
         match self {
@@ -401,11 +391,11 @@ impl Density {
 fn lines(
     rows: &[Row],
     [from, to]: [f64; 2],
-    density: Density,
+    spacing: RowSpacing,
     weight: impl Fn(f64) -> f64,
     velocity: impl Fn(f64, f64, f64) -> [f64; 2],
 ) -> Vec<SpectralLine> {
-    let (count, fastest) = density.samples(rows, [from, to]);
+    let (count, fastest) = spacing.samples(rows, [from, to]);
     let mut row = 0;
     let sample = |i: usize| {
         let time = from + (to - from) * (i as f64 + 0.5) / count as f64;

@@ -348,9 +348,9 @@ impl RunRecord {
     }
 
     /// Where the frames or samples from `since` (s) on are, of which those of the whole run begin at two `times` (s).
-    fn source(&self, since: f64, times: [Option<f64>; 2]) -> Source {
+    fn source(&self, since: f64, times: [Option<f64>; 2]) -> FrameSource {
         if self.last.first().is_some_and(|(first, _)| first.time <= since) {
-            return Source::LastPeriods;
+            return FrameSource::LastPeriods;
         }
         // A run that ended before its time has none of the last periods, but those of its animation.
         let is_coarse = self
@@ -359,14 +359,14 @@ impl RunRecord {
             .zip(times[0].zip(times[1]))
             .is_some_and(|(frequency, (first, second))| is_too_coarse(1.0 / (frequency * (second - first))));
         let reaches_back = self.motion.frames().front().is_some_and(|first| first.time <= since);
-        if is_coarse && reaches_back { Source::Animation } else { Source::WholeRun }
+        if is_coarse && reaches_back { FrameSource::Animation } else { FrameSource::WholeRun }
     }
 
     /// The frames from `since` (s) on, closely spaced if `since` is within the last periods or the animation.
     pub fn frames_since(&self, since: f64) -> Vec<&Frame> {
         let within = |frame: &&Frame| frame.time >= since;
         match self.source(since, [0, 1].map(|i| self.frames.kept.get(i).map(|frame| frame.time))) {
-            Source::LastPeriods => {
+            FrameSource::LastPeriods => {
                 let end = self
                     .frames
                     .kept
@@ -374,8 +374,8 @@ impl RunRecord {
                     .filter(|frame| self.last.last().is_some_and(|(last, _)| last.time < frame.time));
                 self.last.iter().map(|(frame, _)| frame).chain(end).filter(within).collect()
             }
-            Source::Animation => self.motion.frames().iter().filter(within).collect(),
-            Source::WholeRun => self.frames.kept.iter().filter(within).collect(),
+            FrameSource::Animation => self.motion.frames().iter().filter(within).collect(),
+            FrameSource::WholeRun => self.frames.kept.iter().filter(within).collect(),
         }
     }
 
@@ -385,9 +385,9 @@ impl RunRecord {
         let within = |sample: &&Vec<f64>| sample[0] >= since;
         let point = |sample: &Vec<f64>| (sample[0], sample[y]);
         match self.source(since, [0, 1].map(|i| self.samples.kept.get(i).map(|sample| sample[0]))) {
-            Source::LastPeriods => self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect(),
-            Source::Animation => self.at_frames.iter().filter(within).map(point).collect(),
-            Source::WholeRun => self.samples.kept.iter().filter(within).map(point).collect(),
+            FrameSource::LastPeriods => self.last.iter().map(|(_, sample)| sample).filter(within).map(point).collect(),
+            FrameSource::Animation => self.at_frames.iter().filter(within).map(point).collect(),
+            FrameSource::WholeRun => self.samples.kept.iter().filter(within).map(point).collect(),
         }
     }
 
@@ -404,7 +404,7 @@ impl RunRecord {
 
 /// Where frames and samples of a part of a run come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
+enum FrameSource {
     LastPeriods,
     Animation,
     WholeRun,

@@ -10,7 +10,7 @@ use crate::integrator::StepControl;
 use crate::model::Model;
 use crate::number_format::in_sentence;
 use crate::scene::Scene;
-use crate::spectrum::{Purpose, Spectrum};
+use crate::spectrum::{Spectrum, SpectrumPurpose};
 
 /// Pictures per period of the fastest drive that are wanted.
 pub const PER_PERIOD: f64 = 24.0;
@@ -37,7 +37,7 @@ pub fn fastest_change(scene: &Scene, model: &Model) -> Option<f64> {
 }
 
 fn spectrum(scene: &Scene, model: &Model) -> Spectrum {
-    let purpose = Purpose::Pictures { until: scene.solver.duration_s.get() };
+    let purpose = SpectrumPurpose::Pictures { until: scene.solver.duration_s.get() };
     // The phases of a fine mesh would take too many whole states, so the scene's spectrum is computed on a coarse rod.
     let is_fine = model.rod.nodes > MAX_NODES_FOR_SPECTRUM;
     if is_fine { scene.spectrum_for(purpose) } else { Spectrum::of_model_for(purpose, model) }

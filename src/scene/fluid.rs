@@ -29,7 +29,7 @@ use crate::reduced::fluid_estimates::{ShortRun, ShortRunResult, nodes, simulate}
 use crate::reduced::{FluidChoice, FluidEstimates, MotionAndPower};
 use crate::regime::Regime;
 use crate::rod::{Rod, Shape};
-use crate::spectrum::{Purpose, Spectrum};
+use crate::spectrum::{Spectrum, SpectrumPurpose};
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -547,11 +547,11 @@ impl Scene {
 
     /// The spectrum of its drives. Head, flow or tendons are omitted if their tables cannot be read.
     pub fn spectrum(&self) -> Spectrum {
-        self.spectrum_for(Purpose::Steps)
+        self.spectrum_for(SpectrumPurpose::Steps)
     }
 
     /// The same for a purpose.
-    pub fn spectrum_for(&self, purpose: Purpose) -> Spectrum {
+    pub fn spectrum_for(&self, purpose: SpectrumPurpose) -> Spectrum {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let rod = self.rod_on(nodes(waves) as usize);
         let head = self.head_motion().ok().flatten();
@@ -561,7 +561,7 @@ impl Scene {
         let wave = wave.as_ref().map(|(wave, drive)| (&**wave, *drive));
         let tendons = self.tendons_on(&rod).unwrap_or_default();
         let hinge = self.hinge().ok().flatten();
-        Spectrum::with_purpose(purpose, &rod, wave, head.as_ref(), flow.as_ref(), &tendons, hinge.as_ref())
+        Spectrum::of(purpose, &rod, wave, head.as_ref(), flow.as_ref(), &tendons, hinge.as_ref())
     }
 
     /// The fluid, and its flow if it is unsteady; [`Fluid::NONE`] without a medium.

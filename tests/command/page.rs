@@ -87,6 +87,13 @@ pub fn attribute<'a>(page: &'a str, id: &str, name: &str) -> &'a str {
     element.split(&format!(" {name}=\"")).nth(1).and_then(|rest| rest.split('"').next()).unwrap_or_default()
 }
 
+/// Runs the command with these arguments, the last of which takes the path of `folder`, in the folder of the project.
+fn command_to(folder: &Path, arguments: &[&str]) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
+    let output = command.current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).arg(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
 #[test]
 fn the_report_plays_the_tail_in_a_browser() {
     let folder = tempfile::tempdir().unwrap();
@@ -152,13 +159,7 @@ fn the_report_plays_the_tail_in_a_browser() {
 #[test]
 fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["sweep", "models/sweep-192.toml", "--set", "solver.duration_s=0.02", "--out"])
-        .arg(folder.path())
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    command_to(folder.path(), &["sweep", "models/sweep-192.toml", "--set", "solver.duration_s=0.02", "--out"]);
     let path = folder.path().join("report.html");
     let source = std::fs::read_to_string(&path).unwrap();
     assert_self_contained(&source);
@@ -242,13 +243,7 @@ const POINTER: &str = r##"
 #[test]
 fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_and_keys_move_it() {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["run", "models/tendon-fish.toml", "--set", "solver.duration_s=2.0", "--out"])
-        .arg(folder.path())
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    command_to(folder.path(), &["run", "models/tendon-fish.toml", "--set", "solver.duration_s=2.0", "--out"]);
     let Some(browser) = chromium() else { return };
     let script = format!(
         "{POINTER}{}",
@@ -354,13 +349,7 @@ fn charts_say_values_enlarge_hide_curves_and_share_their_cursor_with_the_player_
 #[test]
 fn an_address_with_a_time_shows_that_moment() {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["run", "models/servo-tail.toml", "--set", "solver.duration_s=1.0", "--out"])
-        .arg(folder.path())
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    command_to(folder.path(), &["run", "models/servo-tail.toml", "--set", "solver.duration_s=1.0", "--out"]);
     let Some(browser) = chromium() else { return };
     let address = PathBuf::from(format!("{}#t=0.6&colour=moment", folder.path().join("report.html").display()));
     let page = browse(&browser, &address, 2000, &["--dump-dom".to_string()]);
@@ -373,13 +362,7 @@ fn an_address_with_a_time_shows_that_moment() {
 #[test]
 fn the_player_shows_twelve_pictures_per_period_on_a_screen_and_its_clock_and_address_tell_frames_apart() {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["run", "models/servo-tail.toml", "--set", "solver.duration_s=1.0", "--out"])
-        .arg(folder.path())
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    command_to(folder.path(), &["run", "models/servo-tail.toml", "--set", "solver.duration_s=1.0", "--out"]);
     let Some(browser) = chromium() else { return };
     let source = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     // The motion over windows of such lengths (s) from such times (s) on, with such periods (s) of the fastest drive.

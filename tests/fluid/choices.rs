@@ -11,7 +11,7 @@ use caudal::head::{HeadMotion, Hinge, Row, Signal};
 use caudal::reduced::MotionAndPower;
 use caudal::report::Summary;
 use caudal::scene::Scene;
-use caudal::spectrum::{Purpose, Spectrum};
+use caudal::spectrum::{Spectrum, SpectrumPurpose};
 use caudal::stepper::Stepper;
 use caudal::verification::Verification;
 use common::scene_of;
@@ -118,7 +118,7 @@ fn spectrum_of(head: Signal, changes: &[&str]) -> Spectrum {
     let model = scene_of(TAIL, changes).model().unwrap();
     let still = || Signal::Constant(0.0);
     let wave = model.actuation.as_ref().map(|(wave, drive)| (&**wave, *drive));
-    Spectrum::of(&model.rod, wave, Some(&[still(), head, still()]), None, &[], None)
+    Spectrum::of(SpectrumPurpose::Steps, &model.rod, wave, Some(&[still(), head, still()]), None, &[], None)
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn table_of_rows(until: f64, is_row: impl Fn(f64) -> bool, value: impl Fn(f64) -
 /// The fastest steady frequency (Hz) of the pictures until a time (s) of a rod of 0.3 m with a driven head or a hinge.
 fn fastest_in_pictures(until: f64, head: Option<&HeadMotion>, hinge: Option<&Hinge>) -> Option<f64> {
     let rod = scene_of(TAIL, &["rod.length_m=0.3"]).model().unwrap().rod;
-    let spectrum = Spectrum::with_purpose(Purpose::Pictures { until }, &rod, None, head, None, &[], hinge);
+    let spectrum = Spectrum::of(SpectrumPurpose::Pictures { until }, &rod, None, head, None, &[], hinge);
     spectrum.fastest_steady_of_amplitude(1e-3 * rod.length)
 }
 

@@ -25,7 +25,7 @@ fn node_mut(x: &mut [f64], k: usize, width: usize, columns: Range<usize>) -> [&m
 
 /// For each node, the columns in which vectors side by side are not zero, by groups of neighbouring columns: bit `g` stands for group `g`. A
 /// step begins with unit vectors, whose products with a band have a few columns only.
-struct Occupied {
+struct NonzeroColumns {
     width: usize,
     /// Columns of a group.
     group: usize,
@@ -35,7 +35,7 @@ struct Occupied {
 /// The fewest columns of a group: what a product does at once.
 const MIN_GROUP: usize = 8;
 
-impl Occupied {
+impl NonzeroColumns {
     fn of(x: &[f64], width: usize) -> Self {
         let group = width.div_ceil(u64::BITS as usize).max(MIN_GROUP);
         let groups = |rows: &[f64]| {
@@ -94,12 +94,12 @@ fn add_product([y0, y1]: [&mut [f64]; 2], [a, b, c, d]: [f64; 4], [x0, x1]: [&[f
 
 /// Adds `factor` times `matrix` times `width` vectors to y.
 fn add_band_of_many(matrix: &BandMatrix, factor: f64, x: &[f64], y: &mut [f64], width: usize) {
-    let (nodes, occupied) = (matrix.rows().len(), Occupied::of(x, width));
+    let (nodes, nonzero) = (matrix.rows().len(), NonzeroColumns::of(x, width));
     for (i, row) in matrix.rows().iter().enumerate() {
         for (j, [a, b, c, d]) in row.iter().enumerate() {
             let Some(j) = (i + j).checked_sub(HALF_BANDWIDTH).filter(|j| *j < nodes) else { continue };
             let block = [factor * a, factor * b, factor * c, factor * d];
-            occupied.each([j], |columns| {
+            nonzero.each([j], |columns| {
                 add_product(node_mut(y, i, width, columns.clone()), block, node(x, j, width, columns));
             });
         }
@@ -168,7 +168,7 @@ impl Equations {
                 Ok(())
             });
         }
-        let (nodes, occupied) = (self.matrix.rows().len(), Occupied::of(x, width));
+        let (nodes, nonzero) = (self.matrix.rows().len(), NonzeroColumns::of(x, width));
         let columns = self.columns.as_ref().filter(|_| self.held.is_none()).map(|[columns, _]| columns);
         // Sums over the nodes minus those of the external forces, and the values of one node; see `balance`.
         let [mut excess, mut own] = [0, 1].map(|_| if columns.is_some() { vec![0.0; 2 * width] } else { Vec::new() });
@@ -178,14 +178,14 @@ impl Equations {
             let sum = if columns.is_some() { &mut own[..] } else { &mut y[2 * i * width..2 * (i + 1) * width] };
             for (j, block) in neighbours(i, row, nodes) {
                 let block = self.stiffness(i, j, block);
-                occupied.each([i, j], |columns| {
+                nonzero.each([i, j], |columns| {
                     let [to, from] = [j, i].map(|k| node(x, k, width, columns.clone()));
                     subtract_difference(node_mut(sum, 0, width, columns), block, to, from);
                 });
             }
             if let Some(place) = &self.place {
                 let block = entries(place[i] * -self.direction.q);
-                occupied.each([i], |columns| {
+                nonzero.each([i], |columns| {
                     add_product(node_mut(sum, 0, width, columns.clone()), block, node(x, i, width, columns));
                 });
             }
@@ -193,7 +193,7 @@ impl Equations {
                 let sums = y[2 * i * width..].iter_mut().zip(&mut excess).zip(&own);
                 sums.for_each(|((y, excess), own)| (*y, *excess) = (*y + own, *excess + own));
                 let outside = entries(columns[i] * self.direction.q);
-                occupied.each([i], |columns| {
+                nonzero.each([i], |columns| {
                     let excess = node_mut(&mut excess, 0, width, columns.clone());
                     add_product(excess, outside, node(x, i, width, columns));
                 });
@@ -225,17 +225,17 @@ impl Equations {
         }
         match (&self.damping, &self.drift) {
             (Some(damping), Some(drift)) => {
-                let (nodes, occupied) = (damping.rows().len(), Occupied::of(x, width));
+                let (nodes, nonzero) = (damping.rows().len(), NonzeroColumns::of(x, width));
                 for (i, row) in damping.rows().iter().enumerate() {
                     for (j, [a, b, c, d]) in neighbours(i, row, nodes) {
                         let block = [-factor * a, -factor * b, -factor * c, -factor * d];
-                        occupied.each([i, j], |columns| {
+                        nonzero.each([i, j], |columns| {
                             let [to, from] = [j, i].map(|k| node(x, k, width, columns.clone()));
                             subtract_difference(node_mut(y, i, width, columns), block, to, from);
                         });
                     }
                     let block = entries(drift[i] * factor);
-                    occupied.each([i], |columns| {
+                    nonzero.each([i], |columns| {
                         add_product(node_mut(y, i, width, columns.clone()), block, node(x, i, width, columns));
                     });
                 }
